@@ -1,0 +1,295 @@
+"""The in-process middleware: tests, the embedded monitor, virtual time.
+
+A `LocalBus` joins nodes inside one process. It has no thread: messages are delivered within `publish`, timers within
+`run_due(now_s)`, which the owner calls. With a test's own numbers that is virtual time; `robot-health run` calls it
+with the monotonic clock.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import struct
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from .middleware import Message, Severity, resolve_name, split_type_name
+from .parameters import ConfigError, Parameter, flatten, unflatten
+
+FieldGetter = Callable[[Any], Any]
+
+
+class LogLine(NamedTuple):
+    """One line that a node wrote."""
+
+    now_s: float
+    node: str
+    severity: Severity
+    text: str
+
+
+class LocalBus:
+    """Topics, services and time shared by the nodes of one process."""
+
+    def __init__(self, start_s: float = 0.0, on_log: Optional[Callable[[LogLine], None]] = None) -> None:
+        """Makes an empty bus.
+
+        Args:
+            start_s: the time at the start, in seconds.
+            on_log: called with every log line; None keeps them in `log_lines`.
+        """
+        self.now_s = start_s
+        self.log_lines: List[LogLine] = []
+        self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
+        self.types: Dict[str, str] = {}
+        """Type name per topic, for topics that were advertised or subscribed to."""
+        self._subscriptions: Dict[str, List[_LocalSubscription]] = {}
+        self._services: Dict[str, Callable[[Message], Message]] = {}
+        self._timers: List[Tuple[float, int, _LocalTimer]] = []
+        self._order = itertools.count()
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+    ) -> LocalMiddleware:
+        """Adds a node.
+
+        Args:
+            name: base name, `alert_system`.
+            namespace: `robot1`, `/fleet/robot1` or empty.
+            parameters: its configuration, nested as in the file under `ros__parameters`.
+            remap: names as the node uses them (relative or absolute) to the names to use instead.
+        """
+        namespace = namespace.strip("/")
+        full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
+        return LocalMiddleware(self, full_name, parameters or {}, remap or {})
+
+    def next_due_s(self) -> Optional[float]:
+        """Returns when the next timer is due, None when there is none."""
+        while self._timers and self._timers[0][2].cancelled:
+            heapq.heappop(self._timers)
+        return self._timers[0][0] if self._timers else None
+
+    def run_due(self, now_s: float) -> None:
+        """Moves time to `now_s` and calls every timer that is due, in the order of their times.
+
+        Each is called at its own time, so that a jump ahead in a test sees every period. Time that goes back
+        restarts every period.
+        """
+        if now_s < self.now_s:
+            timers = [timer for _, _, timer in sorted(self._timers) if not timer.cancelled]
+            self._timers = []
+            self.now_s = now_s
+            for timer in timers:
+                self._schedule(timer, now_s + timer.period_s)
+            return
+        while True:
+            due_s = self.next_due_s()
+            if due_s is None or due_s > now_s:
+                break
+            timer = heapq.heappop(self._timers)[2]
+            self.now_s = due_s
+            self._schedule(timer, due_s + timer.period_s)
+            timer.node.guard(timer.callback, due_s)
+        self.now_s = now_s
+
+    def call_service(self, service: str, request: Optional[Message] = None) -> Message:
+        """Calls a service by its absolute name.
+
+        Raises:
+            ValueError: nobody offers it.
+        """
+        handler = self._services.get(service)
+        if handler is None:
+            raise ValueError(f"no service {service}; there are {', '.join(sorted(self._services)) or 'none'}")
+        return handler(request or {})
+
+    def _schedule(self, timer: _LocalTimer, due_s: float) -> None:
+        heapq.heappush(self._timers, (due_s, next(self._order), timer))
+
+    def _deliver(self, topic: str, message: Message) -> None:
+        for subscription in tuple(self._subscriptions.get(topic, ())):
+            subscription.node.guard(subscription.deliver, message)
+
+
+class _LocalTimer:
+    def __init__(self, node: LocalMiddleware, period_s: float, callback: Callable[[float], None]) -> None:
+        self.node = node
+        self.period_s = period_s
+        self.callback = callback
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        self.cancelled = True
+
+
+class _LocalSubscription:
+    def __init__(
+        self, node: LocalMiddleware, topic: str, get: FieldGetter, callback: Callable[[Any, float], None]
+    ) -> None:
+        self.node = node
+        self.topic = topic
+        self._get = get
+        self._callback = callback
+
+    def deliver(self, message: Message) -> None:
+        self._callback(self._get(message), self.node.now_s())
+
+
+class LocalMiddleware:
+    """One node on a `LocalBus`; implements `core.middleware.Middleware`."""
+
+    def __init__(
+        self, bus: LocalBus, name: str, parameters: Mapping[str, Any], remap: Mapping[str, str]
+    ) -> None:
+        """Use `LocalBus.node`."""
+        self.name = name
+        self._bus = bus
+        self._given = parameters
+        self._on_change: Optional[Callable[[Mapping[str, Any]], None]] = None
+        self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
+        self._advertised: Dict[str, Callable[[Message], Message]] = {}
+        self._subscriptions: List[_LocalSubscription] = []
+        self._services: List[str] = []
+        self._timers: List[_LocalTimer] = []
+        self._closed = False
+
+    def now_s(self) -> float:
+        return self._bus.now_s
+
+    def given_parameters(self) -> Mapping[str, Any]:
+        return self._given
+
+    def declare_parameters(
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+    ) -> None:
+        self._on_change = on_change
+
+    def set_parameters(self, tree: Mapping[str, Any]) -> None:
+        """Proposes a new configuration, nested; what `ros2 param set` and `~reload` are elsewhere.
+
+        Raises:
+            ConfigError: the node refuses it; the old one stays.
+        """
+        if self._on_change is not None:
+            self._on_change(tree)
+        self._given = tree
+
+    def set_parameter(self, name: str, value: object) -> None:
+        """Proposes one changed value, by its dotted name.
+
+        Raises:
+            ConfigError: the node refuses it; the old one stays.
+        """
+        self.set_parameters(unflatten({**dict(flatten(self._given)), name: value}))
+
+    def advertise(self, topic: str, type_name: str) -> None:
+        resolved = self._resolve(topic)
+        self._bus.types.setdefault(resolved, type_name)
+        self._advertised[resolved] = _coercion(type_name)
+
+    def publish(self, topic: str, message: Message) -> None:
+        resolved = self._resolve(topic)
+        coerce = self._advertised.get(resolved)
+        if coerce is None:
+            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+        self._bus._deliver(resolved, coerce(message))
+
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+    ) -> _LocalSubscription:
+        resolved = self._resolve(topic)
+        _coercion(type_name)
+        subscription = _LocalSubscription(self, resolved, mapping_getter(field), callback)
+        self._bus.types.setdefault(resolved, type_name)
+        self._bus._subscriptions.setdefault(resolved, []).append(subscription)
+        self._subscriptions.append(subscription)
+        return subscription
+
+    def unsubscribe(self, subscription: Any) -> None:
+        if subscription in self._subscriptions:
+            self._subscriptions.remove(subscription)
+            self._bus._subscriptions[subscription.topic].remove(subscription)
+
+    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        resolved = self._resolve(service)
+        self._bus._services[resolved] = handler
+        self._services.append(resolved)
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _LocalTimer:
+        timer = _LocalTimer(self, period_s, callback)
+        self._timers.append(timer)
+        self._bus._schedule(timer, self._bus.now_s + period_s)
+        return timer
+
+    def log(self, severity: Severity, text: str) -> None:
+        self._bus.on_log(LogLine(self._bus.now_s, self.name, severity, text))
+
+    def close(self) -> None:
+        self._closed = True
+        for timer in self._timers:
+            timer.cancel()
+        for subscription in tuple(self._subscriptions):
+            self.unsubscribe(subscription)
+        for service in self._services:
+            self._bus._services.pop(service, None)
+        self._services.clear()
+        self._advertised.clear()
+
+    def guard(self, callback: Callable[[Any], None], argument: object) -> None:
+        """Calls back unless the node is closed; an exception becomes a log line."""
+        if self._closed:
+            return
+        try:
+            callback(argument)
+        except Exception as error:
+            self.log(Severity.ERROR, f"{type(error).__name__} in a callback: {error}")
+
+    def _resolve(self, name: str) -> str:
+        resolved = resolve_name(name, self.name)
+        return self._remap.get(resolved, resolved)
+
+
+def mapping_getter(field: str) -> FieldGetter:
+    """Returns a function that reads `field` (`data`, `battery.percentage`, `cell_voltage[0]`) from a mapping.
+
+    Empty: the function returns the mapping itself.
+    """
+    steps: List[Any] = []
+    for part in field.split(".") if field else []:
+        name, *indexes = part.replace("]", "").split("[")
+        steps.append(name)
+        steps.extend(int(index) for index in indexes)
+    if len(steps) == 1:
+        key = steps[0]
+        return lambda message: message[key]
+
+    def get(message: Any) -> Any:
+        for step in steps:
+            message = message[step]
+        return message
+
+    return get
+
+
+def _coercion(type_name: str) -> Callable[[Message], Message]:
+    """Returns what a real middleware does to a message of this type: `Float32` carries 32 bits."""
+    split = split_type_name(type_name)
+    if split is None:
+        raise ConfigError(f"found the type {type_name!r}, allowed is package/Type, for instance std_msgs/Float32")
+    return _as_float32 if tuple(split) == ("std_msgs", "Float32") else dict
+
+
+def _as_float32(message: Message) -> Message:
+    try:
+        return {"data": _FLOAT32.unpack(_FLOAT32.pack(message.get("data", 0.0)))[0]}
+    except OverflowError:
+        return {"data": float("inf") if message["data"] > 0 else float("-inf")}
+    except struct.error as error:
+        raise ValueError(f"std_msgs/Float32 needs a number as data: {error}") from None
+
+
+_FLOAT32 = struct.Struct("<f")

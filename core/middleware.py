@@ -1,0 +1,154 @@
+"""The port: what a node needs from a middleware, in rosbridge's vocabulary.
+
+`local.py`, `ros1/middleware.py`, `ros2/middleware.py` and `rosbridge/client.py` implement it; `nodes.py` is written
+against it. One `Middleware` is one node: it has a name, a namespace, parameters, topics and services.
+
+What every implementation promises:
+
+* Messages are plain mappings shaped as rosbridge shapes them: `{"data": 19.5}`, a DiagnosticStatus' `level` as an
+  int, byte arrays as base64 text. A `header` whose stamp is left out is stamped when it is published.
+* Type names are accepted in both spellings, `std_msgs/Float32` and `std_msgs/msg/Float32`.
+* Names follow ROS: `topic` is relative to the node's namespace, `/topic` absolute, `~name` private to the node.
+* Callbacks never run at the same time: the adapter holds one lock per node, so that nodes need none, and reads
+  `now_s` inside it, so that the times a node is given never run backwards by a race.
+* An exception in a callback is logged as one ERROR line and ends nothing: not the node, not another callback.
+* After `close()` nothing calls back any more. `close()` may be called twice.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, Callable, Mapping, Optional, Protocol, Sequence
+
+from .parameters import Parameter
+
+Message = Mapping[str, Any]
+"""A message, request or response as rosbridge shapes it."""
+
+
+class Severity(enum.IntEnum):
+    """Severity of a log line; the numbers are those of rcl_interfaces/msg/Log and Python's `logging`."""
+
+    DEBUG = 10
+    INFO = 20
+    WARN = 30
+    ERROR = 40
+    FATAL = 50
+
+
+class Timer(Protocol):
+    """A running timer."""
+
+    def cancel(self) -> None:
+        """Stops it; it does not call back again. May be called twice, and from its own callback."""
+
+
+class Subscription(Protocol):
+    """A subscription, to be given back to `unsubscribe`."""
+
+    @property
+    def topic(self) -> str:
+        """The fully resolved topic."""
+
+
+class Middleware(Protocol):
+    """One node's connection to a middleware."""
+
+    @property
+    def name(self) -> str:
+        """The fully qualified node name, for instance `/robot1/alert_system`."""
+
+    def now_s(self) -> float:
+        """Returns the time in seconds on which durations are measured.
+
+        Monotonic by default; ROS time when `use_sim_time` is set, which may stand still or go back.
+        """
+
+    def given_parameters(self) -> Mapping[str, Any]:
+        """Returns what was configured for this node, nested as in the file under `ros__parameters`."""
+
+    def declare_parameters(
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+    ) -> None:
+        """Makes `parameters` visible and changeable while the node runs; called once.
+
+        Args:
+            parameters: names are dotted paths below the node (`signals.battery_level.warn_below`).
+            on_change: called with the whole proposed tree, nested as `given_parameters` returns it. It raises
+                ConfigError to refuse: the reason goes to whoever asked, and the old values stay in force.
+        """
+
+    def advertise(self, topic: str, type_name: str) -> None:
+        """Announces that this node will publish on `topic`; a second call for the same topic does nothing.
+
+        Raises:
+            ConfigError: the type is not known here.
+        """
+
+    def publish(self, topic: str, message: Message) -> None:
+        """Publishes on an advertised topic; fields that are left out keep their defaults.
+
+        Raises:
+            ValueError: `topic` is not advertised, or the message does not fit its type.
+        """
+
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+    ) -> Subscription:
+        """Calls `callback(value, now_s)` for every message.
+
+        Args:
+            topic: where to listen.
+            type_name: type of the messages.
+            callback: gets the value and the time of its arrival.
+            field: path of the field to read (`data`, `battery.percentage`, `cell_voltage[0]`), bound once and read
+                from the native message. Empty: the whole message as a mapping, which costs a conversion.
+
+        Raises:
+            ConfigError: the type is not known here, or has no such field; the message names topic, type and the
+                fields that there are.
+        """
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Ends a subscription."""
+
+    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        """Offers a service (`std_srvs/Trigger`); `handler(request)` returns the response."""
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> Timer:
+        """Calls `callback(now_s)` every `period_s` seconds of `now_s`, first after one period.
+
+        Time that goes back (a looped bag, a reset simulator) restarts the period; time that jumps ahead over
+        several periods gives one call.
+        """
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Writes one line to the middleware's log."""
+
+    def close(self) -> None:
+        """Leaves the middleware: ends timers, subscriptions, publishers and services."""
+
+
+def split_type_name(type_name: str) -> Optional[Sequence[str]]:
+    """Splits `pkg/Type`, `pkg/msg/Type` or `pkg/srv/Type` into (package, type), None when it is none of these."""
+    parts = type_name.split("/")
+    if len(parts) == 3 and parts[1] in ("msg", "srv"):
+        del parts[1]
+    if len(parts) != 2 or not all(part.isidentifier() for part in parts):
+        return None
+    return parts
+
+
+def resolve_name(name: str, node_name: str) -> str:
+    """Resolves a ROS graph name against the fully qualified `node_name`.
+
+    >>> resolve_name("alerts", "/robot1/alert_system")
+    '/robot1/alerts'
+    >>> resolve_name("~reset", "/robot1/alert_system")
+    '/robot1/alert_system/reset'
+    """
+    if name.startswith("/"):
+        return name
+    if name.startswith("~"):
+        return f"{node_name}/{name[1:].lstrip('/')}"
+    return f"{node_name.rpartition('/')[0]}/{name}"

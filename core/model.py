@@ -1,0 +1,127 @@
+"""The values that travel through the monitor: samples in, transitions and reports out.
+
+Everything here is frozen. Nothing here knows a middleware, a clock or a file.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Iterable, Mapping, NamedTuple, Optional
+
+
+class Level(enum.IntEnum):
+    """Health of a signal; the numbers are the wire values of diagnostic_msgs/DiagnosticStatus (REP-107)."""
+
+    OK = 0
+    """Every rule is content."""
+    WARN = 1
+    """Someone should look at it."""
+    ERROR = 2
+    """Something is wrong, or the data cannot be trusted."""
+    STALE = 3
+    """The signal has fallen silent: nothing is known."""
+
+    @property
+    def severity(self) -> int:
+        """Rank for "the worst of": OK < WARN < STALE < ERROR. Not the wire value."""
+        return _SEVERITY[self]
+
+    @staticmethod
+    def worst(levels: Iterable[Level]) -> Level:
+        """Returns the most severe of `levels`, OK when there are none."""
+        return max(levels, key=_SEVERITY.__getitem__, default=Level.OK)
+
+
+_SEVERITY = {Level.OK: 0, Level.WARN: 1, Level.STALE: 2, Level.ERROR: 3}
+
+
+class Sample(NamedTuple):
+    """One measurement of one signal.
+
+    A named tuple, because one is made per message: a frozen dataclass takes three times as long.
+    """
+
+    signal: str
+    """Name of the signal, as in the configuration."""
+    value: object
+    """The number as it came; what is not a finite real number is judged as bad data, never dropped."""
+    now_s: float
+    """When it arrived, in seconds on the adapter's clock (monotonic, or ROS time under use_sim_time)."""
+    stamp_s: Optional[float] = None
+    """The message's own stamp in seconds since its epoch, shown to people, never used to judge; None: it has none."""
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One change of a signal's announced level. `str()` gives the line with the time before it."""
+
+    signal: str
+    """Name of the signal, as in the configuration."""
+    from_level: Level
+    """The level announced until now."""
+    to_level: Level
+    """The level announced from now on; the same as `from_level` only in a re-announcement (`repeat_s`)."""
+    value: Optional[object]
+    """What was judged: the statistic's value, or the bad datum as it came; None before any sample."""
+    statistic: str
+    """Which statistic of the window `value` is."""
+    bound: Optional[float]
+    """The configured bound that was crossed, in the signal's unit; None where no bound was (stale, invalid)."""
+    now_s: float
+    """When it was decided, in seconds on the adapter's clock."""
+    since_s: float
+    """Since when `from_level` had been announced, on the same clock: `now_s - since_s` is the time in the text."""
+    robot: str
+    """The robot's name, which is also the `hardware_id`."""
+    fingerprint: str
+    """16 hexadecimal digits that name this alert (robot and signal), the same across restarts and middlewares."""
+    text: str
+    """The line that people read, without the time."""
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    """The window's defined statistics at that moment, by name."""
+    repeat: bool = False
+    """True for a re-announcement of a level that goes on (`repeat_s`)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "statistics", MappingProxyType(dict(self.statistics)))
+
+    def __str__(self) -> str:
+        return f"{self.now_s:.3f} {self.text}"
+
+
+@dataclass(frozen=True)
+class Status:
+    """The state of one signal, shaped as diagnostic_msgs/DiagnosticStatus."""
+
+    name: str
+    """Name of the signal."""
+    level: Level
+    """The true level now."""
+    message: str
+    """Why, in a few words."""
+    hardware_id: str
+    """The robot's name."""
+    values: Mapping[str, str]
+    """Key-values for people and tools; see docs/rules.md."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+
+@dataclass(frozen=True)
+class Report:
+    """The whole state at one moment."""
+
+    overall: Level
+    """The worst level of all signals."""
+    statuses: Mapping[str, Status]
+    """One status per signal, in the order of the configuration."""
+    now_s: float
+    """When, in seconds on the adapter's clock."""
+    robot: str
+    """The robot's name."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "statuses", MappingProxyType(dict(self.statuses)))

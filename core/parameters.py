@@ -1,0 +1,185 @@
+"""Parameters as tables: one description serves validation, ROS 2 descriptors and the README.
+
+A node's configuration is a nested mapping, as in the file under `ros__parameters`. `read_parameters` checks one level
+of it against a table and returns plain values; whatever is wrong raises ConfigError with the key's path.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Tuple
+
+Path = Tuple[str, ...]
+"""Keys from the root of the file (or of the node's tree) down to the one in question."""
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used. `str()` is one line: where, what was found, what is allowed."""
+
+    def __init__(self, problem: str, path: Path = (), file: str = "", line: Optional[int] = None) -> None:
+        """Stores where the problem is.
+
+        Args:
+            problem: what was found and what is allowed.
+            path: keys down to the one in question.
+            file: where it was read from, empty when it did not come from a file.
+            line: line in `file`, counted from 1.
+        """
+        where = file if line is None else f"{file}:{line}"
+        super().__init__(": ".join(part for part in (where, ".".join(path), problem) if part))
+        self.problem = problem
+        self.path = path
+        self.file = file
+        self.line = line
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: what it means and what it may be."""
+
+    name: str
+    """Key; a dotted path below the node where a middleware is told of it."""
+    kind: type
+    """bool, int, float or str."""
+    default: Any
+    """Value when it is left out; None: it has none, and the feature is off."""
+    description: str
+    """One line, with the unit."""
+    minimum: Optional[float] = None
+    """Smallest value allowed, for numbers."""
+    maximum: Optional[float] = None
+    """Largest value allowed, for numbers."""
+    choices: Tuple[str, ...] = ()
+    """The texts allowed, when they are few."""
+
+    @property
+    def allowed(self) -> str:
+        """What it may be, in words."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if self.kind is bool:
+            return "true or false"
+        if self.kind is str:
+            return "a text"
+        noun = "a whole number" if self.kind is int else "a number"
+        if self.minimum is not None and self.maximum is not None:
+            return f"{noun} from {self.minimum:g} to {self.maximum:g}"
+        if self.minimum is not None:
+            return f"{noun}, {self.minimum:g} or more"
+        if self.maximum is not None:
+            return f"{noun}, {self.maximum:g} or less"
+        return noun
+
+    def read(self, found: object, path: Path = ()) -> Any:
+        """Returns `found` as this parameter's kind.
+
+        A whole number passes for a float, as YAML's `20` does for a bound.
+
+        Raises:
+            ConfigError: it is of another kind, out of range, or not a finite number.
+        """
+        value = self._as_kind(found)
+        if value is None:
+            raise ConfigError(f"found {describe(found)}, allowed is {self.allowed}", path)
+        return value
+
+    def _as_kind(self, found: object) -> Any:
+        if self.kind is bool:
+            return found if isinstance(found, bool) else None
+        if self.kind is str:
+            return found if isinstance(found, str) and (not self.choices or found in self.choices) else None
+        if isinstance(found, bool) or not isinstance(found, (int, float)):
+            return None
+        try:
+            number = float(found)
+        except OverflowError:
+            return None
+        if not math.isfinite(number) or (self.kind is int and not number.is_integer()):
+            return None
+        if self.minimum is not None and number < self.minimum:
+            return None
+        if self.maximum is not None and number > self.maximum:
+            return None
+        return int(found) if self.kind is int else number
+
+
+def describe(found: object) -> str:
+    """Says what a value is, for an error message: its text and, where that does not show it, its kind."""
+    if found is None:
+        return "nothing"
+    if isinstance(found, bool):
+        return "true" if found else "false"
+    if isinstance(found, Mapping):
+        return "a mapping"
+    if isinstance(found, (list, tuple)):
+        return "a list"
+    text = repr(found)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def require_mapping(found: object, path: Path = ()) -> Mapping[str, Any]:
+    """Returns `found`, a mapping whose keys are all text.
+
+    Raises:
+        ConfigError: it is something else.
+    """
+    if not isinstance(found, Mapping):
+        raise ConfigError(f"found {describe(found)}, allowed is a mapping of keys to values", path)
+    for key in found:
+        if not isinstance(key, str):
+            raise ConfigError(f"found the key {describe(key)}, allowed are keys that are texts (quote it)", path)
+    return found
+
+
+def read_parameters(
+    found: Mapping[str, Any], parameters: Sequence[Parameter], path: Path = (), sections: Sequence[str] = ()
+) -> Dict[str, Any]:
+    """Reads one level of a configuration.
+
+    Args:
+        found: the mapping at `path`.
+        parameters: what it may hold.
+        path: where it is, for error messages.
+        sections: keys that hold mappings of their own and are left to the caller.
+
+    Returns:
+        A value per parameter, its default where it is left out.
+
+    Raises:
+        ConfigError: an unknown key, or a value that its parameter does not allow.
+    """
+    known = {parameter.name: parameter for parameter in parameters}
+    allowed = [*known, *sections]
+    for key in found:
+        if key not in allowed:
+            close = difflib.get_close_matches(key, allowed, n=1)
+            hint = f"did you mean {close[0]}? " if close else ""
+            raise ConfigError(f"unknown key; {hint}allowed are {', '.join(allowed)}", (*path, key))
+    return {
+        name: parameter.read(found[name], (*path, name)) if name in found else parameter.default
+        for name, parameter in known.items()
+    }
+
+
+def flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[Tuple[str, Any]]:
+    """Yields (dotted name, value) for every leaf of a nested mapping: the form in which ROS 2 names parameters."""
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from flatten(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def unflatten(values: Mapping[str, Any]) -> Dict[str, Any]:
+    """Nests dotted names: the inverse of `flatten`."""
+    tree: Dict[str, Any] = {}
+    for name, value in values.items():
+        *parents, leaf = name.split(".")
+        branch = tree
+        for parent in parents:
+            branch = branch.setdefault(parent, {})
+        branch[leaf] = value
+    return tree
