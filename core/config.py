@@ -1,0 +1,319 @@
+"""Configuration of the monitor: a mapping or a `thresholds.yaml` becomes frozen values.
+
+`SIGNAL_PARAMETERS` is the one list of what a signal can be told; `SignalConfig` holds the values. Every error names
+the key's path and, where a file was read, file and line.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+
+from .parameters import ConfigError, Parameter, Path, describe, read_parameters, require_mapping
+from .yaml_file import PathLike, read_yaml
+
+STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
+"""What a bound can be applied to."""
+
+BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
+
+NODE_PARAMETERS = (
+    Parameter("robot_name", str, "", "the robot's name: hardware_id of everything published; empty: the host's name"),
+    Parameter("thresholds", str, "", "path of the file that this configuration came from, for error messages"),
+    Parameter("use_sim_time", bool, False, "take the time from /clock"),
+    Parameter(
+        "log_level", str, "INFO", "least severe log lines to write", choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL")
+    ),
+)
+"""What every node can be told."""
+
+MONITOR_PARAMETERS = (
+    *NODE_PARAMETERS,
+    Parameter("publish_rate", float, 1.0, "rate of /diagnostics in Hz", 0.01, 100.0),
+)
+"""What alert_system can be told besides its signals."""
+
+SIGNAL_PARAMETERS = (
+    Parameter("topic", str, None, "topic to listen on; left out: the signal's name"),
+    Parameter("type", str, "std_msgs/Float32", "type of the topic's messages"),
+    Parameter("field", str, "data", "path of the number inside the message"),
+    Parameter("unit", str, "", "unit of the value, shown to people"),
+    Parameter("valid_min", float, None, "smallest value that can be true, in the unit; below it the data is invalid"),
+    Parameter("valid_max", float, None, "largest value that can be true, in the unit; above it the data is invalid"),
+    Parameter("invalid_for_s", float, 0.0, "how long data must be invalid before it is an ERROR, in s", 0.0),
+    Parameter("window_s", float, 60.0, "length of the window for statistics, in s", 0.001),
+    Parameter("window_samples", int, 6000, "most samples that the window keeps", 1, 1_000_000),
+    Parameter("statistic", str, "last", "statistic of the window that the bounds apply to", choices=STATISTICS),
+    Parameter("warn_below", float, None, "WARN below this value, in the statistic's unit"),
+    Parameter("warn_above", float, None, "WARN above this value, in the statistic's unit"),
+    Parameter("error_below", float, None, "ERROR below this value, in the statistic's unit"),
+    Parameter("error_above", float, None, "ERROR above this value, in the statistic's unit"),
+    Parameter("hysteresis", float, 0.0, "how far back on the healthy side a bound clears, in the statistic's unit", 0.0),
+    Parameter("for_s", float, 0.0, "how long a bound must be crossed before it fires, in s", 0.0),
+    Parameter("keep_firing_for_s", float, 0.0, "how long it must be back before it clears, in s", 0.0),
+    Parameter("error_for_s", float, None, "for_s of the ERROR bounds, in s; left out: for_s", 0.0),
+    Parameter("error_keep_firing_for_s", float, None, "the same for keep_firing_for_s, in s", 0.0),
+    Parameter("latch", bool, False, "keep the worst level that fired until reset"),
+    Parameter("flap_detection", bool, False, "announce a signal that changes too often once, not each time"),
+    Parameter("flap_high", float, 50.0, "flapping begins at this state change, in %", 0.0, 100.0),
+    Parameter("flap_low", float, 25.0, "flapping ends below this state change, in %", 0.0, 100.0),
+    Parameter("stale_after_s", float, 5.0, "STALE after this long without a sample, in s; 0: never", 0.0),
+    Parameter("startup_grace_s", float, 10.0, "the same before the first sample ever, in s", 0.0),
+    Parameter("repeat_s", float, 0.0, "announce a level that is not OK again this often, in s; 0: once", 0.0),
+)
+"""What a signal can be told, each with unit and range."""
+
+DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
+    "battery_level": {
+        "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
+        "warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0,
+    },
+    "temperature": {
+        "unit": "degC", "valid_min": -40.0, "valid_max": 150.0,
+        "warn_above": 80.0, "error_above": 95.0, "hysteresis": 2.0,
+    },
+    "cpu_usage": {
+        "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
+        "warn_above": 95.0, "hysteresis": 5.0, "for_s": 5.0,
+    },
+}  # fmt: skip
+"""What is watched when nothing is configured: the same as `config/thresholds.yaml` says."""
+
+_UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
+    "%": (0.0, 100.0),
+    "degC": (-273.15, None),
+    "°C": (-273.15, None),
+    "C": (-273.15, None),
+    "K": (0.0, None),
+    "Hz": (0.0, None),
+}
+"""Units whose values cannot lie everywhere: (smallest, largest)."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+
+
+@dataclass(frozen=True)
+class SignalConfig:
+    """One signal: where it comes from and how it is judged. `SIGNAL_PARAMETERS` says what each field means."""
+
+    name: str
+    topic: str
+    type: str
+    field: str
+    unit: str
+    valid_min: Optional[float]
+    valid_max: Optional[float]
+    invalid_for_s: float
+    window_s: float
+    window_samples: int
+    statistic: str
+    warn_below: Optional[float]
+    warn_above: Optional[float]
+    error_below: Optional[float]
+    error_above: Optional[float]
+    hysteresis: float
+    for_s: float
+    keep_firing_for_s: float
+    error_for_s: float
+    error_keep_firing_for_s: float
+    latch: bool
+    flap_detection: bool
+    flap_high: float
+    flap_low: float
+    stale_after_s: float
+    startup_grace_s: float
+    repeat_s: float
+
+    @property
+    def bounds(self) -> Mapping[str, float]:
+        """The bounds that are set, by their configuration names."""
+        return {name: getattr(self, name) for name in BOUNDS if getattr(self, name) is not None}
+
+
+@dataclass(frozen=True)
+class MonitorConfig:
+    """Everything that a Monitor and the alert_system node are told."""
+
+    signals: Mapping[str, SignalConfig]
+    """By name, in the order of the configuration."""
+    robot_name: str = ""
+    """`hardware_id` of everything published; empty: the node takes the host's name."""
+    publish_rate: float = 1.0
+    """Rate of /diagnostics, in Hz."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+
+
+class Section(NamedTuple):
+    """One node's part of a configuration file."""
+
+    path: Path
+    """Keys from the root of the file down to the parameters."""
+    tree: Mapping[str, Any]
+    """What stands under `ros__parameters`."""
+
+
+def load_config(source: Union[Mapping[str, Any], PathLike], node: str = "alert_system") -> MonitorConfig:
+    """Reads the configuration of a monitor.
+
+    Args:
+        source: the mapping under `ros__parameters`, the mapping of a whole file, or a file's path.
+        node: whose section of a whole file to read; if there is none of that name, the only one with `signals`.
+
+    Raises:
+        ConfigError: an unknown key, a wrong type, contradictory bounds, a unit that cannot be right, or a file that
+            cannot be read. The message names file, line, key path, what was found and what is allowed.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        read = read_yaml(source)
+        try:
+            return _load_section(_find_section(read.tree, node))
+        except ConfigError as error:
+            raise read.locate(error) from None
+    tree = require_mapping(source)
+    return _load_section(_find_section(tree, node) if is_whole_file(tree) else Section((), tree))
+
+
+def is_whole_file(tree: Mapping[str, Any]) -> bool:
+    """Says whether `tree` is a whole file's mapping, with node names above `ros__parameters`."""
+    return any(True for _ in _sections(tree, ()))
+
+
+def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
+    """Returns the parts of a whole file by node name, the last part of it where it has a namespace."""
+    return {section.path[-2].rpartition("/")[2]: section for section in _sections(tree, ())}
+
+
+def _sections(tree: Mapping[str, Any], path: Path) -> List[Section]:
+    found: List[Section] = []
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            if "ros__parameters" in value:
+                below = (*path, str(key), "ros__parameters")
+                found.append(Section(below, require_mapping(value["ros__parameters"], below)))
+            elif len(path) < 8:
+                found.extend(_sections(value, (*path, str(key))))
+    return found
+
+
+def _find_section(tree: Mapping[str, Any], node: str) -> Section:
+    found = sections(tree)
+    if node in found:
+        return found[node]
+    with_signals = [section for section in found.values() if "signals" in section.tree]
+    if len(with_signals) == 1:
+        return with_signals[0]
+    there = ", ".join(tree) or "nothing"
+    raise ConfigError(f"found {there}, allowed is one node with ros__parameters.signals, usually {node}")
+
+
+def _load_section(section: Section) -> MonitorConfig:
+    path, tree = section
+    values = read_parameters(tree, MONITOR_PARAMETERS, path, ("signals", "qos_overrides"))
+    signals_path = (*path, "signals")
+    if "signals" not in tree:
+        raise ConfigError("is missing, allowed is a mapping of signal names to what is known of each", signals_path)
+    signals = require_mapping(tree["signals"], signals_path)
+    if not signals:
+        raise ConfigError("found no signal, allowed is at least one", signals_path)
+    return MonitorConfig(
+        {name: read_signal(name, signal, (*signals_path, name)) for name, signal in signals.items()},
+        values["robot_name"],
+        values["publish_rate"],
+    )
+
+
+def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
+    """Reads the configuration of one signal.
+
+    Raises:
+        ConfigError: as `load_config` does.
+    """
+    if not _NAME.match(name):
+        raise ConfigError("is no signal name, allowed are letters, digits and _, not beginning with a digit", path)
+    tree = require_mapping(found, path)
+    values = read_parameters(tree, SIGNAL_PARAMETERS, path)
+    if values["topic"] is None:
+        values["topic"] = name
+    for key in ("for_s", "keep_firing_for_s"):
+        if values[f"error_{key}"] is None:
+            values[f"error_{key}"] = values[key]
+    signal = SignalConfig(name=name, **values)
+    _check_order(signal, path)
+    _check_unit(signal, path)
+    return signal
+
+
+def _check_order(signal: SignalConfig, path: Path) -> None:
+    def refuse_above(low: str, high: str, why: str) -> None:
+        low_value, high_value = getattr(signal, low), getattr(signal, high)
+        if low_value is not None and high_value is not None and low_value > high_value:
+            raise ConfigError(f"found {low_value:g}, allowed is at most {high} ({high_value:g}): {why}", (*path, low))
+
+    refuse_above("valid_min", "valid_max", "no value would be valid")
+    refuse_above("flap_low", "flap_high", "flapping would end before it begins")
+    refuse_above("error_below", "warn_below", "a value falls below the WARN bound first")
+    refuse_above("warn_above", "error_above", "a value rises above the WARN bound first")
+    lows = [name for name in ("warn_below", "error_below") if getattr(signal, name) is not None]
+    highs = [name for name in ("warn_above", "error_above") if getattr(signal, name) is not None]
+    for low in lows:
+        for high in highs:
+            refuse_above(low, high, "no value would be healthy")
+            room = getattr(signal, high) - getattr(signal, low)
+            if signal.hysteresis > room:
+                raise ConfigError(
+                    f"found {signal.hysteresis:g}, allowed is at most {room:g}: {low} would clear above {high}",
+                    (*path, "hysteresis"),
+                )
+    if signal.statistic not in ("last", "mean", "min", "max"):
+        return
+    for name, bound in signal.bounds.items():
+        _check_range(name, bound, signal.valid_min, signal.valid_max, "valid_min", "valid_max", path)
+        clears_at = bound + signal.hysteresis if name in lows else bound - signal.hysteresis
+        if (signal.valid_max is not None and clears_at > signal.valid_max) or (
+            signal.valid_min is not None and clears_at < signal.valid_min
+        ):
+            raise ConfigError(
+                f"found {signal.hysteresis:g}, allowed is less: {name} would clear at {clears_at:g},"
+                " which is no valid value",
+                (*path, "hysteresis"),
+            )
+
+
+def _check_range(
+    name: str, found: float, low: Optional[float], high: Optional[float], low_name: str, high_name: str, path: Path
+) -> None:
+    if low is not None and found < low:
+        raise ConfigError(f"found {found:g}, allowed is {low:g} ({low_name}) or more", (*path, name))
+    if high is not None and found > high:
+        raise ConfigError(f"found {found:g}, allowed is {high:g} ({high_name}) or less", (*path, name))
+
+
+def _check_unit(signal: SignalConfig, path: Path) -> None:
+    low, high = _UNIT_RANGES.get(signal.unit, (None, None))
+    limits = {name: getattr(signal, name) for name in ("valid_min", "valid_max")}
+    if signal.statistic in ("last", "mean", "min", "max"):
+        limits.update(signal.bounds)
+    for name, value in limits.items():
+        if value is not None:
+            unit = f"least of {describe(signal.unit)}", f"most of {describe(signal.unit)}"
+            _check_range(name, value, low, high, *unit, path)
+    if signal.unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
+        raise ConfigError(
+            f"found '%' with valid_max {signal.valid_max:g}, allowed is valid_max 100 for a percentage;"
+            " a fraction from 0 to 1 has the unit ''",
+            (*path, "unit"),
+        )
+
+
+def described_parameters(config: MonitorConfig) -> Tuple[Parameter, ...]:
+    """Returns every parameter of a node with this configuration, by its dotted name, for a middleware to declare."""
+    return MONITOR_PARAMETERS + tuple(
+        replace(parameter, name=f"signals.{name}.{parameter.name}")
+        for name in config.signals
+        for parameter in SIGNAL_PARAMETERS
+    )
