@@ -1,0 +1,19 @@
+"""The monitor without any middleware: values, configuration, judgement, and the nodes against a port."""
+
+from .config import MonitorConfig, SignalConfig, load_config
+from .model import Level, Report, Sample, Status, Transition
+from .monitor import Monitor
+from .parameters import ConfigError
+
+__all__ = [
+    "ConfigError",
+    "Level",
+    "Monitor",
+    "MonitorConfig",
+    "Report",
+    "Sample",
+    "SignalConfig",
+    "Status",
+    "Transition",
+    "load_config",
+]

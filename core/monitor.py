@@ -1,0 +1,163 @@
+"""The monitor of one robot: samples and time in, transitions and reports out.
+
+It has no clock: every call says what time it is. It raises nothing for any sample and any time.
+"""
+
+from __future__ import annotations
+
+from typing import Dict, List
+
+from .config import MonitorConfig, read_signal
+from .model import Level, Report, Sample, Status, Transition
+from .signal_monitor import LINK, SignalMonitor
+
+_LARGEST = 1.7976931348623157e308
+
+LINK_CONFIG = read_signal(
+    LINK, {"valid_min": 0.0, "valid_max": 1.0, "error_below": 1.0, "stale_after_s": 0.0, "startup_grace_s": 0.0}
+)
+"""How the link to a robot is judged: down is an ERROR at once, and only samples say so."""
+
+
+class Monitor:
+    """Watches the signals of one robot.
+
+    A sample of the signal `link` (1.0: the robot can be reached, 0.0: it cannot) need not be configured. While the
+    link is down, the other signals stand still: one alert says it all.
+    """
+
+    def __init__(self, config: MonitorConfig, robot: str = "") -> None:
+        """Makes a monitor that has seen nothing.
+
+        Args:
+            config: what to watch, from `load_config`.
+            robot: the robot's name, in place of the configuration's `robot_name`.
+        """
+        self.robot = robot or config.robot_name
+        self.config = config
+        self.notices: List[str] = []
+        """Lines worth an INFO in the log, oldest first, at most 100; whoever writes them clears the list."""
+        self._signals: Dict[str, SignalMonitor] = {}
+        # NaN is not smaller than any time, so that the first call goes the careful way.
+        self._now_s = float("nan")
+        self._link_down = False
+
+    def observe(self, sample: Sample) -> List[Transition]:
+        """Takes a sample.
+
+        Args:
+            sample: one measurement; a signal that is not configured is ignored.
+
+        Returns:
+            The transitions that it causes, at most one.
+        """
+        name, value, now_s, stamp_s = sample
+        if not self._now_s <= now_s <= _LARGEST:
+            now_s = self._take_odd_time(now_s)
+        self._now_s = now_s
+        signal = self._signals.get(name)
+        if signal is None:
+            if name != LINK:
+                return []
+            signal = self._signals[LINK] = SignalMonitor(LINK_CONFIG, self.robot, now_s)
+        transition = signal.observe(value, now_s, stamp_s)
+        if name == LINK:
+            self._follow_link(value, now_s)
+        return [] if transition is None else [transition]
+
+    def tick(self, now_s: float) -> List[Transition]:
+        """Lets time pass.
+
+        Args:
+            now_s: the time in seconds.
+
+        Returns:
+            The transitions that it causes, in the order of the configuration.
+        """
+        if not self._now_s <= now_s <= _LARGEST:
+            now_s = self._take_odd_time(now_s)
+        self._now_s = now_s
+        ticked = [
+            signal.tick(now_s) for name, signal in self._signals.items() if name == LINK or not self._link_down
+        ]
+        return [transition for transition in ticked if transition is not None]
+
+    def report(self, now_s: float) -> Report:
+        """Returns the whole state as of the last `observe` or `tick`; ages are counted up to `now_s`, in seconds."""
+        if not self._now_s <= now_s <= _LARGEST:
+            now_s = self._now_s if self._signals else 0.0
+        statuses: Dict[str, Status] = {name: signal.status(now_s) for name, signal in self._signals.items()}
+        if not self._signals:
+            statuses = {
+                name: SignalMonitor(signal, self.robot, now_s).status(now_s)
+                for name, signal in self.config.signals.items()
+            }
+        overall = Level.worst(status.level for status in statuses.values())
+        return Report(overall, statuses, now_s, self.robot)
+
+    def reset(self) -> List[Transition]:
+        """Clears every latch.
+
+        Returns:
+            The transitions that it causes, in the order of the configuration, at the time of the last call.
+        """
+        transitions = [signal.reset(self._now_s) for signal in self._signals.values()]
+        return [transition for transition in transitions if transition is not None]
+
+    def configure(self, config: MonitorConfig) -> List[Transition]:
+        """Takes a new configuration; signals whose own configuration is the same are not disturbed.
+
+        Args:
+            config: what to watch from now on. Signals that are no longer in it are forgotten.
+
+        Returns:
+            The transitions that the new bounds cause, at the time of the last call.
+        """
+        self.config = config
+        if not self._signals:
+            return []
+        transitions = []
+        signals: Dict[str, SignalMonitor] = {}
+        for name, signal_config in config.signals.items():
+            known = self._signals.get(name)
+            if known is None:
+                known = SignalMonitor(signal_config, self.robot, self._now_s)
+            elif known.config != signal_config:
+                transitions.append(known.configure(signal_config, self._now_s))
+            signals[name] = known
+        if LINK in self._signals:
+            signals.setdefault(LINK, self._signals[LINK])
+        self._signals = signals
+        return [transition for transition in transitions if transition is not None]
+
+    def _take_odd_time(self, now_s: float) -> float:
+        """Returns the time to go on with: the first one, one that went back, or the last one for no time at all."""
+        if not -_LARGEST <= now_s <= _LARGEST:
+            now_s = self._now_s if self._signals else 0.0
+        if not self._signals:
+            self._signals = {
+                name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()
+            }
+        elif now_s < self._now_s:
+            self._notice(
+                f"time went back by {self._now_s - now_s:.3f} s: windows, pending timers and staleness start again"
+            )
+            for signal in self._signals.values():
+                signal.restart_time(now_s)
+        return float(now_s)
+
+    def _notice(self, text: str) -> None:
+        if len(self.notices) < 100:
+            self.notices.append(text)
+
+    def _follow_link(self, value: object, now_s: float) -> None:
+        down = value == 0.0
+        if down == self._link_down:
+            return
+        self._link_down = down
+        for name, signal in self._signals.items():
+            if name != LINK:
+                if down:
+                    signal.inhibit(now_s)
+                else:
+                    signal.release(now_s)

@@ -1,0 +1,377 @@
+"""One signal: a sample's way from quality to staleness, in the order of SEMANTICS.md, and what is announced of it.
+
+`observe`, `tick`, `reset` and `configure` return the one transition that they cause, or None. The level that is
+announced and the true level differ only while the signal flaps.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import numbers
+from typing import Dict, Optional
+
+from .config import SignalConfig
+from .flapping import FlapDetector
+from .model import Level, Status, Transition
+from .statistics import STATISTIC_OF_WINDOW, Window
+from .thresholds import TIME_TOLERANCE_S, Rule, RuleConfig, State
+from .wording import bound_text, datum_text, duration_text, number_text, with_unit
+
+LINK = "link"
+"""Name of the signal that says whether a robot can be reached: 1 is up, 0 is down."""
+
+_LARGEST = 1.7976931348623157e308
+_LEVEL_OF_RULE = (Level.WARN, Level.ERROR)
+_INVALID_BOUNDS = {"below": None, "above": None, "hysteresis": 0.0, "keep_firing_for_s": 0.0}
+
+
+class SignalMonitor:
+    """State and judgement of one signal."""
+
+    def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
+        """Starts with level OK.
+
+        Args:
+            config: how to judge it.
+            robot: the robot's name, for transitions and statuses.
+            now_s: when it began to be watched, in seconds: the startup grace counts from here.
+        """
+        self._robot = robot
+        self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode()).hexdigest()[:16]
+        self._window = Window(config.window_s, config.window_samples)
+        self._rules = [Rule(RuleConfig.of(config, level)) for level in _LEVEL_OF_RULE]
+        self._invalid = Rule(RuleConfig(for_s=config.invalid_for_s, **_INVALID_BOUNDS))
+        self._flaps = FlapDetector(config.flap_high, config.flap_low)
+        self._latched = Level.OK
+        self._good_samples = 0
+        self._bad_samples = 0
+        self._latest: object = None
+        self._stamp_s: Optional[float] = None
+        self._judged: Optional[float] = None
+        self._last_seen_s = now_s
+        self._stale = False
+        self._frozen_since_s: Optional[float] = None
+        self._level_since_s = now_s
+        self._announced = Level.OK
+        self._announced_since_s = now_s
+        self._announced_at_s = now_s
+        self._announced_rule: Optional[Rule] = None
+        self.level = Level.OK
+        """The true level."""
+        self._take_config(config)
+
+    def observe(self, value: object, now_s: float, stamp_s: Optional[float] = None) -> Optional[Transition]:
+        """Takes a sample that arrived at `now_s` (seconds, not before the call before)."""
+        number = value if type(value) is float else _as_float(value)
+        self._latest = value
+        self._stamp_s = stamp_s
+        self._last_seen_s = now_s
+        if self._frozen_since_s is not None:
+            self._thaw(now_s)
+        self._stale = False
+        # NaN compares false, the infinities lie outside
+        good = self._valid_min <= number <= self._valid_max
+        if good:
+            self._good_samples += 1
+            self._window.add(number, now_s)
+            if self._statistic is None:
+                judged = self._judged = number
+            else:
+                judged = self._judged = self._statistic(self._window)
+            if judged is not None:
+                for rule in self._active_rules:
+                    rule.judge(judged, now_s)
+            else:
+                self._advance(now_s)
+        else:
+            self._bad_samples += 1
+            self._advance(now_s)
+        if good is self._invalid.condition or self._invalid.state is not State.INACTIVE:
+            self._invalid.set_condition(not good, now_s)
+        level = self._true_level()
+        flapped = self._flaps.flapping
+        if good and self._detect_flaps:
+            self._flaps.add(level)
+            flapped = flapped and self._flaps.flapping
+        if level is self.level and level is self._announced:
+            return None
+        return self._settle(level, now_s, flapped)
+
+    def tick(self, now_s: float) -> Optional[Transition]:
+        """Lets time pass until `now_s`, in seconds."""
+        config = self.config
+        if self._frozen_since_s is None:
+            allowed_s = self._allowed_silence_s
+            due_s = self._last_seen_s + allowed_s
+            if config.stale_after_s > 0.0 and now_s - self._last_seen_s > allowed_s + TIME_TOLERANCE_S:
+                self._advance(due_s)
+                self._stale = True
+                self._frozen_since_s = due_s
+            else:
+                self._advance(now_s)
+        level = self._true_level()
+        if level is not self.level or level is not self._announced:
+            return self._settle(level, now_s, self._flaps.flapping)
+        if (
+            config.repeat_s > 0.0
+            and level is not Level.OK
+            and not self._flaps.flapping
+            and now_s - self._announced_at_s >= config.repeat_s - TIME_TOLERANCE_S
+        ):
+            return self._announce(level, now_s)
+        return None
+
+    def inhibit(self, now_s: float) -> None:
+        """Stands still from `now_s` on: the robot cannot be reached."""
+        if self._frozen_since_s is None:
+            self._frozen_since_s = now_s
+
+    def release(self, now_s: float) -> None:
+        """Goes on after `inhibit`: the robot can be reached again, and its silence counts from now."""
+        if self._frozen_since_s is not None and not self._stale:
+            self._thaw(now_s)
+            self._last_seen_s = now_s
+
+    def restart_time(self, now_s: float) -> None:
+        """Time went back to `now_s`: windows, pending timers and staleness start again, latches stay."""
+        self._window.clear()
+        self._last_seen_s = now_s
+        self._level_since_s = min(self._level_since_s, now_s)
+        self._announced_since_s = min(self._announced_since_s, now_s)
+        self._announced_at_s = min(self._announced_at_s, now_s)
+        for rule in (*self._rules, self._invalid):
+            rule.since_s = now_s
+        if self._frozen_since_s is not None:
+            self._frozen_since_s = now_s
+
+    def reset(self, now_s: float) -> Optional[Transition]:
+        """Clears the latch: from now on the level is what the rules say."""
+        self._latched = Level.OK
+        return self._settle(self._true_level(), now_s, self._flaps.flapping)
+
+    def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
+        """Takes a new configuration of the same signal and judges by it at once; what has been seen stays."""
+        self._take_config(config)
+        if (config.window_s, config.window_samples) != (self._window.window_s, self._window.window_samples):
+            self._window.resize(config.window_s, config.window_samples)
+        if config.flap_detection:
+            self._flaps.configure(config.flap_high, config.flap_low)
+        else:
+            self._flaps = FlapDetector(config.flap_high, config.flap_low)
+        for rule, level in zip(self._rules, _LEVEL_OF_RULE):
+            rule.configure(RuleConfig.of(config, level))
+        self._invalid.configure(RuleConfig(for_s=config.invalid_for_s, **_INVALID_BOUNDS))
+        self._judged = STATISTIC_OF_WINDOW[config.statistic](self._window)
+        if self._frozen_since_s is None:
+            if self._judged is not None:
+                for rule in self._rules:
+                    rule.judge(self._judged, now_s)
+            self._advance(now_s)
+        return self._settle(self._true_level(), now_s, self._flaps.flapping)
+
+    def status(self, now_s: float) -> Status:
+        """Returns the state at `now_s`, in seconds, as of the last observe or tick."""
+        config = self.config
+        values: Dict[str, str] = {
+            "value": "" if self._latest is None else datum_text(self._latest),
+            "unit": config.unit,
+            "statistic": config.statistic,
+        }
+        values.update((name, number_text(value)) for name, value in self._window.statistics().items())
+        values["window_samples"] = str(len(self._window))
+        values["good_samples"] = str(self._good_samples)
+        values["bad_samples"] = str(self._bad_samples)
+        if self._good_samples or self._bad_samples:
+            values["age_s"] = number_text(now_s - self._last_seen_s)
+        if self._stamp_s is not None:
+            values["stamp_s"] = repr(self._stamp_s)
+        for name, bound in config.bounds.items():
+            values[name] = bound_text(bound)
+        for name in ("valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"):
+            setting = getattr(config, name)
+            if setting:
+                values[name] = bound_text(setting)
+        values["state"] = self._state()
+        values["since"] = f"{self._level_since_s:.3f}"
+        values["lasts_s"] = number_text(now_s - self._level_since_s)
+        values["flapping"] = "true" if self._flaps.flapping else "false"
+        if self._detect_flaps:
+            values["state_change_percent"] = number_text(self._flaps.percent)
+        values["fingerprint"] = self._fingerprint
+        return Status(config.name, self.level, self._reason(self.level, now_s), self._robot, values)
+
+    def _take_config(self, config: SignalConfig) -> None:
+        self.config = config
+        self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
+        self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
+        self._statistic = None if config.statistic == "last" else STATISTIC_OF_WINDOW[config.statistic]
+        self._statistic_unit = {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
+        self._detect_flaps = config.flap_detection
+        if not config.latch:
+            self._latched = Level.OK
+        self._active_rules = [
+            rule
+            for rule, level in zip(self._rules, _LEVEL_OF_RULE)
+            if any(name.startswith(level.name.lower()) for name in config.bounds)
+        ]
+
+    @property
+    def _allowed_silence_s(self) -> float:
+        if self._good_samples or self._bad_samples:
+            return self.config.stale_after_s
+        return self.config.startup_grace_s
+
+    def _advance(self, now_s: float) -> None:
+        for rule in self._rules:
+            rule.advance(now_s)
+        self._invalid.advance(now_s)
+
+    def _thaw(self, now_s: float) -> None:
+        assert self._frozen_since_s is not None
+        stood_still_s = now_s - self._frozen_since_s
+        for rule in (*self._rules, self._invalid):
+            rule.since_s += stood_still_s
+        self._frozen_since_s = None
+
+    def _true_level(self) -> Level:
+        warn, error = self._rules
+        level = Level.ERROR if error.fires else Level.WARN if warn.fires else Level.OK
+        if self.config.latch:
+            if level > self._latched:
+                self._latched = level
+            level = self._latched
+        if level is not Level.ERROR:
+            if self._invalid.fires:
+                return Level.ERROR
+            if self._stale:
+                return Level.STALE
+        return level
+
+    def _settle(self, level: Level, now_s: float, silenced: bool) -> Optional[Transition]:
+        if level is not self.level:
+            self.level = level
+            self._level_since_s = now_s
+        if level is self._announced or silenced:
+            return None
+        return self._announce(level, now_s)
+
+    def _announce(self, level: Level, now_s: float) -> Transition:
+        repeat = level is self._announced
+        rule = self._rule_behind(level)
+        if level is Level.OK or level is Level.STALE:
+            value: object = self._judged
+        else:
+            value = self._latest if self._is_invalid(level) else self._judged
+        lasted = duration_text(now_s - self._announced_since_s)
+        text = (
+            f"{self.config.name} {level.name}: {self._reason(level, now_s)}"
+            f" ({'for' if repeat else f'was {self._announced.name} for'} {lasted})"
+        )
+        if self._flaps.flapping:
+            text += (
+                f", flapping: {number_text(self._flaps.percent)} % state change,"
+                f" silent until below {bound_text(self.config.flap_low)} %"
+            )
+        transition = Transition(
+            signal=self.config.name,
+            from_level=self._announced,
+            to_level=level,
+            value=value,
+            statistic=self.config.statistic,
+            bound=None if rule is None else rule.bound,
+            now_s=now_s,
+            since_s=self._announced_since_s,
+            robot=self._robot,
+            fingerprint=self._fingerprint,
+            text=text,
+            statistics=self._window.statistics(),
+            repeat=repeat,
+        )
+        if not repeat:
+            self._announced = level
+            self._announced_since_s = now_s
+        self._announced_rule = rule
+        self._announced_at_s = now_s
+        return transition
+
+    def _is_invalid(self, level: Level) -> bool:
+        return level is Level.ERROR and self._invalid.fires and not self._rules[1].fires
+
+    def _rule_behind(self, level: Level) -> Optional[Rule]:
+        """The rule that a level tells of: the one that fires or is latched, or for OK the one pending or cleared."""
+        warn, error = self._rules
+        if level is Level.STALE or self._is_invalid(level):
+            return None
+        if level is Level.ERROR:
+            return error
+        if level is Level.WARN:
+            return warn
+        for rule in (error, warn):
+            if rule.state is State.PENDING:
+                return rule
+        return self._announced_rule if self._announced is not Level.OK else None
+
+    def _reason(self, level: Level, now_s: float) -> str:
+        if self.config.name == LINK:
+            return "up" if level is Level.OK else "down"
+        silence = duration_text(now_s - self._last_seen_s)
+        if level is Level.STALE:
+            if self._good_samples or self._bad_samples:
+                return f"no sample for {silence}, allowed are {duration_text(self.config.stale_after_s)}"
+            return f"no sample since the start {silence} ago"
+        reason = self._invalid_reason() if self._is_invalid(level) else self._value_reason(level, now_s)
+        return f"{reason}, no sample for {silence}" if self._stale else reason
+
+    def _invalid_reason(self) -> str:
+        config, seen = self.config, self._latest
+        text = f"invalid data: {datum_text(seen)}"
+        number = _as_float(seen)
+        if number < self._valid_min and config.valid_min is not None:
+            return f"{with_unit(text, config.unit)} is below valid_min {bound_text(config.valid_min)}"
+        if number > self._valid_max and config.valid_max is not None:
+            return f"{with_unit(text, config.unit)} is above valid_max {bound_text(config.valid_max)}"
+        return text
+
+    def _value_reason(self, level: Level, now_s: float) -> str:
+        config, unit, judged = self.config, self._statistic_unit, self._judged
+        if self._latest is None:
+            return "waiting for the first sample"
+        if judged is None:
+            return f"{config.statistic} is not defined yet"
+        rule = self._rule_behind(level)
+        bound = None if rule is None else rule.bound
+        value = with_unit(number_text(judged, bound), unit)
+        if config.statistic != "last":
+            value = f"{config.statistic} {value}"
+        if rule is None or bound is None:
+            return value
+        side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
+        if rule.state is State.PENDING and level is Level.OK:
+            return f"{value} is {side}, pending for {duration_text(now_s - rule.since_s)}"
+        if rule.condition:
+            return f"{value} is {side}"
+        if rule.fires:
+            return f"{value} is no longer {side}, kept firing for a while"
+        return f"{value} is no longer {side}" + (", latched until reset" if level is not Level.OK else "")
+
+    def _state(self) -> str:
+        warn, error = self._rules
+        rule = warn if error.state is State.INACTIVE else error
+        if self._stale:
+            return "stale"
+        if self._invalid.fires:
+            return "invalid"
+        if self.config.latch and self._latched is not Level.OK and not rule.fires:
+            return "latched"
+        return rule.state.value
+
+
+def _as_float(value: object) -> float:
+    """Returns the number that `value` is, NaN when it is none or too large for a double."""
+    if isinstance(value, numbers.Real):
+        try:
+            return float(value)
+        except (OverflowError, ValueError):
+            pass
+    return math.nan

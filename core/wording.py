@@ -1,0 +1,57 @@
+"""Numbers and durations as people read them in alert lines and statuses."""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+_DIGITS = (4, 6, 9, 17)
+
+
+def number_text(value: float, bound: Optional[float] = None) -> str:
+    """Writes a number with four digits, or with as many as it takes to show on which side of `bound` it lies.
+
+    >>> number_text(19.299999237060547)
+    '19.3'
+    >>> number_text(80.00001, bound=80.0)
+    '80.00001'
+    """
+    for digits in _DIGITS:
+        text = _plain(value, digits)
+        if bound is None or not math.isfinite(value):
+            break
+        shown = float(text)
+        if (shown < bound) == (value < bound) and (shown > bound) == (value > bound):
+            break
+    return text
+
+
+def bound_text(bound: float) -> str:
+    """Writes a configured number in full: 20.0 as 20, 0.15 as 0.15."""
+    return f"{bound:.0f}" if bound.is_integer() and abs(bound) < 1e15 else repr(bound)
+
+
+def duration_text(seconds: float) -> str:
+    """Writes a duration: 0.25 s, 4 s, 312 s, 86400 s."""
+    return f"{_plain(seconds, 3)} s"
+
+
+def with_unit(number: str, unit: str) -> str:
+    """Puts the unit behind a number, if there is one."""
+    return f"{number} {unit}" if unit else number
+
+
+def datum_text(value: object) -> str:
+    """Writes a datum that may be anything, shortened to 40 characters."""
+    if isinstance(value, float):
+        return number_text(value)
+    try:
+        text = repr(value)
+    except Exception:  # a foreign object's own repr
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _plain(value: float, digits: int) -> str:
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text and abs(value) < 1e15 else text
