@@ -16,6 +16,7 @@ from .middleware import Message, Severity, resolve_name, split_type_name
 from .parameters import ConfigError, Parameter, flatten, unflatten
 
 FieldGetter = Callable[[Any], Any]
+Coercion = Callable[[Message, float], Message]
 
 
 class LogLine(NamedTuple):
@@ -100,7 +101,7 @@ class LocalBus:
         """Calls a service by its absolute name.
 
         Raises:
-            ValueError: nobody offers it.
+            ValueError: nobody offers it, or it failed.
         """
         handler = self._services.get(service)
         if handler is None:
@@ -151,7 +152,7 @@ class LocalMiddleware:
         self._given = parameters
         self._on_change: Optional[Callable[[Mapping[str, Any]], None]] = None
         self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
-        self._advertised: Dict[str, Callable[[Message], Message]] = {}
+        self._advertised: Dict[str, Coercion] = {}
         self._subscriptions: List[_LocalSubscription] = []
         self._services: List[str] = []
         self._timers: List[_LocalTimer] = []
@@ -175,7 +176,12 @@ class LocalMiddleware:
             ConfigError: the node refuses it; the old one stays.
         """
         if self._on_change is not None:
-            self._on_change(tree)
+            try:
+                self._on_change(tree)
+            except ConfigError:
+                raise
+            except Exception as error:
+                raise ConfigError(self._log_failure(error)) from error
         self._given = tree
 
     def set_parameter(self, name: str, value: object) -> None:
@@ -196,7 +202,7 @@ class LocalMiddleware:
         coerce = self._advertised.get(resolved)
         if coerce is None:
             raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
-        self._bus._deliver(resolved, coerce(message))
+        self._bus._deliver(resolved, coerce(message, self._bus.now_s))
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
@@ -215,8 +221,14 @@ class LocalMiddleware:
             self._bus._subscriptions[subscription.topic].remove(subscription)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        def answer(request: Message) -> Message:
+            try:
+                return handler(request)
+            except Exception as error:
+                raise ValueError(self._log_failure(error)) from error
+
         resolved = self._resolve(service)
-        self._bus._services[resolved] = handler
+        self._bus._services[resolved] = answer
         self._services.append(resolved)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _LocalTimer:
@@ -246,7 +258,12 @@ class LocalMiddleware:
         try:
             callback(argument)
         except Exception as error:
-            self.log(Severity.ERROR, f"{type(error).__name__} in a callback: {error}")
+            self._log_failure(error)
+
+    def _log_failure(self, error: Exception) -> str:
+        text = f"{type(error).__name__} in a callback: {error}"
+        self.log(Severity.ERROR, text)
+        return text
 
     def _resolve(self, name: str) -> str:
         resolved = resolve_name(name, self.name)
@@ -256,7 +273,7 @@ class LocalMiddleware:
 def mapping_getter(field: str) -> FieldGetter:
     """Returns a function that reads `field` (`data`, `battery.percentage`, `cell_voltage[0]`) from a mapping.
 
-    Empty: the function returns the mapping itself.
+    Empty: the function returns the mapping itself. An index beyond the end reads as None.
     """
     steps: List[Any] = []
     for part in field.split(".") if field else []:
@@ -268,22 +285,37 @@ def mapping_getter(field: str) -> FieldGetter:
         return lambda message: message[key]
 
     def get(message: Any) -> Any:
-        for step in steps:
-            message = message[step]
+        try:
+            for step in steps:
+                message = message[step]
+        except IndexError:
+            return None
         return message
 
     return get
 
 
-def _coercion(type_name: str) -> Callable[[Message], Message]:
-    """Returns what a real middleware does to a message of this type: `Float32` carries 32 bits."""
+def _coercion(type_name: str) -> Coercion:
+    """Returns what a real middleware does to a message of this type, sent at a time in seconds."""
     split = split_type_name(type_name)
     if split is None:
         raise ConfigError(f"found the type {type_name!r}, allowed is package/Type, for instance std_msgs/Float32")
-    return _as_float32 if tuple(split) == ("std_msgs", "Float32") else dict
+    if tuple(split) == ("std_msgs", "Float32"):
+        return _as_float32
+    return _as_stamped if tuple(split) == ("diagnostic_msgs", "DiagnosticArray") else _as_is
 
 
-def _as_float32(message: Message) -> Message:
+def _as_is(message: Message, now_s: float) -> Message:
+    return dict(message)
+
+
+def _as_stamped(message: Message, now_s: float) -> Message:
+    seconds = int(now_s // 1)
+    stamp = {"sec": seconds, "nanosec": int((now_s - seconds) * 1e9)}
+    return {**message, "header": {"stamp": stamp, "frame_id": "", **message.get("header", {})}}
+
+
+def _as_float32(message: Message, now_s: float) -> Message:
     try:
         return {"data": _FLOAT32.unpack(_FLOAT32.pack(message.get("data", 0.0)))[0]}
     except OverflowError:
