@@ -5,7 +5,7 @@ It has no clock: every call says what time it is. It raises nothing for any samp
 
 from __future__ import annotations
 
-from typing import Dict, List
+from typing import Dict, List, Optional
 
 from .config import MonitorConfig, read_signal
 from .model import Level, Report, Sample, Status, Transition
@@ -94,6 +94,11 @@ class Monitor:
             }
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
+
+    def fresh_value(self, signal: str) -> Optional[float]:
+        """Returns the value of a signal's latest sample; None while there is none, it is bad or it is stale."""
+        known = self._signals.get(signal)
+        return None if known is None else known.fresh_value
 
     def reset(self) -> List[Transition]:
         """Clears every latch.

@@ -61,6 +61,11 @@ class SignalMonitor:
         """The true level."""
         self._take_config(config)
 
+    @property
+    def fresh_value(self) -> Optional[float]:
+        """The value of the latest sample; None before the first one, while it is bad, and while it is stale."""
+        return None if self._stale or self._invalid.condition else self._window.last()
+
     def observe(self, value: object, now_s: float, stamp_s: Optional[float] = None) -> Optional[Transition]:
         """Takes a sample that arrived at `now_s` (seconds, not before the call before)."""
         number = value if type(value) is float else _as_float(value)
@@ -190,7 +195,7 @@ class SignalMonitor:
             values[name] = bound_text(bound)
         for name in ("valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"):
             setting = getattr(config, name)
-            if setting:
+            if setting is not None:
                 values[name] = bound_text(setting)
         values["state"] = self._state()
         values["since"] = f"{self._level_since_s:.3f}"

@@ -1,0 +1,43 @@
+"""Statuses and transitions as diagnostic_msgs messages, in the mappings that the port carries (REP-107)."""
+
+from __future__ import annotations
+
+from typing import Dict, Iterable
+
+from .middleware import Message
+from .model import Status, Transition
+
+STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
+ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"
+
+
+def status_message(status: Status, node: str) -> Message:
+    """Returns a DiagnosticStatus; its name is `node: signal`, as tools expect it."""
+    return {
+        "level": int(status.level),
+        "name": f"{node}: {status.name}",
+        "message": status.message,
+        "hardware_id": status.hardware_id,
+        "values": [{"key": key, "value": value} for key, value in status.values.items()],
+    }
+
+
+def array_message(statuses: Iterable[Status], node: str) -> Message:
+    """Returns a DiagnosticArray; the adapter stamps its header."""
+    return {"status": [status_message(status, node) for status in statuses]}
+
+
+def alert_message(transition: Transition, node: str) -> Message:
+    """Returns the DiagnosticStatus that tells of one transition: its message is the line that is logged."""
+    values: Dict[str, str] = {
+        "from_level": transition.from_level.name,
+        "to_level": transition.to_level.name,
+        "value": "" if transition.value is None else str(transition.value),
+        "statistic": transition.statistic,
+        "bound": "" if transition.bound is None else str(transition.bound),
+        "now_s": str(transition.now_s),
+        "since_s": str(transition.since_s),
+        "fingerprint": transition.fingerprint,
+    }
+    status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values)
+    return status_message(status, node)
