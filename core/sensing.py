@@ -1,0 +1,108 @@
+"""What battery_sensor publishes and where each value comes from: simulated, this machine, or nowhere.
+
+    sources = read_sources({"seed": 7, "temperature": {"source": "host"}})
+    sources["temperature"].read(now_s)      # degrees C, or SensorError
+"""
+
+from __future__ import annotations
+
+import random
+from typing import Any, Callable, Dict, Mapping, Optional, Protocol, Tuple
+
+from .host import HostBattery, HostCpuUsage, HostTemperature, SensorError
+from .parameters import Parameter, Path, read_parameters, require_mapping
+from .simulation import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
+
+__all__ = ["METRICS", "SECTIONS", "SEED", "Source", "SensorError", "read_sources"]
+
+
+class Source(Protocol):
+    """Where a value comes from."""
+
+    def read(self, now_s: float) -> float:
+        """Returns the value at `now_s`, seconds on the caller's clock, which may stand still or go back.
+
+        Raises:
+            SensorError: it cannot be read now; the next read may be luckier.
+        """
+
+
+METRICS: Mapping[str, str] = {"battery_level": "%", "temperature": "degC", "cpu_usage": "%"}
+"""Name (also the topic) and unit of every metric, in the order in which they are published."""
+
+SEED = Parameter("seed", int, None, "the same seed gives the same simulated values; left out: new ones at every start")
+
+_SOURCE = Parameter(
+    "source",
+    str,
+    "simulated",
+    "where the value comes from: simulated, host (this machine) or none (not published)",
+    choices=("simulated", "host", "none"),
+)
+
+SECTIONS: Mapping[str, Tuple[Parameter, ...]] = {
+    "battery_level": (
+        _SOURCE,
+        Parameter("discharge_rate", float, 1.0, "simulated: % lost per second", minimum=0.0),
+        Parameter("charge_rate", float, 4.0, "simulated: % gained per second on the charger", minimum=0.0),
+        Parameter("charge_at", float, 5.0, "simulated: % at which it is charged", minimum=0.0, maximum=99.0),
+    ),
+    "temperature": (
+        _SOURCE,
+        Parameter("mean", float, 60.0, "simulated: mean in degrees C"),
+        Parameter("spread", float, 4.0, "simulated: how far it wanders from the mean, in degrees C", minimum=0.0),
+        Parameter("spike", float, 30.0, "simulated: degrees C that a hot spell of 30 s adds; 0: none", minimum=0.0),
+        Parameter("spike_every_s", float, 120.0, "simulated: seconds in which one hot spell falls", minimum=1.0),
+    ),
+    "cpu_usage": (
+        _SOURCE,
+        Parameter("mean", float, 35.0, "simulated: mean in %", minimum=0.0, maximum=100.0),
+        Parameter("spread", float, 30.0, "simulated: how far it moves from the mean, in %", minimum=0.0),
+    ),
+}
+"""The parameters of every metric, in its own section of the node's configuration."""
+
+_HOST: Mapping[str, Callable[[], Source]] = {
+    "battery_level": HostBattery,
+    "temperature": HostTemperature,
+    "cpu_usage": HostCpuUsage,
+}
+
+
+def read_sources(tree: Mapping[str, Any], path: Path = ()) -> Dict[str, Source]:
+    """Makes the sources that a node's configuration asks for.
+
+    Args:
+        tree: the node's whole configuration; only `seed` and the sections named after metrics are read.
+        path: where the tree is, for error messages.
+
+    Returns:
+        A source per metric, in the order of `METRICS`; those with `source: none` are left out.
+
+    Raises:
+        ConfigError: a key is unknown or a value not allowed.
+    """
+    seed = SEED.read(tree["seed"], (*path, "seed")) if tree.get("seed") is not None else random.getrandbits(32)
+    sources: Dict[str, Source] = {}
+    for metric in METRICS:
+        source = _read_source(metric, tree.get(metric, {}), f"{seed}/{metric}", (*path, metric))
+        if source is not None:
+            sources[metric] = source
+    return sources
+
+
+def _read_source(metric: str, found: object, seed: str, path: Path) -> Optional[Source]:
+    section = require_mapping(found, path)
+    if section.get("source") is False:  # YAML reads a plain `off` or `no` as false
+        section = {**section, "source": "none"}
+    values = read_parameters(section, SECTIONS[metric], path)
+    kind = values.pop("source")
+    if kind == "none":
+        return None
+    if kind == "host":
+        return _HOST[metric]()
+    if metric == "battery_level":
+        return SimulatedBattery(**values)
+    if metric == "temperature":
+        return SimulatedTemperature(**values, seed=seed)
+    return SimulatedCpuUsage(**values, seed=seed)

@@ -1,0 +1,142 @@
+"""Simulated sources: a battery, a temperature and a CPU load that look alive.
+
+Each value is a pure function of the seed and of the seconds that have passed since the first read: how often a source
+is read changes nothing, and the same seed gives the same day again. Time that goes back does not undo anything; the
+source goes on from where it was.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Optional
+
+
+class SimulatedBattery:
+    """A battery that discharges evenly from 100 % and is charged again when it is nearly empty."""
+
+    def __init__(self, discharge_rate: float = 1.0, charge_rate: float = 4.0, charge_at: float = 5.0) -> None:
+        """Makes a full battery.
+
+        Args:
+            discharge_rate: % per second; 0 keeps it full.
+            charge_rate: % per second; 0 leaves it empty.
+            charge_at: at how many % it is put on the charger, which it leaves at 100 %.
+        """
+        self._discharge_rate = discharge_rate
+        self._charge_rate = charge_rate
+        self._charge_at = charge_at
+        self._elapsed = _Elapsed()
+
+    def read(self, now_s: float) -> float:
+        """Returns the charge in %."""
+        elapsed_s = self._elapsed.at(now_s)
+        swing = 100.0 - self._charge_at
+        discharge_s = swing / self._discharge_rate if self._discharge_rate else math.inf
+        charge_s = swing / self._charge_rate if self._charge_rate else math.inf
+        if math.isfinite(discharge_s + charge_s):
+            elapsed_s %= discharge_s + charge_s
+        if elapsed_s <= discharge_s:
+            return 100.0 - self._discharge_rate * elapsed_s
+        return min(self._charge_at + self._charge_rate * (elapsed_s - discharge_s), 100.0)
+
+
+class SimulatedTemperature:
+    """A temperature that wanders slowly around its mean, with a hot spell now and then."""
+
+    def __init__(
+        self,
+        mean: float = 60.0,
+        spread: float = 4.0,
+        spike: float = 30.0,
+        spike_every_s: float = 120.0,
+        seed: object = 0,
+    ) -> None:
+        """Makes a temperature source.
+
+        Args:
+            mean: degrees C.
+            spread: how far it wanders from the mean, in degrees C.
+            spike: by how much a hot spell exceeds that at its peak, in degrees C; 0: no hot spells.
+            spike_every_s: one hot spell falls somewhere into every such stretch of time; it lasts up to 30 s.
+            seed: whatever tells one series of values from another.
+        """
+        self._mean = mean
+        self._spread = spread
+        self._spike = spike
+        self._spike_every_s = spike_every_s
+        self._seed = seed
+        self._elapsed = _Elapsed()
+
+    def read(self, now_s: float) -> float:
+        """Returns the temperature in degrees C."""
+        elapsed_s = self._elapsed.at(now_s)
+        wander = self._spread * _noise(self._seed, "wander", elapsed_s, slot_s=10.0)
+        return self._mean + wander + self._spike * self._spell(elapsed_s)
+
+    def _spell(self, elapsed_s: float) -> float:
+        """Returns how far a hot spell has built up, 0 to 1: it rises and falls as a cosine does."""
+        slot, into_slot_s = divmod(elapsed_s, self._spike_every_s)
+        lasts_s = min(_SPELL_S, self._spike_every_s)
+        begins_s = (self._spike_every_s - lasts_s) * (1.0 + _draw(self._seed, "spell", int(slot))) / 2.0
+        into_spell = (into_slot_s - begins_s) / lasts_s
+        return (1.0 - math.cos(2.0 * math.pi * into_spell)) / 2.0 if 0.0 < into_spell < 1.0 else 0.0
+
+
+class SimulatedCpuUsage:
+    """A CPU load: a slow tide of work with quick ripples on it, between 0 and 100 %."""
+
+    def __init__(self, mean: float = 35.0, spread: float = 30.0, seed: object = 0) -> None:
+        """Makes a CPU load.
+
+        Args:
+            mean: %.
+            spread: how far it moves from the mean, in %; what leaves 0 to 100 is cut off.
+            seed: whatever tells one series of values from another.
+        """
+        self._mean = mean
+        self._spread = spread
+        self._seed = seed
+        self._elapsed = _Elapsed()
+
+    def read(self, now_s: float) -> float:
+        """Returns the CPU load in %."""
+        elapsed_s = self._elapsed.at(now_s)
+        tide = _noise(self._seed, "tide", elapsed_s, slot_s=20.0)
+        ripple = _noise(self._seed, "ripple", elapsed_s, slot_s=2.0)
+        return min(max(self._mean + self._spread * (0.7 * tide + 0.3 * ripple), 0.0), 100.0)
+
+
+_SPELL_S = 30.0
+"""How long a hot spell lasts: long enough to see, and slow enough to cross a threshold once on its way up."""
+
+
+class _Elapsed:
+    """Seconds since the first call, which never run back."""
+
+    def __init__(self) -> None:
+        self._start_s: Optional[float] = None
+        self._last_s = 0.0
+
+    def at(self, now_s: float) -> float:
+        if self._start_s is None or now_s < self._last_s:
+            already_s = 0.0 if self._start_s is None else self._last_s - self._start_s
+            self._start_s = now_s - already_s
+        self._last_s = now_s
+        return now_s - self._start_s
+
+
+def _noise(seed: object, stream: str, elapsed_s: float, slot_s: float) -> float:
+    """Returns a smooth random curve between -1 and 1: value noise, one draw per slot, joined by half cosines."""
+    slot = math.floor(elapsed_s / slot_s)
+    along = elapsed_s / slot_s - slot
+    here, there = _draw(seed, stream, slot), _draw(seed, stream, slot + 1)
+    return here + (there - here) * (1.0 - math.cos(math.pi * along)) / 2.0
+
+
+def _draw(seed: object, stream: str, slot: int) -> float:
+    """Returns the same number between -1 and 1 whenever it is asked for the same slot of the same stream.
+
+    `random.Random` seeded with a text gives the same first number on every Python from 3.2 on.
+    """
+    return random.Random(f"{seed}/{stream}/{slot}").uniform(-1.0, 1.0)
