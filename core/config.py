@@ -38,9 +38,11 @@ MONITOR_PARAMETERS = (
 
 SIGNAL_PARAMETERS = (
     Parameter("topic", str, None, "topic to listen on; left out: the signal's name"),
-    Parameter("type", str, "std_msgs/Float32", "type of the topic's messages"),
-    Parameter("field", str, "data", "path of the number inside the message"),
+    Parameter("type", str, "", "type of the topic's messages; left out: the middleware is asked"),
+    Parameter("field", str, "data", "path of the number inside the message; empty: only arrivals count, each a 1"),
+    Parameter("scale", float, 1.0, "what the number is multiplied with to be in the unit"),
     Parameter("unit", str, "", "unit of the value, shown to people"),
+    Parameter("placeholders", list, (), "numbers that mean 'not measured', as they come: invalid data"),
     Parameter("valid_min", float, None, "smallest value that can be true, in the unit; below it the data is invalid"),
     Parameter("valid_max", float, None, "largest value that can be true, in the unit; above it the data is invalid"),
     Parameter("invalid_for_s", float, 0.0, "how long data must be invalid before it is an ERROR, in s", 0.0),
@@ -66,6 +68,21 @@ SIGNAL_PARAMETERS = (
 )
 """What a signal can be told, each with unit and range."""
 
+CONDITION_PARAMETERS = (
+    Parameter("signal", str, None, "name of the other signal"),
+    Parameter("is", float, None, "true while the other signal is this value, in its unit"),
+    Parameter("is_not", float, None, "true while it is another value"),
+    Parameter("below", float, None, "true while it is below this value"),
+    Parameter("above", float, None, "true while it is above this value"),
+)
+"""What a condition on another signal can be told: the signal and one comparison."""
+
+CONDITIONS: Mapping[str, str] = {
+    "only_if": "the bounds count only while this holds, or while the other signal is not known",
+    "latch_release_if": "a latch is released while this holds, as `reset` would",
+}
+"""The conditions on other signals that a signal can have."""
+
 DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
     "battery_level": {
         "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
@@ -82,6 +99,12 @@ DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
 }  # fmt: skip
 """What is watched when nothing is configured: the same as `config/thresholds.yaml` says."""
 
+_CONDITION_PARAMETERS = tuple(
+    replace(parameter, name=f"{key}.{parameter.name}", description=f"{meaning}: {parameter.description}")
+    for key, meaning in CONDITIONS.items()
+    for parameter in CONDITION_PARAMETERS
+)
+
 _UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
     "%": (0.0, 100.0),
     "degC": (-273.15, None),
@@ -96,6 +119,26 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 
 @dataclass(frozen=True)
+class Condition:
+    """A condition on the latest value of another signal."""
+
+    signal: str
+    """The other signal's name."""
+    comparison: str
+    """`is`, `is_not`, `below` or `above`."""
+    number: float
+    """What its value is compared with, in its unit."""
+
+    def holds(self, value: float) -> bool:
+        """Says whether it is true for this value of the other signal."""
+        if self.comparison == "is":
+            return value == self.number
+        if self.comparison == "is_not":
+            return value != self.number
+        return value < self.number if self.comparison == "below" else value > self.number
+
+
+@dataclass(frozen=True)
 class SignalConfig:
     """One signal: where it comes from and how it is judged. `SIGNAL_PARAMETERS` says what each field means."""
 
@@ -103,7 +146,9 @@ class SignalConfig:
     topic: str
     type: str
     field: str
+    scale: float
     unit: str
+    placeholders: Tuple[float, ...]
     valid_min: Optional[float]
     valid_max: Optional[float]
     invalid_for_s: float
@@ -126,6 +171,8 @@ class SignalConfig:
     stale_after_s: float
     startup_grace_s: float
     repeat_s: float
+    only_if: Optional[Condition] = None
+    latch_release_if: Optional[Condition] = None
 
     @property
     def bounds(self) -> Mapping[str, float]:
@@ -220,11 +267,17 @@ def _load_section(section: Section) -> MonitorConfig:
     signals = require_mapping(tree["signals"], signals_path)
     if not signals:
         raise ConfigError("found no signal, allowed is at least one", signals_path)
-    return MonitorConfig(
-        {name: read_signal(name, signal, (*signals_path, name)) for name, signal in signals.items()},
-        values["robot_name"],
-        values["publish_rate"],
-    )
+    read = {name: read_signal(name, signal, (*signals_path, name)) for name, signal in signals.items()}
+    for name, signal in read.items():
+        for key in CONDITIONS:
+            condition = getattr(signal, key)
+            others = [other for other in (*read, "link") if other != name]
+            if condition is not None and condition.signal not in others:
+                raise ConfigError(
+                    f"found {describe(condition.signal)}, allowed is another signal: {', '.join(others)}",
+                    (*signals_path, name, key, "signal"),
+                )
+    return MonitorConfig(read, values["robot_name"], values["publish_rate"])
 
 
 def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
@@ -236,7 +289,10 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
     if not _NAME.match(name):
         raise ConfigError("is no signal name, allowed are letters, digits and _, not beginning with a digit", path)
     tree = require_mapping(found, path)
-    values = read_parameters(tree, SIGNAL_PARAMETERS, path)
+    values = read_parameters(tree, SIGNAL_PARAMETERS, path, tuple(CONDITIONS))
+    values.update((key, _read_condition(tree[key], (*path, key))) for key in CONDITIONS if key in tree)
+    if values["scale"] == 0.0:
+        raise ConfigError("found 0, allowed is any other number", (*path, "scale"))
     if values["topic"] is None:
         values["topic"] = name
     for key in ("for_s", "keep_firing_for_s"):
@@ -246,6 +302,19 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
     _check_order(signal, path)
     _check_unit(signal, path)
     return signal
+
+
+def _read_condition(found: object, path: Path) -> Condition:
+    values = read_parameters(require_mapping(found, path), CONDITION_PARAMETERS, path)
+    signal = values.pop("signal")
+    if signal is None:
+        raise ConfigError("is missing, allowed is the name of another signal", (*path, "signal"))
+    comparisons = {name: number for name, number in values.items() if number is not None}
+    if len(comparisons) != 1:
+        found_text = " and ".join(comparisons) or "no comparison"
+        raise ConfigError(f"found {found_text}, allowed is one of {', '.join(values)}", path)
+    ((comparison, number),) = comparisons.items()
+    return Condition(signal, comparison, number)
 
 
 def _check_order(signal: SignalConfig, path: Path) -> None:
@@ -315,5 +384,5 @@ def described_parameters(config: MonitorConfig) -> Tuple[Parameter, ...]:
     return MONITOR_PARAMETERS + tuple(
         replace(parameter, name=f"signals.{name}.{parameter.name}")
         for name in config.signals
-        for parameter in SIGNAL_PARAMETERS
+        for parameter in (*SIGNAL_PARAMETERS, *_CONDITION_PARAMETERS)
     )

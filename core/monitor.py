@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Dict, List, Optional
 
-from .config import MonitorConfig, read_signal
+from .config import CONDITIONS, MonitorConfig, read_signal
 from .model import Level, Report, Sample, Status, Transition
 from .signal_monitor import LINK, SignalMonitor
 
@@ -40,6 +40,8 @@ class Monitor:
         self._signals: Dict[str, SignalMonitor] = {}
         # NaN is not smaller than any time, so that the first call goes the careful way.
         self._now_s = float("nan")
+        self._followers: Dict[str, List[SignalMonitor]] = {}
+        self._all_followers: List[SignalMonitor] = []
         self._link_down = False
 
     def observe(self, sample: Sample) -> List[Transition]:
@@ -49,7 +51,7 @@ class Monitor:
             sample: one measurement; a signal that is not configured is ignored.
 
         Returns:
-            The transitions that it causes, at most one.
+            The transitions that it causes: at most one of its own signal, and of those that follow it by a condition.
         """
         name, value, now_s, stamp_s = sample
         if not self._now_s <= now_s <= _LARGEST:
@@ -63,7 +65,11 @@ class Monitor:
         transition = signal.observe(value, now_s, stamp_s)
         if name == LINK:
             self._follow_link(value, now_s)
-        return [] if transition is None else [transition]
+        followers = self._followers.get(name)
+        if followers is None:
+            return [] if transition is None else [transition]
+        followed = [follower.follow(self.fresh_value, now_s) for follower in followers]
+        return [transition for transition in (transition, *followed) if transition is not None]
 
     def tick(self, now_s: float) -> List[Transition]:
         """Lets time pass.
@@ -80,6 +86,8 @@ class Monitor:
         ticked = [
             signal.tick(now_s) for name, signal in self._signals.items() if name == LINK or not self._link_down
         ]
+        for follower in self._all_followers:
+            ticked.append(follower.follow(self.fresh_value, now_s))
         return [transition for transition in ticked if transition is not None]
 
     def report(self, now_s: float) -> Report:
@@ -133,6 +141,8 @@ class Monitor:
         if LINK in self._signals:
             signals.setdefault(LINK, self._signals[LINK])
         self._signals = signals
+        self._find_followers()
+        transitions.extend(follower.follow(self.fresh_value, self._now_s) for follower in self._all_followers)
         return [transition for transition in transitions if transition is not None]
 
     def _take_odd_time(self, now_s: float) -> float:
@@ -143,6 +153,7 @@ class Monitor:
             self._signals = {
                 name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()
             }
+            self._find_followers()
         elif now_s < self._now_s:
             self._notice(
                 f"time went back by {self._now_s - now_s:.3f} s: windows, pending timers and staleness start again"
@@ -150,6 +161,17 @@ class Monitor:
             for signal in self._signals.values():
                 signal.restart_time(now_s)
         return float(now_s)
+
+    def _find_followers(self) -> None:
+        """Notes which signals have a condition on which other one."""
+        self._followers = {}
+        self._all_followers = []
+        for signal in self._signals.values():
+            followed = {getattr(signal.config, key).signal for key in CONDITIONS if getattr(signal.config, key)}
+            if followed:
+                self._all_followers.append(signal)
+            for name in followed:
+                self._followers.setdefault(name, []).append(signal)
 
     def _notice(self, text: str) -> None:
         if len(self.notices) < 100:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import dataclass
-from typing import Any, Dict, Iterator, Mapping, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Any, Dict, Iterable, Iterator, Mapping, Optional, Sequence, Tuple
 
 Path = Tuple[str, ...]
 """Keys from the root of the file (or of the node's tree) down to the one in question."""
@@ -42,7 +42,7 @@ class Parameter:
     name: str
     """Key; a dotted path below the node where a middleware is told of it."""
     kind: type
-    """bool, int, float or str."""
+    """bool, int, float, str, or list for a list of numbers."""
     default: Any
     """Value when it is left out; None: it has none, and the feature is off."""
     description: str
@@ -63,6 +63,8 @@ class Parameter:
             return "true or false"
         if self.kind is str:
             return "a text"
+        if self.kind is list:
+            return "a list of numbers"
         noun = "a whole number" if self.kind is int else "a number"
         if self.minimum is not None and self.maximum is not None:
             return f"{noun} from {self.minimum:g} to {self.maximum:g}"
@@ -80,10 +82,16 @@ class Parameter:
         Raises:
             ConfigError: it is of another kind, out of range, or not a finite number.
         """
-        value = self._as_kind(found)
+        value = self._as_list(found) if self.kind is list else self._as_kind(found)
         if value is None:
             raise ConfigError(f"found {describe(found)}, allowed is {self.allowed}", path)
         return value
+
+    def _as_list(self, found: object) -> Optional[Tuple[float, ...]]:
+        if isinstance(found, (str, bytes, Mapping)) or not isinstance(found, Iterable):
+            return None
+        numbers = [replace(self, kind=float)._as_kind(item) for item in found]
+        return None if None in numbers else tuple(numbers)
 
     def _as_kind(self, found: object) -> Any:
         if self.kind is bool:
@@ -113,8 +121,6 @@ def describe(found: object) -> str:
         return "true" if found else "false"
     if isinstance(found, Mapping):
         return "a mapping"
-    if isinstance(found, (list, tuple)):
-        return "a list"
     text = repr(found)
     return text if len(text) <= 60 else text[:57] + "..."
 

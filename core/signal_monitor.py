@@ -9,12 +9,13 @@ from __future__ import annotations
 import hashlib
 import math
 import numbers
-from typing import Dict, Optional
+from typing import Callable, Dict, Optional
 
 from .config import SignalConfig
 from .flapping import FlapDetector
 from .model import Level, Status, Transition
 from .statistics import STATISTIC_OF_WINDOW, Window
+from .suspicion import Suspicion
 from .thresholds import TIME_TOLERANCE_S, Rule, RuleConfig, State
 from .wording import bound_text, datum_text, duration_text, number_text, with_unit
 
@@ -69,6 +70,9 @@ class SignalMonitor:
     def observe(self, value: object, now_s: float, stamp_s: Optional[float] = None) -> Optional[Transition]:
         """Takes a sample that arrived at `now_s` (seconds, not before the call before)."""
         number = value if type(value) is float else _as_float(value)
+        came = number
+        if self._converts:
+            number = self._convert(number)
         self._latest = value
         self._stamp_s = stamp_s
         self._last_seen_s = now_s
@@ -79,6 +83,8 @@ class SignalMonitor:
         good = self._valid_min <= number <= self._valid_max
         if good:
             self._good_samples += 1
+            if number <= 1.0 or self._suspicion.watching:
+                self._suspicion.see_good(number)
             self._window.add(number, now_s)
             if self._statistic is None:
                 judged = self._judged = number
@@ -91,6 +97,7 @@ class SignalMonitor:
                 self._advance(now_s)
         else:
             self._bad_samples += 1
+            self._suspicion.see_bad(came, number)
             self._advance(now_s)
         if good is self._invalid.condition or self._invalid.state is not State.INACTIVE:
             self._invalid.set_condition(not good, now_s)
@@ -127,6 +134,26 @@ class SignalMonitor:
             return self._announce(level, now_s)
         return None
 
+    def follow(self, fresh_value: Callable[[str], Optional[float]], now_s: float) -> Optional[Transition]:
+        """Looks at the conditions on other signals.
+
+        Args:
+            fresh_value: tells another signal's latest value, None while it is not known.
+            now_s: the time in seconds.
+        """
+        only_if, release_if = self.config.only_if, self.config.latch_release_if
+        if only_if is not None:
+            value = fresh_value(only_if.signal)
+            for rule in self._rules:
+                rule.allow(value is None or only_if.holds(value))
+        if release_if is not None:
+            value = fresh_value(release_if.signal)
+            if value is not None and release_if.holds(value):
+                self._latched = Level.OK
+        if self._frozen_since_s is None:
+            self._advance(now_s)
+        return self._settle(self._true_level(), now_s, self._flaps.flapping)
+
     def inhibit(self, now_s: float) -> None:
         """Stands still from `now_s` on: the robot cannot be reached."""
         if self._frozen_since_s is None:
@@ -147,7 +174,10 @@ class SignalMonitor:
         self._announced_at_s = min(self._announced_at_s, now_s)
         for rule in (*self._rules, self._invalid):
             rule.since_s = now_s
-        if self._frozen_since_s is not None:
+        if self._stale:
+            self._stale = False
+            self._frozen_since_s = None
+        elif self._frozen_since_s is not None:
             self._frozen_since_s = now_s
 
     def reset(self, now_s: float) -> Optional[Transition]:
@@ -179,7 +209,7 @@ class SignalMonitor:
         """Returns the state at `now_s`, in seconds, as of the last observe or tick."""
         config = self.config
         values: Dict[str, str] = {
-            "value": "" if self._latest is None else datum_text(self._latest),
+            "value": self._latest_text(),
             "unit": config.unit,
             "statistic": config.statistic,
         }
@@ -197,6 +227,8 @@ class SignalMonitor:
             setting = getattr(config, name)
             if setting is not None:
                 values[name] = bound_text(setting)
+        if config.scale != 1.0:
+            values["scale"] = bound_text(config.scale)
         values["state"] = self._state()
         values["since"] = f"{self._level_since_s:.3f}"
         values["lasts_s"] = number_text(now_s - self._level_since_s)
@@ -212,6 +244,8 @@ class SignalMonitor:
         self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
         self._statistic = None if config.statistic == "last" else STATISTIC_OF_WINDOW[config.statistic]
         self._statistic_unit = {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
+        self._converts = config.scale != 1.0 or bool(config.placeholders)
+        self._suspicion = Suspicion(config)
         self._detect_flaps = config.flap_detection
         if not config.latch:
             self._latched = Level.OK
@@ -326,12 +360,32 @@ class SignalMonitor:
                 return f"no sample for {silence}, allowed are {duration_text(self.config.stale_after_s)}"
             return f"no sample since the start {silence} ago"
         reason = self._invalid_reason() if self._is_invalid(level) else self._value_reason(level, now_s)
+        if self._suspicion.text:
+            reason = f"{reason}, {self._suspicion.text}"
         return f"{reason}, no sample for {silence}" if self._stale else reason
+
+    def _convert(self, came: float) -> float:
+        """Returns a number in the signal's unit, NaN for a placeholder."""
+        return math.nan if self._is_placeholder(came) else came * self.config.scale
+
+    def _is_placeholder(self, came: float) -> bool:
+        # Float32 brings -0.01 as -0.009999999776
+        return any(math.isclose(came, number, rel_tol=1e-6) for number in self.config.placeholders)
+
+    def _latest_text(self) -> str:
+        if self._latest is None:
+            return ""
+        came = _as_float(self._latest)
+        number = self._convert(came) if self._converts else came
+        return number_text(number) if math.isfinite(number) else datum_text(self._latest)
 
     def _invalid_reason(self) -> str:
         config, seen = self.config, self._latest
-        text = f"invalid data: {datum_text(seen)}"
-        number = _as_float(seen)
+        came = _as_float(seen)
+        if self._is_placeholder(came):
+            return f"invalid data: {datum_text(seen)} is a placeholder for 'not measured'"
+        text = f"invalid data: {self._latest_text()}"
+        number = self._convert(came)
         if number < self._valid_min and config.valid_min is not None:
             return f"{with_unit(text, config.unit)} is below valid_min {bound_text(config.valid_min)}"
         if number > self._valid_max and config.valid_max is not None:

@@ -3,7 +3,8 @@
 Theory of operation. A signal has up to two rules, WARN and ERROR. A rule is two steps of SEMANTICS.md:
 
 * Its *condition* (step 3) says whether the judged statistic is beyond a bound. Bounds are strict, and with a
-  hysteresis a condition that is true stays true until the value is back by that much on the healthy side.
+  hysteresis a condition that is true stays true until the value is back by that much on the healthy side. While
+  `only_if` forbids it, the condition is false whatever the value.
 * Its *state* (step 4) says since when. These are the alerting rules of Prometheus: `for_s` is its `for`,
   `keep_firing_for_s` its `keep_firing_for`.
 
@@ -92,7 +93,19 @@ class RuleConfig(NamedTuple):
 class Rule:
     """One rule of one signal."""
 
-    __slots__ = ("_above", "_above_clear", "_below", "_below_clear", "_wait_s", "bound", "condition", "since_s", "state")
+    __slots__ = (
+        "_above",
+        "_above_clear",
+        "_allowed",
+        "_below",
+        "_below_clear",
+        "_crossed",
+        "_wait_s",
+        "bound",
+        "condition",
+        "since_s",
+        "state",
+    )
 
     def __init__(self, config: RuleConfig) -> None:
         """Makes an inactive rule."""
@@ -100,7 +113,9 @@ class Rule:
         self.since_s = 0.0
         """When the state began, in seconds; moved on by as long as the rule stood still."""
         self.condition = False
-        """Whether the value last judged was beyond a bound."""
+        """Whether the value last judged was beyond a bound, and the rule is allowed to say so."""
+        self._crossed = False
+        self._allowed = True
         self.bound: Optional[float] = None
         """The bound that the condition crossed last, None before the first time."""
         self.configure(config)
@@ -113,8 +128,8 @@ class Rule:
         self._below_clear = self._below + config.hysteresis
         self._above_clear = self._above - config.hysteresis
         self._wait_s = {State.PENDING: config.for_s, State.KEEPING: config.keep_firing_for_s}
-        if self.condition and self.bound not in (config.below, config.above):
-            self.condition = False
+        if self._crossed and self.bound not in (config.below, config.above):
+            self._crossed = self.condition = False
 
     @property
     def fires(self) -> bool:
@@ -133,7 +148,7 @@ class Rule:
             value: the judged statistic, in its unit.
             now_s: the time in seconds.
         """
-        if self.condition:
+        if self._crossed:
             beyond_below = value < self._below_clear if self.is_below else value < self._below
             beyond_above = value > self._above if self.is_below else value > self._above_clear
         else:
@@ -144,7 +159,13 @@ class Rule:
             self.bound = self._below
         elif beyond_above:
             self.bound = self._above
-        self.set_condition(beyond_below or beyond_above, now_s)
+        self._crossed = beyond_below or beyond_above
+        self.set_condition(self._crossed and self._allowed, now_s)
+
+    def allow(self, allowed: bool) -> None:
+        """Lets the condition count or not (`only_if`), from the next look on."""
+        self._allowed = allowed
+        self.condition = self._crossed and allowed
 
     def set_condition(self, condition: bool, now_s: float) -> None:
         """Takes a condition that was judged elsewhere, then advances."""
