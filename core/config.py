@@ -85,15 +85,15 @@ CONDITIONS: Mapping[str, str] = {
 
 DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
     "battery_level": {
-        "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
+        "type": "std_msgs/Float32", "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
         "warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0,
     },
     "temperature": {
-        "unit": "degC", "valid_min": -40.0, "valid_max": 150.0,
+        "type": "std_msgs/Float32", "unit": "degC", "valid_min": -40.0, "valid_max": 150.0,
         "warn_above": 80.0, "error_above": 95.0, "hysteresis": 2.0,
     },
     "cpu_usage": {
-        "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
+        "type": "std_msgs/Float32", "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
         "warn_above": 95.0, "hysteresis": 5.0, "for_s": 5.0,
     },
 }  # fmt: skip

@@ -208,9 +208,10 @@ class LocalMiddleware:
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
     ) -> _LocalSubscription:
         resolved = self._resolve(topic)
-        _coercion(type_name)
+        if type_name:
+            _coercion(type_name)
+            self._bus.types.setdefault(resolved, type_name)
         subscription = _LocalSubscription(self, resolved, mapping_getter(field), callback)
-        self._bus.types.setdefault(resolved, type_name)
         self._bus._subscriptions.setdefault(resolved, []).append(subscription)
         self._subscriptions.append(subscription)
         return subscription

@@ -99,7 +99,8 @@ class Middleware(Protocol):
 
         Args:
             topic: where to listen.
-            type_name: type of the messages.
+            type_name: type of the messages; empty: the type of the topic, found out when somebody advertises it. A
+                field that its type does not have is then one ERROR line in the log.
             callback: gets the value and the time of its arrival.
             field: path of the field to read (`data`, `battery.percentage`, `cell_voltage[0]`), bound once and read
                 from the native message. Empty: the whole message as a mapping, which costs a conversion.

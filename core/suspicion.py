@@ -5,6 +5,8 @@ Nothing is rescaled and no level changes: the status says `suspicious data`, wha
 
 from __future__ import annotations
 
+import math
+
 from .config import SignalConfig
 from .wording import number_text
 
@@ -73,6 +75,8 @@ class Suspicion:
 
     def _explain_bad(self, came: float, number: float) -> str:
         config = self._config
+        if math.isnan(number) and not math.isnan(came):  # a placeholder that is known to be one
+            return ""
         if abs(came + 0.01) < 1e-6:
             return _suspect("-0.01 is what some drivers send for 'not measured'", "if so, set placeholders: [-0.01]")
         if config.valid_max is None or not number > config.valid_max:
