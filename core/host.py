@@ -7,6 +7,7 @@ missing, and where, and what would help.
 from __future__ import annotations
 
 import os
+import sys
 from typing import Any, Dict, Iterable, Optional, Tuple
 
 
@@ -82,8 +83,8 @@ class HostBattery:
         Raises:
             SensorError: there is no battery, or its charge cannot be read.
         """
-        battery = _call_psutil("sensors_battery", "batteries")
-        if battery is None or _is_of_a_device(_POWER_SUPPLIES):
+        battery = None if _lacks_battery() else _call_psutil("sensors_battery", "batteries")
+        if battery is None:
             raise SensorError(
                 f"this machine shows no battery of its own in {_POWER_SUPPLIES}; "
                 "set the source to simulated or none, or publish the robot's battery from its driver"
@@ -112,14 +113,19 @@ def _name_readings(readings: Iterable[Tuple[str, Optional[float]]]) -> str:
     return ", ".join(texts[:3]) + (" and others" if len(texts) > 3 else "")
 
 
-def _is_of_a_device(folder: str) -> bool:
-    """Tells whether the battery that psutil takes (the first by name) powers a mouse or a gamepad, not the machine."""
+def _lacks_battery() -> bool:
+    """Tells whether there is nothing for psutil to read, or what it takes (the first by name) powers a gamepad."""
+    if not sys.platform.startswith("linux"):
+        return False
     try:
-        batteries = sorted(name for name in os.listdir(folder) if name.startswith("BAT") or "battery" in name.lower())
-        with open(os.path.join(folder, batteries[0], "scope"), encoding="ascii") as scope:
+        batteries = sorted(name for name in os.listdir(_POWER_SUPPLIES) if name[:3] == "BAT" or "battery" in name.lower())
+    except OSError:
+        return True  # a kernel without this folder, on which psutil would stumble
+    try:
+        with open(os.path.join(_POWER_SUPPLIES, batteries[0], "scope"), encoding="ascii") as scope:
             return scope.read().strip() == "Device"
     except (OSError, ValueError, IndexError):
-        return False  # the file is optional, and other systems have no such folder
+        return not batteries  # most batteries of the machine itself have no such file
 
 
 def _cpu_times() -> Dict[str, float]:
