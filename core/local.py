@@ -12,6 +12,7 @@ import itertools
 import struct
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from .field_path import ABSENT, Keyed, key_field, number_of_text, parse_field_path
 from .middleware import Message, Severity, resolve_name, split_type_name
 from .parameters import ConfigError, Parameter, flatten, unflatten
 
@@ -137,7 +138,9 @@ class _LocalSubscription:
         self._callback = callback
 
     def deliver(self, message: Message) -> None:
-        self._callback(self._get(message), self.node.now_s())
+        value = self._get(message)
+        if value is not ABSENT:
+            self._callback(value, self.node.now_s())
 
 
 class LocalMiddleware:
@@ -272,28 +275,45 @@ class LocalMiddleware:
 
 
 def mapping_getter(field: str) -> FieldGetter:
-    """Returns a function that reads `field` (`data`, `battery.percentage`, `cell_voltage[0]`) from a mapping.
+    """Returns a function that reads `field`, a path as in `field_path.py`, from a mapping.
 
-    Empty: the function returns the mapping itself. An index beyond the end reads as None.
+    Empty: the function returns the mapping itself. An index beyond the end reads as None, a key that no element has as
+    ABSENT.
+
+    Raises:
+        ConfigError: it is no path.
     """
-    steps: List[Any] = []
-    for part in field.split(".") if field else []:
-        name, *indexes = part.replace("]", "").split("[")
-        steps.append(name)
-        steps.extend(int(index) for index in indexes)
+    try:
+        steps = parse_field_path(field)
+    except ValueError as error:
+        raise ConfigError(f"found the field {field!r}, {error}") from None
     if len(steps) == 1:
         key = steps[0]
         return lambda message: message[key]
 
     def get(message: Any) -> Any:
-        try:
-            for step in steps:
+        for step in steps:
+            if isinstance(step, Keyed):
+                message = _element_of_key(message, step.key)
+                if message is ABSENT:
+                    return ABSENT
+            elif isinstance(step, int) and step >= len(message):
+                return None
+            else:
                 message = message[step]
-        except IndexError:
-            return None
+        if steps and isinstance(steps[-1], Keyed) and "key" in message:
+            return number_of_text(message.get("value"))
         return message
 
     return get
+
+
+def _element_of_key(elements: Any, key: str) -> Any:
+    for element in elements:
+        field = key_field(element)
+        if field is not None and element[field] == key:
+            return element
+    return ABSENT
 
 
 def _coercion(type_name: str) -> Coercion:

@@ -102,8 +102,10 @@ class Middleware(Protocol):
             type_name: type of the messages; empty: the type of the topic, found out when somebody advertises it. A
                 field that its type does not have is then one ERROR line in the log.
             callback: gets the value and the time of its arrival.
-            field: path of the field to read (`data`, `battery.percentage`, `cell_voltage[0]`), bound once and read
-                from the native message. Empty: the whole message as a mapping, which costs a conversion.
+            field: path of the field to read, as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`,
+                `status["motor"].level`), bound once and read from the native message. An index beyond the end reads as
+                None; while no element has the key, there is no call back. Empty: the whole message as a mapping,
+                which costs a conversion.
 
         Raises:
             ConfigError: the type is not known here, or has no such field; the message names topic, type and the
