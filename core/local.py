@@ -208,13 +208,14 @@ class LocalMiddleware:
         self._bus._deliver(resolved, coerce(message, self._bus.now_s))
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
     ) -> _LocalSubscription:
         resolved = self._resolve(topic)
         if type_name:
             _coercion(type_name)
             self._bus.types.setdefault(resolved, type_name)
-        subscription = _LocalSubscription(self, resolved, mapping_getter(field), callback)
+        get = _arrival if field is None else mapping_getter(field)
+        subscription = _LocalSubscription(self, resolved, get, callback)
         self._bus._subscriptions.setdefault(resolved, []).append(subscription)
         self._subscriptions.append(subscription)
         return subscription
@@ -272,6 +273,10 @@ class LocalMiddleware:
     def _resolve(self, name: str) -> str:
         resolved = resolve_name(name, self.name)
         return self._remap.get(resolved, resolved)
+
+
+def _arrival(message: Message) -> float:
+    return 1.0
 
 
 def mapping_getter(field: str) -> FieldGetter:

@@ -93,7 +93,7 @@ class Middleware(Protocol):
         """
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
     ) -> Subscription:
         """Calls `callback(value, now_s)` for every message.
 
@@ -105,7 +105,8 @@ class Middleware(Protocol):
             field: path of the field to read, as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`,
                 `status["motor"].level`), bound once and read from the native message. An index beyond the end reads as
                 None; while no element has the key, there is no call back. Empty: the whole message as a mapping,
-                which costs a conversion.
+                which costs a conversion. None: the message is not looked at, and not deserialised where the middleware
+                allows that; the value is 1.0.
 
         Raises:
             ConfigError: the type is not known here, or has no such field; the message names topic, type and the

@@ -114,7 +114,7 @@ class AlertSystem:
         try:
             for key in sorted(wanted - self._subscriptions.keys()):
                 name, topic, type_name, field = key
-                added[key] = self._middleware.subscribe(topic, type_name, self._observer(name), field=field)
+                added[key] = self._middleware.subscribe(topic, type_name, self._observer(name), field=field or None)
         except ConfigError:
             for subscription in added.values():
                 self._middleware.unsubscribe(subscription)
