@@ -1,0 +1,125 @@
+"""Cost of `Monitor.observe` per sample, beside river's rolling statistics and a bare deque.
+
+All contestants take the same samples, a batch each in turn, round after round; every ratio is the median of the
+ratios within a round. What is timed is CPU time of this process, with the loop that feeds the contestant. River and
+the deque are only fed, never read; the monitor's time includes making the `Sample` and judging it.
+"""
+
+from __future__ import annotations
+
+import random
+import statistics
+import time
+from collections import deque
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Sequence
+
+from benchmarks.table import Row, median_ratio
+from robot_health_monitor.core import Monitor, Sample, load_config
+from robot_health_monitor.core.config import DEFAULT_SIGNALS
+
+Feed = Callable[[Sequence[float]], None]
+
+WINDOWS = (60, 6000)
+BATCH = 6000
+ROUNDS = 25
+
+ALL_FEATURES: Mapping[str, Any] = {
+    "statistic": "stddev",
+    "for_s": 1.0,
+    "keep_firing_for_s": 1.0,
+    "latch": True,
+    "flap_detection": True,
+    "repeat_s": 60.0,
+    "invalid_for_s": 0.5,
+}
+"""On top of what the default configuration of the battery already has: both bounds, hysteresis, limits, staleness."""
+
+
+def monitor(window: int, **features: Any) -> Feed:
+    """Returns the feed of a monitor that watches a battery as by default, at a rate that fills the window in 60 s."""
+    signal = {**DEFAULT_SIGNALS["battery_level"], "window_s": 60.0, "window_samples": window, **features}
+    observe = Monitor(load_config({"signals": {"battery_level": signal}})).observe
+    period_s = 60.0 / window
+    now_s = 0.0
+
+    def feed(values: Sequence[float]) -> None:
+        nonlocal now_s
+        for value in values:
+            now_s += period_s
+            observe(Sample("battery_level", value, now_s))
+
+    return feed
+
+
+def bare_deque(window: int) -> Feed:
+    """Returns the feed of a deque that keeps the window and nothing else."""
+    kept: deque[float] = deque(maxlen=window)
+
+    def feed(values: Sequence[float]) -> None:
+        for value in values:
+            kept.append(value)
+
+    return feed
+
+
+def river_statistics(window: int) -> Feed:
+    """Returns the feed of river's rolling mean, standard deviation, minimum and maximum."""
+    from river import stats, utils
+
+    mean = utils.Rolling(stats.Mean, window_size=window)
+    variance = utils.Rolling(stats.Var, window_size=window, ddof=0)
+    smallest, largest = stats.RollingMin(window), stats.RollingMax(window)
+
+    def feed(values: Sequence[float]) -> None:
+        for value in values:
+            mean.update(value)
+            variance.update(value)
+            smallest.update(value)
+            largest.update(value)
+
+    return feed
+
+
+def measure(feeds: Mapping[str, Feed], values: Sequence[float], rounds: int) -> Dict[str, List[float]]:
+    """Returns the microseconds per sample of every feed in every round, after one round to warm up."""
+    found: Dict[str, List[float]] = {name: [] for name in feeds}
+    for number in range(rounds + 1):
+        for name, feed in feeds.items():
+            begin_s = time.process_time()
+            feed(values)
+            if number:
+                found[name].append((time.process_time() - begin_s) / len(values) * 1e6)
+    return found
+
+
+def rows(rounds: int = ROUNDS) -> Iterator[Row]:
+    """Measures and yields the rows of the table."""
+    feeds: Dict[str, Feed] = {}
+    for window in WINDOWS:
+        feeds[f"observe {window}"] = monitor(window)
+        feeds[f"all {window}"] = monitor(window, **ALL_FEATURES)
+        feeds[f"deque {window}"] = bare_deque(window)
+    missing = ""
+    try:
+        feeds.update((f"river {window}", river_statistics(window)) for window in WINDOWS)
+    except ImportError as error:
+        missing = f"{error}: pip install -r benchmarks/requirements.txt"
+    noise = random.Random(1)
+    values = [50.0 + noise.gauss(0.0, 5.0) for _ in range(BATCH)]
+    found = measure(feeds, values, rounds)
+
+    def row(contestant: str, key: str, against: str = "", required: float = 0.0, remark: str = "") -> Row:
+        what = f"one sample, window {key.split()[1]}"
+        if key not in found or (against and against not in found):
+            return Row(what, contestant, required=required or None, remark=missing)
+        figure = f"{statistics.median(found[key]):.2f} us"
+        ratio = median_ratio(found[key], found[against]) if against else None
+        return Row(what, contestant, figure, ratio, required or None, remark)
+
+    for window in WINDOWS:
+        yield row("deque(maxlen).append", f"deque {window}")
+        yield row("river: mean, std, min, max", f"river {window}")
+        yield row("Monitor.observe", f"observe {window}", f"river {window}", 0.5, "to river")
+        yield row("Monitor.observe, every feature", f"all {window}", f"observe {window}", 2.0, "to plain observe")
+    for name, key in (("Monitor.observe", "observe"), ("Monitor.observe, every feature", "all")):
+        yield row(name, f"{key} 6000", f"{key} 60", 1.3, "to window 60")
