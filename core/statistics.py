@@ -16,6 +16,7 @@ import sys
 from collections import deque
 from typing import Callable, Deque, Dict, Mapping, Optional
 
+_EPSILON = sys.float_info.epsilon
 _TOLERANCE = 1e-11
 """Relative error of the variance beyond which the sums are made anew."""
 
@@ -139,8 +140,7 @@ class Window:
             return None
         if self._minima[0] == self._maxima[0]:
             return 0.0
-        self._settle_sums()
-        variance = self._centred_squares() / len(self._values)
+        variance = self._settle_sums() / len(self._values)
         return math.sqrt(max(0.0, variance)) if math.isfinite(variance) else None
 
     def rate(self) -> Optional[float]:
@@ -163,17 +163,16 @@ class Window:
         result = amount / span_s
         return result if math.isfinite(result) else None
 
-    def _centred_squares(self) -> float:
-        return self._squares - self._sum * self._sum / len(self._values)
-
-    def _settle_sums(self) -> None:
-        error = sys.float_info.epsilon * self._additions * self._largest_squares
-        if error <= _TOLERANCE * self._centred_squares():
-            return
+    def _settle_sums(self) -> float:
+        """Makes the sums trustworthy and returns the sum of squared differences from the mean."""
+        centred = self._squares - self._sum * self._sum / len(self._values)
+        if _EPSILON * self._additions * self._largest_squares <= _TOLERANCE * centred:
+            return centred
         self._restart_sums(self._exact_mean())
         differences = [value - self._reference for value in self._values]
         self._sum = sum(differences)
         self._squares = self._largest_squares = sum(difference * difference for difference in differences)
+        return self._squares - self._sum * self._sum / len(self._values)
 
     def _restart_sums(self, reference: float) -> None:
         self._reference = reference
