@@ -1,0 +1,312 @@
+"""Mappings as rosbridge shapes them to native ROS 2 messages and back, and getters for single fields.
+
+rclpy does not check what is put into a message unless it is asked to, and hands a wrong value to C as it is; so every
+value is checked and converted here, by the type of its field.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import importlib
+import math
+import operator
+import re
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+from ..core.middleware import Message, split_type_name
+from ..core.parameters import ConfigError, describe
+
+Getter = Callable[[Any], Any]
+
+_FLOAT32_MAX = 3.4028234663852886e38
+
+_INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
+    **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
+    "octet": (0, 255),
+}
+
+_BYTES = ("uint8", "octet")
+"""Arrays of these are base64 text in a mapping. (A `char` is a uint8 in ROS 2.)"""
+
+_ROS1_NAMES = {"secs": "sec", "nsecs": "nanosec"}
+
+_SEQUENCE = re.compile(r"sequence<(?P<element>.+?)(?:, (?P<most>\d+))?>\Z")
+_ARRAY = re.compile(r"(?P<element>.+)\[(?P<size>\d+)\]\Z")
+_PATH_PART = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<index>\d+)\])?\Z")
+
+
+def message_class(type_name: str) -> Any:
+    """Returns the message class of `pkg/Type` or `pkg/msg/Type`.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    return _find_class(type_name, "msg", "get_fields_and_field_types")
+
+
+def service_class(type_name: str) -> Any:
+    """Returns the service class of `pkg/Type` or `pkg/srv/Type`.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    return _find_class(type_name, "srv", "Request")
+
+
+def to_mapping(message: Any) -> Dict[str, Any]:
+    """Returns a native message as a mapping: octets as ints, byte arrays as base64 text, NaN as it is."""
+    return {name: read(getattr(message, name)) for name, read in _readers(type(message))}
+
+
+def to_native(native_class: Any, mapping: Message) -> Any:
+    """Returns a native message; fields that `mapping` leaves out keep their defaults.
+
+    Raises:
+        ValueError: a field that the type does not have, or a value that does not fit its field.
+    """
+    message = native_class()
+    writers = _writers(native_class)
+    for name, value in _require_mapping(mapping).items():
+        native_name = name if name in writers else _ROS1_NAMES.get(name, name)
+        if native_name not in writers:
+            raise ValueError(f"{native_class.__name__} has no field {name}; there are {', '.join(writers)}")
+        try:
+            setattr(message, native_name, writers[native_name](value))
+        except ValueError as error:
+            raise ValueError(f"{native_class.__name__}.{name}: {error}") from None
+    return message
+
+
+def field_getter(topic: str, type_name: str, field: str) -> Getter:
+    """Returns a function that reads `field` (`data`, `battery.percentage`, `cell_voltage[0]`) from a native message.
+
+    It gives None where an array is shorter than the index. An empty field: the whole message as a mapping.
+
+    Args:
+        topic: the resolved topic, for the error.
+        type_name: type of its messages.
+        field: path of the field.
+
+    Raises:
+        ConfigError: the type is not known, or has no such field.
+    """
+    native_class: Optional[Any] = message_class(type_name)
+    if not field:
+        return to_mapping
+    steps: List[Getter] = []
+    read: Getter = to_mapping
+    above = ""
+    for part in field.split("."):
+        try:
+            if native_class is None:
+                raise ValueError(f"{above} is a plain value or a list, without fields")
+            part_steps, native_class, read = _step_into(native_class, part)
+        except ValueError as error:
+            raise ConfigError(f"{topic}: {type_name} has no field {field}; {error}") from None
+        steps.extend(part_steps)
+        above = part
+    if read is not _as_it_is:
+        steps.append(read)
+    if len(steps) == 1:
+        return steps[0]
+
+    def get(message: Any) -> Any:
+        try:
+            for step in steps:
+                message = step(message)
+        except IndexError:
+            return None
+        return message
+
+    return get
+
+
+def is_stamped(native_class: Any) -> bool:
+    """Says whether messages of this class have a header, and so a stamp."""
+    return _field_types(native_class).get("header") == _FieldType("std_msgs/Header", False, None, None)
+
+
+class _FieldType(NamedTuple):
+    element: str
+    """The type, of one element where it is an array."""
+    is_array: bool
+    size: Optional[int]
+    """Number of elements of an array that always has the same."""
+    most: Optional[int]
+    """Largest number of elements of a sequence that is bounded."""
+
+    @property
+    def message(self) -> Optional[Any]:
+        """The class of the message that this is, or of each element; None for a plain value."""
+        return message_class(self.element) if "/" in self.element else None
+
+
+def _find_class(type_name: str, kind: str, mark: str) -> Any:
+    split = split_type_name(type_name)
+    if split is None:
+        raise ConfigError(f"found the type {type_name!r}, allowed is package/Type, for instance std_msgs/Float32")
+    package, name = split
+    try:
+        found = getattr(importlib.import_module(f"{package}.{kind}"), name, None)
+    except ImportError:
+        found = None
+    if not hasattr(found, mark):
+        raise ConfigError(f"found the type {type_name}, but there is no package {package} with a {kind} {name} here")
+    return found
+
+
+def _field_type(text: str) -> _FieldType:
+    sequence, array = _SEQUENCE.match(text), _ARRAY.match(text)
+    if sequence:
+        return _FieldType(sequence["element"], True, None, int(sequence["most"]) if sequence["most"] else None)
+    if array:
+        return _FieldType(array["element"], True, int(array["size"]), None)
+    return _FieldType(text, False, None, None)
+
+
+@functools.lru_cache(maxsize=None)
+def _field_types(native_class: Any) -> Mapping[str, _FieldType]:
+    return {name: _field_type(text) for name, text in native_class.get_fields_and_field_types().items()}
+
+
+def _step_into(native_class: Any, part: str) -> Tuple[List[Getter], Optional[Any], Getter]:
+    """Goes one name down: returns the steps that read it, the message class there, and how to read what is there."""
+    match = _PATH_PART.match(part)
+    if match is None:
+        raise ValueError(f"found {part!r}, allowed is a name, or name[0] in an array")
+    types = _field_types(native_class)
+    name, index = match["name"], match["index"]
+    if name not in types:
+        raise ValueError(f"{native_class.__name__} has {', '.join(types)}")
+    found = types[name]
+    if index is None:
+        return [operator.attrgetter(name)], None if found.is_array else found.message, _reader(found)
+    if not found.is_array:
+        raise ValueError(f"{name} is no array but a {found.element}")
+    if found.size is not None and int(index) >= found.size:
+        raise ValueError(f"{name} has {found.size} elements, the last is [{found.size - 1}]")
+    element = _FieldType(found.element, False, None, None)
+    steps = [operator.attrgetter(name), operator.itemgetter(int(index))]
+    if found.size is not None:
+        steps.append(_python_number)
+    return steps, element.message, _reader(element)
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+def _python_number(value: Any) -> Any:
+    """Returns an element of an array of fixed size as Python's own number: such arrays are numpy's."""
+    return value.item() if hasattr(value, "item") else value
+
+
+@functools.lru_cache(maxsize=None)
+def _readers(native_class: Any) -> Tuple[Tuple[str, Getter], ...]:
+    return tuple((name, _reader(field_type)) for name, field_type in _field_types(native_class).items())
+
+
+def _reader(field_type: _FieldType) -> Getter:
+    """Returns how to make of a native value what belongs into a mapping."""
+    is_octet = field_type.element == "octet"
+    if field_type.is_array and field_type.element in _BYTES:
+        return _octets_as_text if is_octet else _bytes_as_text
+    read_one: Getter = operator.itemgetter(0) if is_octet else to_mapping if field_type.message else _as_it_is
+    if not field_type.is_array:
+        return read_one
+    return lambda values: [read_one(value) for value in (values.tolist() if hasattr(values, "tolist") else values)]
+
+
+def _octets_as_text(values: Any) -> str:
+    return base64.b64encode(b"".join(values)).decode("ascii")
+
+
+def _bytes_as_text(values: Any) -> str:
+    return base64.b64encode(values.tobytes()).decode("ascii")
+
+
+@functools.lru_cache(maxsize=None)
+def _writers(native_class: Any) -> Mapping[str, Callable[[Any], Any]]:
+    return {name: _writer(field_type) for name, field_type in _field_types(native_class).items()}
+
+
+def _writer(field_type: _FieldType) -> Callable[[Any], Any]:
+    write_one = _element_writer(field_type)
+    if not field_type.is_array:
+        return write_one
+
+    def write(found: Any) -> Any:
+        values = _bytes_from(found) if field_type.element in _BYTES else found
+        if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
+            raise ValueError(f"found {describe(found)}, needed is a list")
+        elements = [write_one(value) for value in values]
+        if field_type.size is not None and len(elements) != field_type.size:
+            raise ValueError(f"found {len(elements)} elements, needed are {field_type.size}")
+        if field_type.most is not None and len(elements) > field_type.most:
+            raise ValueError(f"found {len(elements)} elements, allowed are at most {field_type.most}")
+        return elements
+
+    return write
+
+
+def _element_writer(field_type: _FieldType) -> Callable[[Any], Any]:
+    element = field_type.element
+    native_class = field_type.message
+    if native_class:
+        return lambda mapping: to_native(native_class, mapping)
+    if element == "octet":
+        return lambda found: bytes([_integer(found, element)])
+    if element in _INTEGER_RANGES:
+        return lambda found: _integer(found, element)
+    if element == "boolean":
+        return lambda found: _instance(found, bool, "true or false")
+    if element == "float":
+        return _float32
+    if element == "double":
+        return _float
+    return lambda found: _instance(found, str, "a text")
+
+
+def _integer(found: Any, element: str) -> int:
+    low, high = _INTEGER_RANGES[element]
+    if isinstance(found, bool) or not hasattr(found, "__index__") or not low <= operator.index(found) <= high:
+        raise ValueError(f"found {describe(found)}, needed is a whole number from {low} to {high}")
+    return operator.index(found)
+
+
+def _float(found: Any) -> float:
+    if isinstance(found, (bool, str)) or not hasattr(found, "__float__"):
+        raise ValueError(f"found {describe(found)}, needed is a number")
+    try:
+        return float(found)
+    except OverflowError:
+        return math.copysign(math.inf, found)
+
+
+def _float32(found: Any) -> float:
+    """Returns a number that 32 bits can hold; one that is too large becomes an infinity."""
+    number = _float(found)
+    return number if not abs(number) > _FLOAT32_MAX else math.copysign(math.inf, number)
+
+
+def _instance(found: Any, kind: type, needed: str) -> Any:
+    if not isinstance(found, kind):
+        raise ValueError(f"found {describe(found)}, needed is {needed}")
+    return found
+
+
+def _bytes_from(found: Any) -> Any:
+    if not isinstance(found, str):
+        return found
+    try:
+        return base64.b64decode(found, validate=True)
+    except ValueError as error:
+        raise ValueError(f"found a text that is no base64: {error}") from None
+
+
+def _require_mapping(found: Any) -> Message:
+    if not isinstance(found, Mapping):
+        raise ValueError(f"found {describe(found)}, needed is a mapping of fields to values")
+    return found
