@@ -1,0 +1,58 @@
+"""Builds the package for pip and, as ament_python, for ROS 2. ROS 1 builds with CMakeLists.txt."""
+
+import sys
+from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
+
+from setuptools import setup
+
+NAME = "robot_health_monitor"
+FOLDERS = ["core", "ros1", "ros2", "rosbridge"]
+
+manifest = ElementTree.parse("package.xml").getroot()
+
+
+def text(tag):
+    """Returns the text of an element of package.xml, the one place that holds version, licence and maintainer."""
+    return manifest.find(tag).text
+
+
+data_files = [
+    ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
+    ("share/" + NAME, ["package.xml"]),
+    ("share/" + NAME + "/launch", sorted(glob("launch/*.launch") + glob("launch/*.launch.py"))),
+    ("share/" + NAME + "/config", sorted(glob("config/*.yaml"))),
+]
+# setup.cfg puts every command where `ros2 run` looks for it. This one forwards from bin/, so that `robot-health` is on
+# the PATH of a workspace too. pip, which comes through the build backend, makes its own bin/robot-health.
+if "setuptools.build_meta" not in sys.modules:
+    data_files.append(("bin", ["resource/robot-health"]))
+
+setup(
+    name=NAME,
+    version=text("version"),
+    description=text("description"),
+    long_description=Path("README.md").read_text(encoding="utf-8") if Path("README.md").exists() else "",
+    long_description_content_type="text/markdown",
+    license=text("license"),
+    maintainer=text("maintainer"),
+    maintainer_email=manifest.find("maintainer").get("email"),
+    python_requires=">=3.8",
+    packages=[NAME] + [NAME + "." + folder for folder in FOLDERS],
+    package_dir={NAME: NAME, **{NAME + "." + folder: folder for folder in FOLDERS}},
+    package_data={NAME: ["py.typed"]},
+    data_files=data_files,
+    install_requires=["PyYAML>=5.3", "psutil>=5.5"],
+    extras_require={"test": ["hypothesis", "pytest"]},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "robot-health = robot_health_monitor.__main__:main",
+            "battery_sensor = robot_health_monitor.ros2.main:battery_sensor",
+            "aggregator = robot_health_monitor.ros2.main:aggregator",
+            "alert_system = robot_health_monitor.ros2.main:alert_system",
+            "health_monitor = robot_health_monitor.ros2.main:health_monitor",
+        ],
+    },
+)
