@@ -1,0 +1,111 @@
+"""Draws docs/rules.svg: a value, its bounds and the resulting states over time, from the real core.
+
+    python docs/draw_rules.py            # needs matplotlib
+
+It also prints the transitions, which docs/rules.md quotes.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Iterator, List, Tuple
+
+import matplotlib
+
+matplotlib.use("svg")
+from matplotlib import pyplot as plt
+from matplotlib.patches import Patch
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
+
+SIGNAL = "battery_level"
+CONFIG = {
+    "robot_name": "robot1",
+    "signals": {
+        SIGNAL: {
+            "unit": "%",
+            "valid_min": 0.0,
+            "valid_max": 100.0,
+            "warn_below": 20.0,
+            "error_below": 10.0,
+            "hysteresis": 2.0,
+            "for_s": 5.0,
+            "stale_after_s": 5.0,
+        }
+    },
+}
+COLOURS = {Level.OK: "#7fbf7b", Level.WARN: "#fdc44f", Level.ERROR: "#e0584f", Level.STALE: "#9e9e9e"}
+CORNERS = [
+    (0, 30.0), (20, 24.0), (21, 17.5), (24, 17.5), (25, 23.5), (35, 19.5), (50, 12.0), (58, 8.0), (68, 8.0),
+    (75, 13.0), (90, 21.0), (95, 21.0), (100, 23.0), (170, 37.0),
+]  # fmt: skip
+"""(s, %): a driving robot sags under load at 21 s, discharges, and is charged from 68 s on."""
+SILENT = range(112, 125)
+NOT_A_NUMBER = range(140, 146)
+END_S = 160
+
+
+def value_at(now_s: float) -> float:
+    """Returns the battery level at a time, in %."""
+    for (left_s, left), (right_s, right) in zip(CORNERS, CORNERS[1:]):
+        if now_s <= right_s:
+            return left + (right - left) * (now_s - left_s) / (right_s - left_s)
+    raise ValueError(f"{now_s} s is behind the last corner")
+
+
+def run() -> Iterator[Tuple[int, Level, List[Transition]]]:
+    """Feeds one sample and one tick per second; yields (time, level after it, transitions)."""
+    monitor = Monitor(load_config(CONFIG))
+    for now_s in range(END_S + 1):
+        transitions: List[Transition] = []
+        if now_s not in SILENT:
+            value = float("nan") if now_s in NOT_A_NUMBER else value_at(now_s)
+            transitions += monitor.observe(Sample(SIGNAL, value, float(now_s)))
+        transitions += monitor.tick(float(now_s))
+        yield now_s, monitor.report(float(now_s)).statuses[SIGNAL].level, transitions
+
+
+def draw(target: Path) -> None:
+    """Writes the picture."""
+    plt.rcParams.update({"svg.hashsalt": "rules", "font.family": "DejaVu Sans", "font.size": 9})
+    figure, axes = plt.subplots(figsize=(10, 4.6), layout="constrained")
+    steps = list(run())
+    for now_s, level, _ in steps[:-1]:
+        axes.axvspan(now_s, now_s + 1, color=COLOURS[level], alpha=0.35, linewidth=0)
+    shown = [
+        float("nan") if now_s in SILENT or now_s in NOT_A_NUMBER else value_at(now_s) for now_s in range(END_S + 1)
+    ]
+    axes.plot(range(END_S + 1), shown, color="#1f2933", linewidth=1.6)
+    settings = CONFIG["signals"][SIGNAL]
+    for name, colour in (("warn_below", "#b07d00"), ("error_below", "#a32018")):
+        bound = settings[name]
+        axes.axhline(bound, color=colour, linewidth=1.0)
+        axes.axhline(bound + settings["hysteresis"], color=colour, linewidth=0.8, linestyle=(0, (4, 3)))
+        axes.text(END_S - 0.5, bound - 1.2, f"{name}: {bound:g} %", color=colour, ha="right", va="center")
+        axes.text(
+            END_S - 0.5, bound + settings["hysteresis"] + 1.0, "clears (hysteresis 2 %)", color=colour, ha="right", va="center"
+        )
+    axes.annotate(
+        "sag: 4 s,\nless than for_s", (22.5, 17.5), (10.0, 15.0), arrowprops={"arrowstyle": "-", "lw": 0.7}, ha="center"
+    )
+    axes.text(SILENT[0] + 6.5, 33.5, "no samples", ha="center")
+    axes.text(NOT_A_NUMBER[0] + 3, 37.5, "NaN", ha="center")
+    number = 0
+    for now_s, _, transitions in steps:
+        for transition in transitions:
+            number += 1
+            axes.axvline(now_s, color="#1f2933", linewidth=0.6, linestyle=":")
+            axes.text(now_s, 41.2, str(number), ha="center", va="bottom", fontweight="bold")
+            print(f"{number:2} {transition.now_s:6.1f} s  {transition.text}")
+    axes.set(xlim=(0, END_S), ylim=(5, 41), xlabel="time in s", ylabel="battery_level in %")
+    axes.legend(
+        handles=[Patch(color=colour, alpha=0.5, label=level.name) for level, colour in COLOURS.items()],
+        loc="upper left", ncols=4, frameon=False, bbox_to_anchor=(0.0, 0.97),
+    )  # fmt: skip
+    figure.savefig(target, metadata={"Date": None, "Creator": None})
+
+
+if __name__ == "__main__":
+    draw(Path(__file__).with_name("rules.svg"))
