@@ -17,6 +17,8 @@ CHANGES = 20
 """Possible changes in the 21 levels that are looked at."""
 
 _HALF = CHANGES // 2
+_NEWER = (1 << _HALF) - 1
+_ALL = (1 << CHANGES) - 1
 _WEIGHTS = tuple(57 + 2 * (CHANGES - 1 - bit) for bit in range(CHANGES))
 _TOTAL = sum(_WEIGHTS)
 
@@ -56,11 +58,10 @@ class FlapDetector:
     @property
     def percent(self) -> float:
         """Weighted state change, 0 to 100 %."""
-        older, newer = divmod(self._changes, 1 << _HALF)
-        return 100.0 * (_OLDER_SUMS[older] + _NEWER_SUMS[newer]) / _TOTAL
+        return 100.0 * (_OLDER_SUMS[self._changes >> _HALF] + _NEWER_SUMS[self._changes & _NEWER]) / _TOTAL
 
     def add(self, level: Level) -> None:
         """Takes the level after a good sample."""
-        self._changes = (self._changes << 1 | (level is not self._last)) & ((1 << CHANGES) - 1)
+        self._changes = (self._changes << 1 | (level is not self._last)) & _ALL
         self._last = level
         self.flapping = self.percent >= (self._low if self.flapping else self._high)

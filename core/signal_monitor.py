@@ -370,7 +370,10 @@ class SignalMonitor:
 
     def _is_placeholder(self, came: float) -> bool:
         # Float32 brings -0.01 as -0.009999999776
-        return any(math.isclose(came, number, rel_tol=1e-6) for number in self.config.placeholders)
+        for number in self.config.placeholders:  # no generator: this is asked once per sample
+            if math.isclose(came, number, rel_tol=1e-6):
+                return True
+        return False
 
     def _latest_text(self) -> str:
         if self._latest is None:

@@ -148,13 +148,15 @@ class Rule:
             value: the judged statistic, in its unit.
             now_s: the time in seconds.
         """
+        below, above = self._below, self._above
         if self._crossed:
-            beyond_below = value < self._below_clear if self.is_below else value < self._below
-            beyond_above = value > self._above if self.is_below else value > self._above_clear
-        else:
-            beyond_below, beyond_above = value < self._below, value > self._above
-            if self.state is _INACTIVE and not (beyond_below or beyond_above):
-                return
+            if self.bound == below:
+                below = self._below_clear
+            else:
+                above = self._above_clear
+        beyond_below, beyond_above = value < below, value > above
+        if self.state is _INACTIVE and not (beyond_below or beyond_above or self._crossed):
+            return
         if beyond_below:
             self.bound = self._below
         elif beyond_above:
