@@ -25,22 +25,30 @@ ROUNDS = 25
 
 ALL_FEATURES: Mapping[str, Any] = {
     "statistic": "stddev",
+    "scale": 0.9,
+    "placeholders": [-0.01],
+    "invalid_for_s": 0.5,
     "for_s": 1.0,
     "keep_firing_for_s": 1.0,
     "latch": True,
     "flap_detection": True,
     "repeat_s": 60.0,
-    "invalid_for_s": 0.5,
+    "only_if": {"signal": "charging", "is": 0.0},
 }
-"""On top of what the default configuration of the battery already has: both bounds, hysteresis, limits, staleness."""
+"""On top of what the default configuration of the battery already has: both bounds, hysteresis, limits, staleness.
+
+The costliest of each: no statistic takes longer than the standard deviation, which is always below both bounds here,
+and a rule that fires takes longer than one that does not.
+"""
 
 
 def monitor(window: int, **features: Any) -> Feed:
     """Returns the feed of a monitor that watches a battery as by default, at a rate that fills the window in 60 s."""
     signal = {**DEFAULT_SIGNALS["battery_level"], "window_s": 60.0, "window_samples": window, **features}
-    observe = Monitor(load_config({"signals": {"battery_level": signal}})).observe
+    observe = Monitor(load_config({"signals": {"battery_level": signal, "charging": {}}})).observe
     period_s = 60.0 / window
     now_s = 0.0
+    observe(Sample("charging", 0.0, now_s))
 
     def feed(values: Sequence[float]) -> None:
         nonlocal now_s
