@@ -506,10 +506,10 @@ class PortConformance:
         node, first, second = harness.node("alert_system"), Recorder(), Recorder()
 
         def move(value: Any, now_s: float) -> None:
-            first(value, now_s)
             node.unsubscribe(subscription)
             node.subscribe("second", FLOAT32, second, field="data")
             node.create_timer(0.5, timers.append)
+            first(value, now_s)
 
         timers: List[float] = []
         subscription = node.subscribe("first", FLOAT32, move, field="data")

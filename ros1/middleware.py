@@ -1,0 +1,300 @@
+"""The port over rospy. It translates and holds the lock; what is healthy is decided in `core`.
+
+A process has one ROS node, and may hold several `Ros1Middleware`s, each a logical node with private names and
+parameters of its own: `/alert_system/reset` is the same whether the three nodes are composed or not.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import rospy
+import rospy.core
+import rospy.rostime
+
+from ..core.middleware import Message, Severity, resolve_name
+from ..core.parameters import ConfigError, Parameter, describe
+from . import messages
+
+_LOG = {
+    Severity.DEBUG: rospy.logdebug,
+    Severity.INFO: rospy.loginfo,
+    Severity.WARN: rospy.logwarn,
+    Severity.ERROR: rospy.logerr,
+    Severity.FATAL: rospy.logfatal,
+}
+_QUEUE_SIZE = 1000
+"""Messages that may wait, in and out: a second at 1 kHz. A node that is further behind loses the oldest."""
+_FILE_KEY = "ros__parameters"
+"""Under it stands what came from a file in ROS 2's form."""
+
+
+class Ros1Middleware:
+    """One logical node of this process; implements `core.middleware.Middleware`. `rospy.init_node` comes first."""
+
+    def __init__(self, name: str = "") -> None:
+        """Joins.
+
+        Args:
+            name: name of the logical node, below the process's namespace unless it begins with `/`; empty: that of
+                the process, which `__name:=` may have changed.
+        """
+        self.name: str = resolve_name(name or rospy.get_name(), rospy.get_name())
+        self._simulated = not rospy.rostime.is_wallclock()
+        self._clock: Callable[[], float] = rospy.get_time if self._simulated else time.monotonic
+        self._lock = threading.RLock()
+        self._publishers: Dict[str, Tuple[Any, Any]] = {}
+        self._subscriptions: List[_Subscription] = []
+        self._services: List[Any] = []
+        self._timers: List[_Timer] = []
+        self._given: Optional[Mapping[str, Any]] = None
+        self._closed = False
+
+    def now_s(self) -> float:
+        return self._clock()
+
+    def given_parameters(self) -> Mapping[str, Any]:
+        if self._given is None:
+            self._given = self._read_parameters()
+        return self._given
+
+    def declare_parameters(
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+    ) -> None:
+        """Offers `~reload`, which reads the parameters again.
+
+        ROS 1 knows no declarations. The defaults are not written to the parameter server either: it outlives the
+        node, and would hand them to the next one as if they had been configured.
+        """
+
+        def reload(request: Message) -> Message:
+            try:
+                proposed = self._read_parameters()
+                on_change(proposed)
+            except (ConfigError, OSError) as error:
+                reason = str(error)
+            except Exception as error:
+                reason = self._log_failure(error)
+            else:
+                self._given = proposed
+                return {"success": True, "message": "the parameters were read again"}
+            self.log(Severity.WARN, f"the old parameters stay in force: {reason}")
+            return {"success": False, "message": reason}
+
+        self.given_parameters()
+        self.advertise_service("~reload", "std_srvs/Trigger", reload)
+
+    def advertise(self, topic: str, type_name: str) -> None:
+        resolved = self._resolve(topic)
+        if resolved not in self._publishers:
+            cls = messages.message_class(type_name)
+            publisher = rospy.Publisher(resolved, cls, queue_size=_QUEUE_SIZE, tcp_nodelay=True)
+            _require_same_type(publisher, cls, type_name)
+            self._publishers[resolved] = publisher, cls
+
+    def publish(self, topic: str, message: Message) -> None:
+        resolved = self._resolve(topic)
+        if resolved not in self._publishers:
+            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+        publisher, cls = self._publishers[resolved]
+        native = messages.to_native(cls, message)
+        if messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
+            native.header.stamp = rospy.Time.now()
+        publisher.publish(native)
+
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+    ) -> _Subscription:
+        resolved = self._resolve(topic)
+        cls = messages.message_class(type_name)
+        get = messages.field_getter(rospy.resolve_name(resolved), type_name, field)
+        subscription = _Subscription()
+        lock, clock, log_failure = self._lock, self._clock, self._log_failure
+
+        def deliver(native: Any) -> None:
+            with lock:
+                if subscription.active:
+                    try:
+                        callback(get(native), clock())
+                    except Exception as error:
+                        log_failure(error)
+
+        subscriber = rospy.Subscriber(resolved, cls, deliver, queue_size=_QUEUE_SIZE, tcp_nodelay=True)
+        _require_same_type(subscriber, cls, type_name)
+        subscription.bind(subscriber)
+        self._subscriptions.append(subscription)
+        return subscription
+
+    def unsubscribe(self, subscription: Any) -> None:
+        with self._lock:
+            if subscription in self._subscriptions:
+                self._subscriptions.remove(subscription)
+                subscription.end()
+
+    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        cls = messages.service_class(type_name)
+        response_class = cls._response_class
+
+        def answer(request: Any) -> Any:
+            with self._lock:
+                if self._closed:
+                    raise rospy.ServiceException(f"{self.name} is shutting down")
+                try:
+                    return messages.to_native(response_class, handler(messages.to_mapping(request)))
+                except Exception as error:
+                    raise rospy.ServiceException(self._log_failure(error)) from error
+
+        self._services.append(rospy.Service(self._resolve(service), cls, answer))
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _Timer:
+        timer = _Timer(self._clock, self._simulated, self._lock, period_s, callback, self._log_failure)
+        self._timers.append(timer)
+        timer.start()
+        return timer
+
+    def log(self, severity: Severity, text: str) -> None:
+        _LOG[severity](text)
+
+    def close(self) -> None:
+        with self._lock:
+            self._closed = True
+            for timer in self._timers:
+                timer.cancel()
+            for subscription in self._subscriptions:
+                subscription.active = False
+            # A process that is shutting down unregisters everything at once; one call to the master per topic would
+            # take its time, and complain of each when the master is gone.
+            if not rospy.core.is_shutdown_requested():
+                for subscription in self._subscriptions:
+                    subscription.end()
+                for publisher, _ in self._publishers.values():
+                    publisher.unregister()
+                for service in self._services:
+                    service.shutdown("node closed")
+            self._timers.clear()
+            self._subscriptions.clear()
+            self._publishers.clear()
+            self._services.clear()
+
+    def _resolve(self, name: str) -> str:
+        """Returns the absolute name, not remapped: rospy does that wherever it is given a name."""
+        return resolve_name(name, self.name)
+
+    def _read_parameters(self) -> Mapping[str, Any]:
+        """Returns what came from a file in ROS 2's form, overlaid with the private parameters."""
+        tree = rospy.get_param(self.name, {})
+        if not isinstance(tree, dict):
+            raise ConfigError(f"found {describe(tree)} as the parameter {self.name}, allowed is a mapping")
+        from_file = tree.pop(_FILE_KEY, {})
+        if not isinstance(from_file, dict):
+            raise ConfigError(f"found {describe(from_file)}, allowed is a mapping", (_FILE_KEY,))
+        return _overlay(from_file, tree)
+
+    def _log_failure(self, error: Exception) -> str:
+        text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
+        self.log(Severity.ERROR, text)
+        return text
+
+
+class _Subscription:
+    """A rospy subscriber and whether its messages are still wanted: some may be on their way when it ends."""
+
+    def __init__(self) -> None:
+        self.active = True
+        self.topic = ""
+        self._subscriber: Any = None
+
+    def bind(self, subscriber: Any) -> None:
+        self._subscriber = subscriber
+        self.topic = subscriber.resolved_name
+
+    def end(self) -> None:
+        self.active = False
+        self._subscriber.unregister()
+
+
+class _Timer(threading.Thread):
+    """Calls back every period of a clock.
+
+    Not a rospy.Timer: that one ends with the first exception, calls at once when time goes back instead of after a
+    period, several times when it jumps ahead, and follows the wall clock when NTP steps it.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        simulated: bool,
+        lock: threading.RLock,
+        period_s: float,
+        callback: Callable[[float], None],
+        on_failure: Callable[[Exception], Any],
+    ) -> None:
+        super().__init__(daemon=True)
+        self._clock = clock
+        self._simulated = simulated
+        self._lock = lock
+        self._period_s = period_s
+        self._callback = callback
+        self._on_failure = on_failure
+        self._cancelled = threading.Event()
+        self._last_s = clock()
+        self._start_s = self._last_s
+        self._periods = 1
+
+    def cancel(self) -> None:
+        self._cancelled.set()
+
+    def run(self) -> None:
+        wait = self._wait_for_clock_message if self._simulated else self._wait_for_clock
+        while not self._cancelled.is_set():
+            now_s = self._clock()
+            if now_s < self._last_s or self._is_clock_unset():
+                self._start_s, self._periods = now_s, 1
+            self._last_s = now_s
+            due_s = self._start_s + self._periods * self._period_s
+            if now_s >= due_s and not self._is_clock_unset():
+                self._periods = max(self._periods, math.floor((now_s - self._start_s) / self._period_s)) + 1
+                self._call()
+            else:
+                wait(now_s, due_s)
+
+    def _call(self) -> None:
+        with self._lock:
+            if not self._cancelled.is_set():
+                try:
+                    self._callback(self._clock())
+                except Exception as error:
+                    self._on_failure(error)
+
+    def _is_clock_unset(self) -> bool:
+        """Until the first message on /clock rospy's simulated time is 0; periods begin with that message."""
+        return self._simulated and self._last_s == 0.0
+
+    def _wait_for_clock(self, now_s: float, due_s: float) -> None:
+        self._cancelled.wait(due_s - now_s)
+
+    def _wait_for_clock_message(self, now_s: float, due_s: float) -> None:
+        moved = rospy.rostime.get_rostime_cond()
+        with moved:
+            if self._clock() == now_s:
+                moved.wait(0.5)
+
+
+def _require_same_type(native: Any, cls: Any, type_name: str) -> None:
+    """Raises ConfigError when this process already uses the topic with another type: rospy would not notice."""
+    if native.impl.data_class is not cls:
+        topic, there = native.resolved_name, native.impl.data_class._type
+        native.unregister()
+        raise ConfigError(f"found the type {type_name!r} on {topic}, which this process already uses as {there}")
+
+
+def _overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> Dict[str, Any]:
+    """Returns both trees as one; where both have a value, that of `above`."""
+    merged = dict(below)
+    for key, value in above.items():
+        under = merged.get(key)
+        merged[key] = _overlay(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+    return merged

@@ -1,0 +1,114 @@
+"""A real ROS master for the tests of this folder, on a free port of the loopback interface."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import threading
+from typing import Any, Iterator
+
+import pytest
+
+
+def pytest_collection_modifyitems(items: Any) -> None:
+    """Skips this folder where there is no ROS 1, and says so."""
+    try:
+        import rospy  # noqa: F401
+    except ImportError as error:
+        reason = f"ROS 1 is not here: {error}"
+    else:
+        if shutil.which("roscore"):
+            return
+        reason = "ROS 1 is not here: there is no roscore"
+    for item in items:
+        if item.path.parent == os.path.dirname(__file__):
+            item.add_marker(pytest.mark.skip(reason=reason))
+
+
+class Master:
+    """A roscore with its own port, home and logs."""
+
+    def __init__(self, folder: Any) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.uri = f"http://127.0.0.1:{self.port}"
+        self.environment = {
+            **os.environ,
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder),
+            "ROS_LOG_DIR": str(folder / "log"),
+            "PYTHONUNBUFFERED": "1",
+        }
+        self.environment.pop("ROS_HOSTNAME", None)
+        self.environment.pop("ROS_NAMESPACE", None)
+        self._output = open(folder / "roscore.txt", "wb")
+        self._process = subprocess.Popen(
+            ["roscore", "-p", str(self.port)],
+            env=self.environment,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        self._wait_until_ready()
+
+    def _wait_until_ready(self) -> None:
+        import rosgraph
+
+        pause = threading.Event()
+        for _ in range(600):
+            assert self._process.poll() is None, f"roscore ended with {self._process.returncode}"
+            # rosout is the last that roscore starts
+            try:
+                rosgraph.Master("/tests", self.uri).lookupNode("/rosout")
+                return
+            except OSError:
+                pass
+            except rosgraph.MasterException:
+                pass
+            pause.wait(0.05)
+        raise AssertionError("roscore is not ready after 30 s")
+
+    def end(self) -> None:
+        """Ends roscore and the master and rosout that it started."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(20)
+            except subprocess.TimeoutExpired:
+                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.wait()
+        self._output.close()
+
+
+@pytest.fixture(scope="session")
+def master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Master]:
+    master = Master(tmp_path_factory.mktemp("ros1"))
+    try:
+        yield master
+    finally:
+        master.end()
+
+
+@pytest.fixture(scope="session")
+def ros_process(master: Master) -> Iterator[Master]:
+    """Makes the test's own process a node under simulated time, which a process can become only once."""
+    import rospy
+
+    before = dict(os.environ)
+    os.environ.update(master.environment)
+    os.environ.pop("ROS_HOSTNAME", None)
+    os.environ.pop("ROS_NAMESPACE", None)
+    rospy.set_param("/use_sim_time", True)
+    rospy.init_node("tests", argv=["tests"], disable_signals=True)
+    rospy.delete_param("/use_sim_time")
+    try:
+        yield master
+    finally:
+        rospy.signal_shutdown("the tests are over")
+        os.environ.clear()
+        os.environ.update(before)

@@ -1,0 +1,16 @@
+"""rospy against a real master keeps the port's promises."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from port_conformance import PortConformance
+
+
+class TestRos1(PortConformance):
+    @pytest.fixture
+    def harness(self, ros_process: Any) -> Any:
+        from ros1_harness import Ros1Harness
+
+        return Ros1Harness()
