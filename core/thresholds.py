@@ -103,6 +103,7 @@ class Rule:
         "_wait_s",
         "bound",
         "condition",
+        "fires",
         "since_s",
         "state",
     )
@@ -112,6 +113,8 @@ class Rule:
         self.state = State.INACTIVE
         self.since_s = 0.0
         """When the state began, in seconds; moved on by as long as the rule stood still."""
+        self.fires = False
+        """Whether the rule's level counts: it is firing or keeps firing."""
         self.condition = False
         """Whether the value last judged was beyond a bound, and the rule is allowed to say so."""
         self._crossed = False
@@ -130,11 +133,6 @@ class Rule:
         self._wait_s = {State.PENDING: config.for_s, State.KEEPING: config.keep_firing_for_s}
         if self._crossed and self.bound not in (config.below, config.above):
             self._crossed = self.condition = False
-
-    @property
-    def fires(self) -> bool:
-        """Whether the rule's level counts."""
-        return self.state is State.FIRING or self.state is State.KEEPING
 
     @property
     def is_below(self) -> bool:
@@ -178,9 +176,12 @@ class Rule:
         """Lets time pass until `now_s`, in seconds."""
         state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]
         if state is not self.state:
-            self.state = state
-            self.since_s = now_s
+            self._enter(state, now_s)
         wait_s = self._wait_s.get(state)
         if wait_s is not None and now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
-            self.state = _AFTER_WAIT[state]
-            self.since_s = now_s
+            self._enter(_AFTER_WAIT[state], now_s)
+
+    def _enter(self, state: State, now_s: float) -> None:
+        self.state = state
+        self.since_s = now_s
+        self.fires = state is State.FIRING or state is State.KEEPING
