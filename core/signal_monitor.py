@@ -369,14 +369,13 @@ class SignalMonitor:
 
     def _convert(self, came: float) -> float:
         """Returns a number in the signal's unit, NaN for a placeholder."""
-        return math.nan if self._is_placeholder(came) else came * self.config.scale
+        for number in self.config.placeholders:
+            if math.isclose(came, number, rel_tol=1e-6):  # Float32 brings -0.01 as -0.009999999776
+                return math.nan
+        return came * self.config.scale
 
     def _is_placeholder(self, came: float) -> bool:
-        # Float32 brings -0.01 as -0.009999999776
-        for number in self.config.placeholders:  # no generator: this is asked once per sample
-            if math.isclose(came, number, rel_tol=1e-6):
-                return True
-        return False
+        return math.isnan(self._convert(came)) and not math.isnan(came)
 
     def _latest_text(self) -> str:
         if self._latest is None:

@@ -62,7 +62,9 @@ _NEXT_IF_FALSE = {
 }
 _AFTER_WAIT = {State.PENDING: State.FIRING, State.KEEPING: State.INACTIVE}
 
-_INACTIVE = State.INACTIVE  # a global is found faster than an attribute of a class, and this is looked at per sample
+# Globals are found faster than members of an enumeration, and these are looked at per sample.
+_INACTIVE = State.INACTIVE
+_FIRING = State.FIRING
 
 
 class RuleConfig(NamedTuple):
@@ -152,15 +154,17 @@ class Rule:
                 below = self._below_clear
             else:
                 above = self._above_clear
-        beyond_below, beyond_above = value < below, value > above
-        if self.state is _INACTIVE and not (beyond_below or beyond_above or self._crossed):
-            return
-        if beyond_below:
+        if value < below:
             self.bound = self._below
-        elif beyond_above:
+            self._crossed = True
+        elif value > above:
             self.bound = self._above
-        self._crossed = beyond_below or beyond_above
-        self.set_condition(self._crossed and self._allowed, now_s)
+            self._crossed = True
+        else:
+            self._crossed = False
+        condition = self.condition = self._crossed and self._allowed
+        if self.state is not (_FIRING if condition else _INACTIVE):  # else it waits for nothing
+            self.advance(now_s)
 
     def allow(self, allowed: bool) -> None:
         """Lets the condition count or not (`only_if`), from the next look on."""
