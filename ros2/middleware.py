@@ -1,0 +1,394 @@
+"""The port over rclpy. It translates and holds the lock; what is healthy is decided in `core`.
+
+A process may hold several `Ros2Middleware`s, each an rclpy node with parameters and services of its own:
+`/alert_system/reset` is the same whether the three nodes are composed or not.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.logging import LoggingSeverity
+from rclpy.node import Node
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+
+from ..core.middleware import Message, Severity
+from ..core.parameters import ConfigError, Parameter, unflatten
+from . import messages
+
+EXECUTOR = Parameter(
+    "executor",
+    str,
+    "single",
+    "single: rclpy's SingleThreadedExecutor; events: its experimental EventsExecutor, which needs less CPU",
+    choices=("single", "events"),
+)
+USE_SIM_TIME = Parameter("use_sim_time", bool, False, "take the time from /clock")
+
+_QUEUE_SIZE = 10
+"""Messages that may wait, in and out: ROS 2's own default."""
+_START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
+_NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
+"""Parameters that this adapter or rclpy reads for itself."""
+_TYPE_SEARCH_PERIOD_S = 1.0
+
+
+class Ros2Middleware:
+    """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
+
+    def __init__(self, name: str, context: Optional[Context] = None, **options: Any) -> None:
+        """Joins.
+
+        Args:
+            name: name of the node, which `__node:=` may change.
+            context: rclpy's context; None: the default one.
+            options: what else rclpy's Node takes, such as `namespace` and `parameter_overrides`.
+
+        Raises:
+            ConfigError: one of the parameters `executor` and `use_sim_time` is not what it may be.
+        """
+        self.node = Node(name, context=context, automatically_declare_parameters_from_overrides=True, **options)
+        self.name: str = self.node.get_fully_qualified_name()
+        self._logger = self.node.get_logger()
+        self._ros_clock = self.node.get_clock()
+        self._simulated: bool = self._ros_clock.ros_time_is_active
+        self._clock: Callable[[], float] = self._ros_time_s if self._simulated else time.monotonic
+        self._timer_clock = self._ros_clock if self._simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self._lock = threading.RLock()
+        self._publishers: Dict[str, Tuple[Any, Any]] = {}
+        self._subscriptions: List[_Subscription] = []
+        self._timers: List[_Timer] = []
+        self._type_search: Optional[Any] = None
+        self._parameters: Dict[str, Parameter] = {}
+        self._on_change: Callable[[Mapping[str, Any]], None]
+        self._closed = False
+        given = {name: _plain(parameter.value) for name, parameter in self.node.get_parameters_by_prefix("").items()}
+        for parameter in (EXECUTOR, USE_SIM_TIME):
+            parameter.read(given.get(parameter.name, parameter.default), (parameter.name,))
+        self.executor: str = given.get(EXECUTOR.name, EXECUTOR.default)
+        """The executor that this node asks for."""
+        self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
+        self._jumps = self._ros_clock.create_jump_callback(
+            JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)),
+            post_callback=self._on_time_jump,
+        )
+
+    def now_s(self) -> float:
+        return self._clock()
+
+    def given_parameters(self) -> Mapping[str, Any]:
+        return unflatten(self._given)
+
+    def declare_parameters(
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+    ) -> None:
+        """Declares them in ROS 2's sense, `executor` too; `use_sim_time` and `executor` are fixed from now on.
+
+        Types are dynamic, so that the whole number 30 will do for a bound, as it does in the file.
+        """
+        self._parameters = {parameter.name: parameter for parameter in (*parameters, EXECUTOR)}
+        for parameter in self._parameters.values():
+            self._declare(parameter)
+        self._on_change = on_change
+        self._set_log_level(self._given)
+        # Registered last, rclpy asks it first; but the only other one is rclpy's own for use_sim_time, which cannot be
+        # changed any more: what the node has accepted nobody else refuses.
+        self.node.add_on_set_parameters_callback(self._propose)
+        self.node.add_post_set_parameters_callback(self._declare_deleted)
+
+    def advertise(self, topic: str, type_name: str) -> None:
+        resolved = self._resolve(topic)
+        if resolved not in self._publishers:
+            cls = messages.message_class(type_name)
+            # rclpy's default event handlers only log, and its executor looks at each of them for every message.
+            publisher = self.node.create_publisher(
+                cls, _native_name(topic), _QUEUE_SIZE, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
+            )
+            self._publishers[resolved] = publisher, cls
+
+    def publish(self, topic: str, message: Message) -> None:
+        resolved = self._resolve(topic)
+        if resolved not in self._publishers:
+            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+        publisher, cls = self._publishers[resolved]
+        native = messages.to_native(cls, message)
+        if messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
+            native.header.stamp = self._ros_clock.now().to_msg()
+        publisher.publish(native)
+
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+    ) -> _Subscription:
+        subscription = _Subscription(self._resolve(topic), _native_name(topic), callback, field)
+        type_name = type_name or self._type_of(subscription.topic)
+        with self._lock:
+            if type_name:
+                self._start(subscription, type_name)
+            else:
+                subscription.is_waiting = True
+                self._begin_type_search()
+            self._subscriptions.append(subscription)
+        return subscription
+
+    def unsubscribe(self, subscription: Any) -> None:
+        with self._lock:
+            if subscription in self._subscriptions:
+                self._subscriptions.remove(subscription)
+                subscription.active = False
+                self._stop(subscription)
+
+    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        cls = messages.service_class(type_name)
+
+        def answer(request: Any, response: Any) -> Any:
+            with self._lock:
+                try:
+                    return messages.to_native(cls.Response, handler(messages.to_mapping(request)))
+                except Exception as error:
+                    # ROS 2 has no way to say that a call failed. std_srvs say it in these fields, which are at their
+                    # defaults in every other response.
+                    text = self._log_failure(error)
+                    if hasattr(response, "message"):
+                        response.message = text
+                    return response
+
+        self.node.create_service(cls, _native_name(service), answer)
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _Timer:
+        timer = _Timer(self.node)
+        lock, clock, log_failure = self._lock, self._clock, self._log_failure
+
+        def call() -> None:
+            with lock:
+                if timer.active:
+                    try:
+                        callback(clock())
+                    except Exception as error:
+                        log_failure(error)
+
+        with self._lock:
+            timer.bind(self.node.create_timer(period_s, call, clock=self._timer_clock))
+            self._timers.append(timer)
+        return timer
+
+    def log(self, severity: Severity, text: str) -> None:
+        # One line each: rclpy remembers the severity by the place in the source that it is called from.
+        if severity >= Severity.FATAL:
+            self._logger.fatal(text)
+        elif severity >= Severity.ERROR:
+            self._logger.error(text)
+        elif severity >= Severity.WARN:
+            self._logger.warning(text)
+        elif severity >= Severity.INFO:
+            self._logger.info(text)
+        else:
+            self._logger.debug(text)
+
+    def close(self) -> None:
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            for timer in self._timers:
+                timer.active = False
+            for subscription in self._subscriptions:
+                subscription.active = False
+            self._timers.clear()
+            self._subscriptions.clear()
+            self._publishers.clear()
+            self._jumps.unregister()
+            if self.node.executor is not None:
+                self.node.executor.remove_node(self.node)
+            self.node.destroy_node()
+
+    def _ros_time_s(self) -> float:
+        return self._ros_clock.now().nanoseconds / 1e9
+
+    def _on_time_jump(self, jump: TimeJump) -> None:
+        """Restarts every period when simulated time went back, and when it began: until then it is 0."""
+        went_back = jump.delta.nanoseconds < 0
+        began = self._ros_clock.now().nanoseconds == jump.delta.nanoseconds
+        if went_back or began:
+            with self._lock:
+                for timer in self._timers:
+                    timer.restart()
+
+    def _resolve(self, name: str) -> str:
+        try:
+            return self.node.resolve_topic_name(_native_name(name))
+        except (RuntimeError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise ConfigError(f"found {name!r}, allowed is the name of a topic: {reason}") from None
+
+    def _start(self, subscription: _Subscription, type_name: str, reliability: str = "RELIABLE") -> None:
+        """Begins to receive.
+
+        Reliable, until a publisher turns up that is not (sensor-data QoS): a best-effort subscription hears both kinds,
+        but loses messages on a bad network. DDS tells of such a publisher when it is found.
+        """
+        cls = messages.message_class(type_name)
+        get = messages.field_getter(subscription.topic, type_name, subscription.field)
+        callback, lock, clock, log_failure = subscription.callback, self._lock, self._clock, self._log_failure
+
+        def deliver(native: Any) -> None:
+            with lock:
+                if subscription.active:
+                    try:
+                        callback(get(native), clock())
+                    except Exception as error:
+                        log_failure(error)
+
+        def on_incompatible_qos(event: Any) -> None:
+            with lock:
+                if subscription.active and event.last_policy_kind == QoSPolicyKind.RELIABILITY:
+                    self.log(Severity.DEBUG, f"{subscription.topic} has a best-effort publisher: listening likewise")
+                    self._stop(subscription)
+                    self._start(subscription, type_name, "BEST_EFFORT")
+
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=on_incompatible_qos if reliability == "RELIABLE" else None, use_default_callbacks=False
+        )
+        qos = QoSProfile(depth=_QUEUE_SIZE, reliability=ReliabilityPolicy[reliability])
+        subscription.native = self.node.create_subscription(
+            cls, subscription.native_name, deliver, qos, event_callbacks=events
+        )
+
+    def _stop(self, subscription: _Subscription) -> None:
+        if subscription.native is not None:
+            self.node.destroy_subscription(subscription.native)
+            subscription.native = None
+
+    def _type_of(self, topic: str) -> str:
+        """Returns the type of a topic that somebody uses, empty when nobody does."""
+        types = dict(self.node.get_topic_names_and_types()).get(topic, [])
+        return types[0] if types else ""
+
+    def _begin_type_search(self) -> None:
+        if self._type_search is None:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._type_search = self.node.create_timer(_TYPE_SEARCH_PERIOD_S, self._search_types, clock=steady)
+
+    def _search_types(self) -> None:
+        """Starts the subscriptions whose type was left out and is known by now."""
+        with self._lock:
+            waiting = [subscription for subscription in self._subscriptions if subscription.is_waiting]
+            for subscription in waiting:
+                type_name = self._type_of(subscription.topic)
+                if type_name:
+                    subscription.is_waiting = False
+                    try:
+                        self._start(subscription, type_name)
+                    except ConfigError as error:
+                        self.log(Severity.ERROR, str(error))
+            if not any(subscription.is_waiting for subscription in waiting) and self._type_search is not None:
+                self.node.destroy_timer(self._type_search)
+                self._type_search = None
+
+    def _declare(self, parameter: Parameter) -> None:
+        descriptor = ParameterDescriptor(
+            description=parameter.description,
+            additional_constraints=parameter.allowed,
+            read_only=parameter.name in _START_ONLY,
+            dynamic_typing=True,
+        )
+        if parameter.minimum is not None and parameter.maximum is not None:
+            if parameter.kind is int:
+                low, high = int(parameter.minimum), int(parameter.maximum)
+                descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+            else:
+                low, high = float(parameter.minimum), float(parameter.maximum)
+                descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        if self.node.has_parameter(parameter.name):
+            self.node.set_descriptor(parameter.name, descriptor)
+        else:
+            # An empty list has no type in rclpy: it is declared like what has no default, without a value.
+            default = None if parameter.kind is list else parameter.default
+            self.node.declare_parameter(parameter.name, default, descriptor, ignore_override=True)
+
+    def _propose(self, changes: Sequence[Any]) -> SetParametersResult:
+        proposed = {**self._given, **{change.name: _plain(change.value) for change in changes}}
+        proposed = {name: value for name, value in proposed.items() if value is not None}
+        with self._lock:
+            if proposed == self._given:
+                return SetParametersResult(successful=True)
+            try:
+                self._on_change(unflatten(proposed))
+            except ConfigError as error:
+                reason = str(error)
+            except Exception as error:
+                reason = self._log_failure(error)
+            else:
+                self._set_log_level(proposed)
+                self._given = proposed
+                return SetParametersResult(successful=True)
+        self.log(Severity.WARN, f"the old parameters stay in force: {reason}")
+        return SetParametersResult(successful=False, reason=reason)
+
+    def _declare_deleted(self, changes: Sequence[Any]) -> None:
+        """Declares what `ros2 param delete` has taken away again, so that it can be set again."""
+        for change in changes:
+            if change.value is None and change.name in self._parameters and not self.node.has_parameter(change.name):
+                self._declare(self._parameters[change.name])
+
+    def _set_log_level(self, values: Mapping[str, Any]) -> None:
+        """Follows the parameter `log_level`; when it is not given, `--log-level` stays in force."""
+        if "log_level" in values:
+            self._logger.set_level(LoggingSeverity[values["log_level"]])
+
+    def _log_failure(self, error: Exception) -> str:
+        text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
+        if self.node.context.ok():  # else it is only that nothing can be published any more
+            self.log(Severity.ERROR, text)
+        return text
+
+
+class _Subscription:
+    """What to do with a topic's messages, and rclpy's subscription, which changes with the QoS that is needed."""
+
+    def __init__(self, topic: str, native_name: str, callback: Callable[[Any, float], None], field: str) -> None:
+        self.topic = topic
+        self.native_name = native_name
+        self.callback = callback
+        self.field = field
+        self.active = True
+        self.is_waiting = False
+        """Whether the type is still to be found out."""
+        self.native: Optional[Any] = None
+
+
+class _Timer:
+    """An rclpy timer and whether it is still wanted."""
+
+    def __init__(self, node: Node) -> None:
+        self.active = True
+        self._node = node
+        self._native: Any = None
+
+    def bind(self, native: Any) -> None:
+        self._native = native
+
+    def restart(self) -> None:
+        if self.active:
+            self._native.reset()
+
+    def cancel(self) -> None:
+        if self.active:
+            self.active = False
+            self._node.destroy_timer(self._native)
+
+
+def _native_name(name: str) -> str:
+    """Returns the name as ROS 2 writes it: `~/reset` for `~reset`."""
+    return f"~/{name[1:].lstrip('/')}" if name.startswith("~") else name
+
+
+def _plain(value: Any) -> Any:
+    """Returns a parameter's value with lists as lists."""
+    return list(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else value

@@ -1,0 +1,17 @@
+"""rclpy over real DDS keeps the port's promises."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from port_conformance import PortConformance
+
+
+class TestRos2(PortConformance):
+    @pytest.fixture
+    def harness(self, inside: Any, outside: Any) -> Any:
+        from ros2_harness import Ros2Harness
+
+        participant, spinner = inside
+        return Ros2Harness(participant, outside, spinner)

@@ -1,0 +1,236 @@
+"""The conformance harness over rclpy: two DDS participants, the nodes under test in one, the test in the other."""
+
+from __future__ import annotations
+
+import array
+import base64
+import threading
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+
+import rclpy
+from port_conformance import START_S, LogLine, ServiceFailed, poll_until
+from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
+
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.parameters import flatten
+from robot_health_monitor.ros2.middleware import Ros2Middleware
+
+
+class Participant:
+    """An rclpy context with one executor: what a process has."""
+
+    def __init__(self, domain_id: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.executor = SingleThreadedExecutor(context=self.context)
+
+    def node(self, name: str) -> Node:
+        node = Node(name, context=self.context, start_parameter_services=False, enable_rosout=False)
+        self.executor.add_node(node)
+        return node
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+class Spinner:
+    """Spins a participant in a thread of its own, as its process would."""
+
+    def __init__(self, participant: Participant) -> None:
+        self.failure: Optional[BaseException] = None
+        self._participant = participant
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._participant.close()
+        self._thread.join(10)
+        assert not self._thread.is_alive()
+
+    def _spin(self) -> None:
+        try:
+            self._participant.executor.spin()
+        except rclpy.executors.ExternalShutdownException:
+            pass
+        except BaseException as error:
+            self.failure = error
+
+
+class Ros2Harness:
+    """Nodes under test spin in their own thread; the outside spins while a test waits."""
+
+    knows_types = True
+
+    def __init__(self, inside: Participant, outside: Participant, spinner: Spinner) -> None:
+        self._inside, self._outside, self._spinner = inside, outside, spinner
+        self._witness = inside.node("witness")
+        self._me = outside.node("outside")
+        self._nodes: List[Ros2Middleware] = []
+        self._simulated: List[Ros2Middleware] = []
+        self._publishers: Dict[str, Any] = {}
+        self._now_s = START_S
+        self._log: List[LogLine] = []
+        everything = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._me.create_subscription(Log, "/rosout", self._keep, everything)
+        self._clock = self._me.create_publisher(Clock, "/clock", 10)
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+        sim_time: bool = True,
+    ) -> Ros2Middleware:
+        arguments = ["--ros-args"]
+        for old, new in (remap or {}).items():
+            arguments += ["-r", f"{old}:={new}"]
+        overrides = [Parameter(key, value=value) for key, value in flatten(parameters or {})]
+        node = Ros2Middleware(
+            name,
+            self._inside.context,
+            namespace=namespace,
+            cli_args=arguments,
+            use_global_arguments=False,
+            parameter_overrides=[*overrides, Parameter("use_sim_time", value=sim_time)],
+        )
+        self._nodes.append(node)
+        self._inside.executor.add_node(node.node)
+        if sim_time:
+            self._simulated.append(node)
+            self.set_time(self._now_s)
+        return node
+
+    def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
+        cls = _message_class(type_name)
+        if topic not in self._publishers:
+            self._publishers[topic] = self._me.create_publisher(cls, topic, 100)
+        publisher = self._publishers[topic]
+        self.wait_until(lambda: publisher.get_subscription_count() >= self._witness.count_subscribers(topic))
+        publisher.publish(fill(cls(), message))
+
+    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
+        messages: List[Mapping[str, Any]] = []
+        expected = self._witness.count_subscribers(topic) + 1
+        self._me.create_subscription(
+            _message_class(type_name), topic, lambda native: messages.append(as_mapping(native)), 100
+        )
+        publishers = [
+            publisher for node in self._nodes for publisher in node.node.publishers if publisher.topic_name == topic
+        ]
+        self.wait_until(lambda: all(publisher.get_subscription_count() >= expected for publisher in publishers))
+        return messages
+
+    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+        package, name = type_name.split("/")
+        cls = getattr(__import__(f"{package}.srv", fromlist=[name]), name)
+        return as_mapping(self._call(service, cls, fill(cls.Request(), request or {})))
+
+    def propose(self, node: Ros2Middleware, name: str, value: object) -> str:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        (result,) = self._call(f"{node.name}/set_parameters", SetParameters, request).results
+        assert result.successful == (not result.reason)
+        return str(result.reason)
+
+    def set_time(self, now_s: float) -> None:
+        self._now_s = now_s
+        now = Time(nanoseconds=round(now_s * 1e9))
+        attempts = 0
+
+        def is_shown() -> bool:
+            return all(node.now_s() == now_s for node in self._simulated)
+
+        def publish() -> None:
+            nonlocal attempts
+            if attempts % 50 == 0:  # /clock is best effort: a node that has only just appeared may miss a message
+                self._clock.publish(Clock(clock=now.to_msg()))
+            attempts += 1
+            self._outside.executor.spin_once(timeout_sec=0.005)
+
+        publish()
+        poll_until(is_shown, publish)
+
+    def log_lines(self) -> Sequence[LogLine]:
+        return list(self._log)
+
+    def wait_until(self, predicate: Callable[[], bool]) -> None:
+        poll_until(predicate, lambda: self._outside.executor.spin_once(timeout_sec=0.005))
+        assert self._spinner.failure is None
+
+    def close(self) -> None:
+        for node in self._nodes:
+            node.close()
+        for own, participant in ((self._witness, self._inside), (self._me, self._outside)):
+            participant.executor.remove_node(own)
+            own.destroy_node()
+        assert self._spinner.failure is None
+
+    def _call(self, service: str, cls: Any, request: Any) -> Any:
+        if not self._witness.count_services(service):
+            raise ServiceFailed(f"nobody offers {service}")
+        client = self._me.create_client(cls, service)
+        self.wait_until(client.service_is_ready)
+        answer = client.call_async(request)
+        self.wait_until(answer.done)
+        self._me.destroy_client(client)
+        return answer.result()
+
+    def _keep(self, line: Log) -> None:
+        level = line.level if isinstance(line.level, int) else line.level[0]
+        self._log.append(LogLine(Severity(level), line.msg))
+
+
+def as_mapping(native: Any) -> Dict[str, Any]:
+    """Returns a message's fields, nested; nothing here shares code with the adapter."""
+    return {name: _plain(getattr(native, name)) for name in native.get_fields_and_field_types()}
+
+
+def fill(native: Any, message: Mapping[str, Any]) -> Any:
+    """Sets a message's fields from a mapping, with rclpy's own checks of what is set switched on."""
+    native = type(native)(check_fields=True)
+    types = dict(zip(native.get_fields_and_field_types(), native.SLOT_TYPES))
+    for name, value in message.items():
+        setattr(native, name, _native(value, types[name], getattr(native, name)))
+    return native
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "get_fields_and_field_types"):
+        return as_mapping(value)
+    if isinstance(value, array.array) and value.typecode == "B":
+        return value.tobytes()
+    if isinstance(value, (list, tuple)):
+        return [_plain(element) for element in value]
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _native(value: Any, slot_type: Any, default: Any) -> Any:
+    if isinstance(value, Mapping):
+        return fill(default, value)
+    if isinstance(slot_type, (AbstractSequence, Array)):
+        if isinstance(slot_type.value_type, NamespacedType):
+            cls = _message_class(f"{slot_type.value_type.namespaces[0]}/{slot_type.value_type.name}")
+            return [fill(cls(), element) for element in value]
+        if isinstance(value, str):
+            return array.array("B", base64.b64decode(value))
+        return value
+    if getattr(slot_type, "typename", "") == "octet":
+        return bytes([value])
+    return float(value) if isinstance(default, float) else value
+
+
+def _message_class(type_name: str) -> Any:
+    package, name = type_name.split("/")
+    return getattr(__import__(f"{package}.msg", fromlist=[name]), name)
