@@ -1,0 +1,1 @@
+"""rosbridge: the protocol as pure code, a client that implements the port, a server that serves any port."""
