@@ -1,0 +1,14 @@
+# make run: the monitor on this machine, simulated robot, no ROS.   make test: every test that this machine can run.
+# Both set up what is missing under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2".
+PYTHON ?= python3
+.PHONY: run test lint
+
+run:
+	@$(PYTHON) tests/environments.py
+	@.venv/run/bin/python -m robot_health_monitor run $(ARGS)
+
+test:
+	@$(PYTHON) tests/run_all.py $(ARGS)
+
+lint:
+	@$(PYTHON) tests/run_all.py lint
