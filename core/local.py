@@ -13,7 +13,7 @@ import struct
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .field_path import ABSENT, Keyed, key_field, number_of_text, parse_field_path
-from .middleware import Message, Severity, resolve_name, split_type_name
+from .middleware import Graph, Message, NodeInfo, Severity, resolve_name, split_type_name
 from .parameters import ConfigError, Parameter, flatten, unflatten
 
 FieldGetter = Callable[[Any], Any]
@@ -46,6 +46,8 @@ class LocalBus:
         """Type name per topic, for topics that were advertised or subscribed to."""
         self._subscriptions: Dict[str, List[_LocalSubscription]] = {}
         self._services: Dict[str, Callable[[Message], Message]] = {}
+        self._service_types: Dict[str, str] = {}
+        self._nodes: List[LocalMiddleware] = []
         self._timers: List[Tuple[float, int, _LocalTimer]] = []
         self._order = itertools.count()
 
@@ -67,7 +69,23 @@ class LocalBus:
         """
         namespace = namespace.strip("/")
         full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
-        return LocalMiddleware(self, full_name, parameters or {}, remap or {})
+        node = LocalMiddleware(self, full_name, parameters or {}, remap or {})
+        self._nodes.append(node)
+        return node
+
+    def graph(self) -> Graph:
+        """Returns the nodes that are not closed and what they do."""
+        nodes = {
+            node.name: NodeInfo(
+                tuple(node._advertised),
+                tuple(subscription.topic for subscription in node._subscriptions),
+                tuple(node._services),
+            )
+            for node in self._nodes
+        }
+        used = {topic for node in nodes.values() for topic in (*node.publishes, *node.subscribes)}
+        topics = {topic: type_name for topic, type_name in self.types.items() if topic in used}
+        return Graph(topics, dict(self._service_types), nodes)
 
     def next_due_s(self) -> Optional[float]:
         """Returns when the next timer is due, None when there is none."""
@@ -234,6 +252,7 @@ class LocalMiddleware:
 
         resolved = self._resolve(service)
         self._bus._services[resolved] = answer
+        self._bus._service_types[resolved] = type_name
         self._services.append(resolved)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _LocalTimer:
@@ -241,6 +260,18 @@ class LocalMiddleware:
         self._timers.append(timer)
         self._bus._schedule(timer, self._bus.now_s + period_s)
         return timer
+
+    def graph(self) -> Graph:
+        return self._bus.graph()
+
+    def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
+        return self._bus.call_service(self._resolve(service), request)
+
+    def message_definition(self, type_name: str) -> str:
+        return ""
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> _LocalSubscription:
+        raise ConfigError(f"{self._resolve(topic)} has no raw bytes: the in-process middleware carries mappings")
 
     def log(self, severity: Severity, text: str) -> None:
         self._bus.on_log(LogLine(self._bus.now_s, self.name, severity, text))
@@ -253,6 +284,9 @@ class LocalMiddleware:
             self.unsubscribe(subscription)
         for service in self._services:
             self._bus._services.pop(service, None)
+            self._bus._service_types.pop(service, None)
+        if self in self._bus._nodes:
+            self._bus._nodes.remove(self)
         self._services.clear()
         self._advertised.clear()
 

@@ -18,7 +18,7 @@ What every implementation promises:
 from __future__ import annotations
 
 import enum
-from typing import Any, Callable, Mapping, Optional, Protocol, Sequence
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence
 
 from .parameters import Parameter
 
@@ -131,6 +131,62 @@ class Middleware(Protocol):
 
     def close(self) -> None:
         """Leaves the middleware: ends timers, subscriptions, publishers and services."""
+
+
+class NodeInfo(NamedTuple):
+    """What one node of a graph does, by fully resolved names."""
+
+    publishes: Sequence[str]
+    subscribes: Sequence[str]
+    services: Sequence[str]
+
+
+class Graph(NamedTuple):
+    """Who talks to whom: what a middleware can see of itself at one moment, by fully resolved names."""
+
+    topics: Mapping[str, str]
+    """Type name per topic that somebody publishes on or subscribes to, in the middleware's own spelling."""
+    services: Mapping[str, str]
+    """Type name per service; empty where the middleware does not tell."""
+    nodes: Mapping[str, NodeInfo]
+
+
+class ServedMiddleware(Middleware, Protocol):
+    """What `rosbridge/server.py` needs besides the port, to show a whole graph to clients that speak rosbridge.
+
+    These methods may wait for the network (`LocalMiddleware` excepted), so the server calls them from threads of its
+    own and never from a callback.
+    """
+
+    def graph(self) -> Graph:
+        """Returns what there is now."""
+
+    def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
+        """Calls a service and returns its response.
+
+        Args:
+            service: its name.
+            type_name: its type; empty: the one that the graph tells.
+            request: the fields; those left out keep their defaults.
+            timeout_s: how long to wait for the service and for its answer together, in s.
+
+        Raises:
+            ValueError: nobody offers it, the request does not fit, it failed or did not answer in time; `str()` says
+                which.
+        """
+
+    def message_definition(self, type_name: str) -> str:
+        """Returns a message type's definition with those of the types it holds, as `gendeps --cat` prints it.
+
+        Empty where the middleware does not have it.
+        """
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Subscription:
+        """Calls `callback(data, now_s)` for every message, with the bytes as the middleware transports them.
+
+        Raises:
+            ConfigError: the type is not known here, or there are no such bytes.
+        """
 
 
 def split_type_name(type_name: str) -> Optional[Sequence[str]]:
