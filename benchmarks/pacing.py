@@ -1,0 +1,36 @@
+"""What the publishers of both middlewares share: values, a steady beat, and orders on standard input."""
+
+from __future__ import annotations
+
+import random
+import sys
+import time
+from typing import Callable, Iterator
+
+
+def battery_levels() -> Iterator[float]:
+    """Yields healthy levels in %."""
+    noise = random.Random(1)
+    while True:
+        yield min(99.0, max(30.0, 60.0 + noise.gauss(0.0, 5.0)))
+
+
+def serve(connected: Callable[[str], bool], publish: Callable[[str], None]) -> None:
+    """For every line `TOPIC RATE_HZ SECONDS` publishes so and writes how many messages it sent, until the end.
+
+    Args:
+        connected: says whether somebody listens on a topic.
+        publish: sends the next message.
+    """
+    for line in sys.stdin:
+        topic, rate_hz, seconds = line.split()
+        while not connected(topic):
+            time.sleep(0.05)
+        wanted = round(float(rate_hz) * float(seconds))
+        begin_s = time.monotonic()
+        for number in range(wanted):
+            early_s = begin_s + number / float(rate_hz) - time.monotonic()
+            if early_s > 0.0:
+                time.sleep(early_s)
+            publish(topic)
+        print(wanted, flush=True)

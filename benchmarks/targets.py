@@ -1,0 +1,140 @@
+"""The middlewares of this machine, each with a place to itself: a master or a domain, its Python, its variables.
+
+What `make test` runs its tests with is measured here: the same interpreters and the same environments.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, Iterator, List
+
+import psutil
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class Process:
+    """A process that is measured from outside."""
+
+    def __init__(self, command: List[str], variables: Dict[str, str]) -> None:
+        """Starts it; its output goes to a file, but for what it writes to `stdout` when it is a publisher."""
+        self._log = tempfile.TemporaryFile("w+")
+        self._process = subprocess.Popen(
+            command,
+            env=variables,
+            cwd=tempfile.gettempdir(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE if "publisher" in command else self._log,
+            stderr=self._log,
+            text=True,
+            start_new_session=True,
+        )
+        self._measured = psutil.Process(self._process.pid)
+
+    def order(self, line: str) -> int:
+        """Writes a line to its input and returns the number that it answers."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+        return int(self._process.stdout.readline())
+
+    def cpu_s(self) -> float:
+        """Returns the CPU time of all its threads since it began, in seconds.
+
+        Raises:
+            RuntimeError: it has ended.
+        """
+        self.require_running()
+        times = self._measured.cpu_times()
+        return times.user + times.system
+
+    def resident_mb(self) -> float:
+        """Returns what of it is in memory, in MB of 10^6 bytes."""
+        return float(self._measured.memory_info().rss) / 1e6
+
+    def own_mb(self) -> float:
+        """Returns what would be free if it ended, in MB: pages that it shares with nobody."""
+        return float(self._measured.memory_full_info().uss) / 1e6
+
+    def require_running(self) -> None:
+        """Raises RuntimeError with the last line of its output when it has ended."""
+        if self._process.poll() is not None:
+            self._log.seek(0)
+            lines = self._log.read().strip().splitlines()
+            raise RuntimeError(f"ended with {self._process.returncode}: {lines[-1] if lines else 'no output'}")
+
+    def end(self) -> None:
+        """Interrupts it, and kills it if that is not enough."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout, self._log):
+            if pipe is not None:
+                pipe.close()
+
+
+@dataclass(frozen=True)
+class Target:
+    """One middleware, ready to run nodes."""
+
+    name: str
+    python: str
+    variables: Dict[str, str]
+    package: str
+    """`ros1` or `ros2`."""
+
+    def node(self, executable: str, namespace: str, remap: str = "") -> Process:
+        """Starts one of this project's executables."""
+        code = f"import sys; from robot_health_monitor.{self.package}.main import {executable} as main; sys.exit(main())"
+        arguments = [f"__ns:=/{namespace}", remap]
+        if self.package == "ros2":
+            arguments = [word for argument in arguments if argument for word in ("-r", argument)]
+            arguments.insert(0, "--ros-args")
+        return Process([self.python, "-c", code, *filter(None, arguments)], self.variables)
+
+    def peer(self, role: str) -> Process:
+        """Starts one of the peers."""
+        return Process([self.python, "-m", f"benchmarks.{self.package}_peers", role], self.variables)
+
+
+@contextlib.contextmanager
+def ros1(python: str, variables: Dict[str, str]) -> Iterator[Target]:
+    """Starts a master of its own."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    variables = {**_with_source(variables), "ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1"}
+    core = Process(["roscore", "-p", str(port)], variables)
+    try:
+        while socket.socket().connect_ex(("127.0.0.1", port)):
+            core.require_running()
+            time.sleep(0.1)
+        yield Target("ROS 1", python, variables, "ros1")
+    finally:
+        core.end()
+
+
+@contextlib.contextmanager
+def ros2(python: str, variables: Dict[str, str]) -> Iterator[Target]:
+    """Takes a domain of its own, on this machine only."""
+    domain = str(random.SystemRandom().randrange(10, 100))
+    variables = {**_with_source(variables), "ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    yield Target("ROS 2", python, variables, "ros2")
+
+
+def _with_source(variables: Dict[str, str]) -> Dict[str, str]:
+    path = os.pathsep.join(filter(None, [str(ROOT), variables.get("PYTHONPATH", "")]))
+    return {**variables, "PYTHONPATH": path}
