@@ -51,8 +51,6 @@ class Ros2Middleware:
             context: rclpy's context; None: the default one.
             options: what else rclpy's Node takes, such as `namespace` and `parameter_overrides`.
 
-        Raises:
-            ConfigError: one of the parameters `executor` and `use_sim_time` is not what it may be.
         """
         self.node = Node(name, context=context, automatically_declare_parameters_from_overrides=True, **options)
         self.name: str = self.node.get_fully_qualified_name()
@@ -70,20 +68,25 @@ class Ros2Middleware:
         self._on_change: Callable[[Mapping[str, Any]], None]
         self._closed = False
         given = {name: _plain(parameter.value) for name, parameter in self.node.get_parameters_by_prefix("").items()}
-        for parameter in (EXECUTOR, USE_SIM_TIME):
-            parameter.read(given.get(parameter.name, parameter.default), (parameter.name,))
-        self.executor: str = given.get(EXECUTOR.name, EXECUTOR.default)
-        """The executor that this node asks for."""
+        self._own = {name: given[name] for name in _START_ONLY if name in given}
         self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
         self._jumps = self._ros_clock.create_jump_callback(
             JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)),
             post_callback=self._on_time_jump,
         )
 
+    @property
+    def executor(self) -> str:
+        """The executor that this node asks for."""
+        return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
+
     def now_s(self) -> float:
         return self._clock()
 
     def given_parameters(self) -> Mapping[str, Any]:
+        for parameter in (EXECUTOR, USE_SIM_TIME):
+            if parameter.name in self._own:
+                parameter.read(self._own[parameter.name], (parameter.name,))
         return unflatten(self._given)
 
     def declare_parameters(

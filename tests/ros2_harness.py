@@ -150,7 +150,8 @@ class Ros2Harness:
         attempts = 0
 
         def is_shown() -> bool:
-            return all(node.now_s() == now_s for node in self._simulated)
+            working = self._inside.executor.get_nodes()
+            return all(node.now_s() == now_s for node in self._simulated if node.node in working)
 
         def publish() -> None:
             nonlocal attempts
