@@ -1,4 +1,4 @@
-"""The path of a number inside a message: `data`, `battery.percentage`, `cell_voltage[0]`, `status["motor: left"].level`.
+"""The path of a number inside a message: `data`, `battery.percentage`, `cell_voltage[0]`, `status["motor"].level`.
 
 A name goes into a field, a whole number in brackets to an element, a quoted text in brackets to the element of that
 `name` (or `key`): that is how a status is picked out of /diagnostics, and a value out of a status.
@@ -19,7 +19,13 @@ class Keyed(NamedTuple):
 Step = Union[str, int, Keyed]
 """A field's name, an element's index, or an element's key."""
 
-_PART = re.compile(r"""(?P<dot>\.)?(?P<name>[A-Za-z_]\w*)|\[(?P<index>\d+)\]|\[(?P<quote>["'])(?P<key>.*?)(?P=quote)\]""")
+_PART = re.compile(
+    r"""(?P<dot>\.)?(?P<name>[A-Za-z_]\w*)  # data, .percentage
+    |   \[(?P<index>\d+)\]                  # [0]
+    |   \[(?P<quote>["'])(?P<key>.*?)(?P=quote)\]  # ["motor: left"]
+    """,
+    re.ASCII | re.VERBOSE,
+)
 _KEY_FIELDS = ("name", "key")
 
 

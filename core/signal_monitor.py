@@ -11,7 +11,7 @@ import math
 import numbers
 from typing import Callable, Dict, Optional
 
-from .config import SignalConfig
+from .config import CONDITIONS, SignalConfig
 from .flapping import FlapDetector
 from .model import Level, Status, Transition
 from .statistics import STATISTIC_OF_WINDOW, Window
@@ -86,8 +86,8 @@ class SignalMonitor:
         good = self._valid_min <= number <= self._valid_max
         if good:
             self._good_samples += 1
-            if number <= 1.0 or self._suspicion.watching:
-                self._suspicion.see_good(number)
+            if not self._ordinary_min < number <= self._ordinary_max or self._suspicion.watching:
+                self._suspicion.see_good(came, number)
             self._window.add(number, now_s)
             if self._statistic is None:
                 judged = self._judged = number
@@ -232,6 +232,10 @@ class SignalMonitor:
                 values[name] = bound_text(setting)
         if config.scale != 1.0:
             values["scale"] = bound_text(config.scale)
+        for name in CONDITIONS:
+            condition = getattr(config, name)
+            if condition is not None:
+                values[name] = str(condition)
         values["state"] = self._state()
         values["since"] = f"{self._level_since_s:.3f}"
         values["lasts_s"] = number_text(now_s - self._level_since_s)
@@ -249,9 +253,14 @@ class SignalMonitor:
         self._statistic_unit = {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
         self._converts = config.scale != 1.0 or bool(config.placeholders)
         self._suspicion = Suspicion(config)
+        self._ordinary_min = self._suspicion.ordinary_min
+        self._ordinary_max = self._suspicion.ordinary_max
         self._detect_flaps = config.flap_detection
         if not config.latch:
             self._latched = Level.OK
+        if config.only_if is None:
+            for rule in self._rules:
+                rule.allow(True)
         self._active_rules = [
             rule
             for rule, level in zip(self._rules, _LEVEL_OF_RULE)
@@ -341,7 +350,7 @@ class SignalMonitor:
         return level is Level.ERROR and self._invalid.fires and not self._rules[1].fires
 
     def _rule_behind(self, level: Level) -> Optional[Rule]:
-        """The rule that a level tells of: the one that fires or is latched, or for OK the one pending or cleared."""
+        """The rule that a level tells of: the one that fires or is latched; for OK pending, held back or cleared."""
         warn, error = self._rules
         if level is Level.STALE or self._is_invalid(level):
             return None
@@ -350,7 +359,7 @@ class SignalMonitor:
         if level is Level.WARN:
             return warn
         for rule in (error, warn):
-            if rule.state is State.PENDING:
+            if rule.state is State.PENDING or rule.held_back:
                 return rule
         return self._announced_rule if self._announced is not Level.OK else None
 
@@ -411,13 +420,23 @@ class SignalMonitor:
         if rule is None or bound is None:
             return value
         side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
+        if judged < bound if rule.is_below else judged > bound:
+            reason = f"{value} is {side}"
+        elif rule.condition or rule.held_back:
+            clears_at = bound + config.hysteresis if rule.is_below else bound - config.hysteresis
+            reason = f"{value} was {side}, clears at {with_unit(number_text(clears_at, judged), unit)}"
+        else:
+            reason = f"{value} is no longer {side}"
+        if rule.held_back:
+            reason += f", which counts only if {config.only_if}"
         if rule.state is State.PENDING and level is Level.OK:
-            return f"{value} is {side}, pending for {duration_text(now_s - rule.since_s)}"
-        if rule.condition:
-            return f"{value} is {side}"
+            return f"{reason}, pending for {duration_text(now_s - rule.since_s)}"
+        if rule.condition or level is Level.OK:
+            return reason
         if rule.fires:
-            return f"{value} is no longer {side}, kept firing for a while"
-        return f"{value} is no longer {side}" + (", latched until reset" if level is not Level.OK else "")
+            return f"{reason}, kept firing for a while"
+        release = f" or {config.latch_release_if}" if config.latch_release_if else ""
+        return f"{reason}, latched until reset{release}"
 
     def _state(self) -> str:
         warn, error = self._rules
