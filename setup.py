@@ -43,7 +43,7 @@ setup(
     package_dir={NAME: NAME, **{NAME + "." + folder: folder for folder in FOLDERS}},
     package_data={NAME: ["py.typed"]},
     data_files=data_files,
-    install_requires=["PyYAML>=5.3", "cbor2", "psutil>=5.5", "rich>=10"],
+    install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10"],
     extras_require={"test": ["hypothesis", "pytest"]},
     zip_safe=False,
     entry_points={

@@ -6,6 +6,7 @@ suites by the beginning of their names (`ros1`, `core`, `lint`); without any, al
 
 from __future__ import annotations
 
+import fcntl
 import functools
 import os
 import queue
@@ -229,7 +230,7 @@ def packaging(machine: Machine, suite: Suite) -> Prepared:
 def lint(machine: Machine, tool: Sequence[str], installed: bool, suite: Suite) -> Prepared:
     """One of the tools that read the source; `installed`: it reads an installed copy."""
     with _lint_lock:
-        python = environment("lint", list(machine.pythons.values())[-1], LINT_REQUIREMENTS)
+        python = environment("lint", list(machine.pythons.values())[-1], [*runtime_requirements(), *LINT_REQUIREMENTS])
         if installed and not _lint_installed:
             copy = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-deps"]
             subprocess.run([*copy, "--force-reinstall", str(ROOT)], check=True, stdin=subprocess.DEVNULL)
@@ -355,6 +356,12 @@ def summary(suites: Sequence[Suite]) -> str:
 def main(names: Sequence[str]) -> int:
     """Runs the suites whose names begin with one of `names`, all without any."""
     RESULTS.mkdir(parents=True, exist_ok=True)
+    lock = (RESULTS / "lock").open("w")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        print("waiting for another `make test` in this folder to end", flush=True)
+        fcntl.flock(lock, fcntl.LOCK_EX)
     machine = Machine()
     try:
         install_with_apt(["prometheus", "python3-venv"])

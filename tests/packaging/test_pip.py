@@ -1,0 +1,58 @@
+"""pip, on a machine without ROS: the library, the command and its files."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any, Dict, List
+
+import pytest
+from environments import find_pythons
+from packaging_workspace import NAME, Workspace, check_share, installed_modules, run, source_modules, version
+
+_PYTHONS = find_pythons()
+_EXAMPLE = """
+from robot_health_monitor.core import Level, Monitor, Sample, load_config
+
+monitor = Monitor(load_config({"signals": {"battery_level": {"warn_below": 20.0, "for_s": 3.0}}}))
+found = []
+for now_s, percent in enumerate([25.0, 19.0, 18.0, 18.0, 18.0]):
+    found += monitor.observe(Sample("battery_level", percent, float(now_s)))
+assert [(t.from_level, t.to_level, t.now_s) for t in found] == [(Level.OK, Level.WARN, 4.0)], found
+assert monitor.tick(5.0) == []
+assert monitor.report(5.0).statuses["battery_level"].level is Level.WARN
+"""
+
+
+class Installed:
+    """A virtual environment in which pip has installed the package."""
+
+    def __init__(self, workspace: Workspace, python: str, options: List[str]) -> None:
+        self.folder = workspace.folder / "venv"
+        self.variables: Dict[str, str] = workspace.variables
+        run([python, "-m", "venv", str(self.folder)], workspace.folder, self.variables)
+        self.run("python", "-m", "pip", "install", "--disable-pip-version-check", *options, str(workspace.package))
+
+    def run(self, command: str, *arguments: str) -> str:
+        """Runs one of the environment's commands and returns what it printed."""
+        return run([str(self.folder / "bin" / command), *arguments], self.folder, self.variables).stdout.strip()
+
+
+@pytest.mark.parametrize("options", [[], ["-e"]], ids=["install", "install -e"])
+@pytest.mark.parametrize("python", sorted({min(_PYTHONS), max(_PYTHONS)}), ids=lambda v: f"{v[0]}.{v[1]}")
+def test_the_library_and_the_command_work_without_ros(workspace: Workspace, python: Any, options: List[str]) -> None:
+    installed = Installed(workspace, _PYTHONS[python], options)
+    assert version() in installed.run("robot-health", "--version")
+    assert version() in installed.run("python", "-m", NAME, "--version")
+    installed.run("python", "-c", _EXAMPLE)
+    module = Path(installed.run("python", "-c", f"import {NAME}; print({NAME}.__file__)")).parent
+    if options:
+        assert module == workspace.package / NAME
+    else:
+        assert installed_modules(module) == source_modules()
+        check_share(installed.folder / "share" / NAME)
+        # What was installed needs nothing of the source tree.
+        shutil.rmtree(workspace.package)
+        installed.run("robot-health", "check", str(installed.folder / "share" / NAME / "config" / "thresholds.yaml"))
+    assert os.access(installed.folder / "bin" / "robot-health", os.X_OK)

@@ -1,0 +1,85 @@
+"""The ament_python build: executables where `ros2 run` finds them, `robot-health` on the PATH."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from packaging_workspace import (
+    NAME,
+    NODES,
+    Workspace,
+    check_share,
+    installed_modules,
+    source_modules,
+    version,
+)
+
+
+@pytest.fixture(params=["", "--symlink-install"])
+def built(request: Any, workspace: Workspace) -> Workspace:
+    workspace.colcon("build", "2", *request.param.split())
+    return workspace
+
+
+def test_ros2_run_and_ros2_launch_find_everything(built: Workspace) -> None:
+    share = built.prefix / "share"
+    check_share(share / NAME)
+    assert (share / "ament_index" / "resource_index" / "packages" / NAME).is_file()
+    assert built.shell("echo $AMENT_PREFIX_PATH").split(os.pathsep)[0] == str(built.prefix)
+    for command in (*NODES, "robot-health"):
+        assert os.access(built.prefix / "lib" / NAME / command, os.X_OK)
+
+    module = Path(built.shell(f"{sys.executable} -c 'import {NAME}.core; print({NAME}.__file__)'"))
+    assert built.folder in module.parents
+    if "build" not in module.parts:
+        assert installed_modules(module.parent) == source_modules()
+
+    assert built.shell("command -v robot-health") == str(built.prefix / "bin" / "robot-health")
+    assert version() in built.shell("robot-health --version")
+    built.shell(f"robot-health check {share / NAME}/config/thresholds.yaml")
+    # Nothing but the two is on the PATH: `aggregator` is too common a name for it.
+    assert [path.name for path in (built.prefix / "bin").iterdir()] == ["robot-health"]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="rclpy is not installed")
+@pytest.mark.parametrize("node", NODES)
+def test_an_executable_is_a_node_that_ends_cleanly(workspace: Workspace, node: str) -> None:
+    workspace.colcon("build", "2")
+    process = workspace.start(str(workspace.prefix / "lib" / NAME / node))
+    try:
+        assert process.stdout is not None
+        first_line = process.stdout.readline()
+    finally:
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=30)
+    assert "INFO" in first_line
+    assert process.returncode == 0, first_line + rest
+    assert "Traceback" not in rest
+
+
+@pytest.mark.parametrize(("body", "fails"), [("assert True", False), ("assert False", True)])
+def test_colcon_test_runs_the_tests_and_fails_when_they_do(workspace: Workspace, body: str, fails: bool) -> None:
+    workspace.replace_tests(body)
+    workspace.colcon("build", "2")
+    workspace.colcon("test", "2", "--return-code-on-test-failure", fails=fails)
+    results = workspace.folder / "build" / "ros2" / NAME / "pytest.xml"
+    assert 'name="test_the_only_one"' in results.read_text()
+
+
+def test_both_targets_build_in_one_workspace(workspace: Workspace) -> None:
+    from packaging_workspace import need_ros1
+
+    need_ros1()
+    workspace.colcon("build", "1")
+    assert "ament" not in str(sorted((workspace.prefix / "share").iterdir()))
+    workspace.colcon("build", "2")
+    assert (workspace.prefix / "share" / "ament_index").is_dir()
+    for ros_version in ("1", "2"):
+        workspace.setup = workspace.folder / "install" / f"ros{ros_version}" / "setup.bash"
+        assert version() in workspace.shell("robot-health --version")
