@@ -42,13 +42,14 @@ def with_unit(number: str, unit: str) -> str:
 
 
 def datum_text(value: object) -> str:
-    """Writes a datum that may be anything, shortened to 40 characters."""
+    """Writes a datum that may be anything, on one line and shortened to 40 characters."""
     if isinstance(value, float):
         return number_text(value)
     try:
         text = repr(value)
     except Exception:  # a foreign object's own repr
         text = f"a {type(value).__name__}"
+    text = " ".join("".join(letter if letter.isprintable() else " " for letter in text[:200]).split())
     return text if len(text) <= 40 else text[:37] + "..."
 
 

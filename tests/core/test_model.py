@@ -1,0 +1,87 @@
+"""Levels, their severity, and values that cannot be changed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from robot_health_monitor.core import Level, Report, Sample, Status, Transition
+
+
+def transition(**changes: object) -> Transition:
+    values = {
+        "signal": "battery_level",
+        "from_level": Level.OK,
+        "to_level": Level.WARN,
+        "value": 19.5,
+        "statistic": "last",
+        "bound": 20.0,
+        "now_s": 312.0,
+        "since_s": 0.0,
+        "robot": "atlas",
+        "fingerprint": "0123456789abcdef",
+        "text": "battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)",
+    }
+    return Transition(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_levels_are_the_wire_values_of_diagnostic_status() -> None:
+    # diagnostic_msgs/msg/DiagnosticStatus.msg: byte OK=0, byte WARN=1, byte ERROR=2, byte STALE=3
+    assert [(level.name, int(level)) for level in Level] == [("OK", 0), ("WARN", 1), ("ERROR", 2), ("STALE", 3)]
+
+
+def test_severity_puts_a_missing_signal_between_a_warning_and_an_error() -> None:
+    assert sorted(Level, key=lambda level: level.severity) == [Level.OK, Level.WARN, Level.STALE, Level.ERROR]
+
+
+@pytest.mark.parametrize(
+    ("levels", "worst"),
+    [
+        ([], Level.OK),
+        ([Level.OK, Level.OK], Level.OK),
+        ([Level.STALE, Level.WARN], Level.STALE),
+        ([Level.STALE, Level.ERROR], Level.ERROR),
+        ([Level.ERROR, Level.STALE], Level.ERROR),
+    ],
+)
+def test_worst_goes_by_severity_not_by_wire_value(levels: list, worst: Level) -> None:
+    assert Level.worst(levels) is worst
+
+
+def test_a_printed_transition_has_the_time_before_its_text() -> None:
+    assert str(transition()) == "312.000 battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
+
+
+@pytest.mark.parametrize(
+    "value",
+    [transition(), Status("a", Level.OK, "", "", {}), Report(Level.OK, {}, 0.0, ""), Sample("a", 1.0, 0.0)],
+    ids=lambda value: type(value).__name__,
+)
+def test_values_are_frozen(value: object) -> None:
+    name = value._fields[0] if isinstance(value, Sample) else dataclasses.fields(value)[0].name  # type: ignore[arg-type]
+    with pytest.raises(AttributeError):
+        setattr(value, name, "changed")
+
+
+def test_mappings_inside_values_are_frozen_too_and_no_longer_the_callers() -> None:
+    statistics = {"mean": 1.0}
+    of_transition = transition(statistics=statistics)
+    statistics["mean"] = 2.0
+
+    assert of_transition.statistics == {"mean": 1.0}
+    with pytest.raises(TypeError):
+        of_transition.statistics["mean"] = 3.0  # type: ignore[index]
+    with pytest.raises(TypeError):
+        Status("a", Level.OK, "", "", {}).values["value"] = "1"  # type: ignore[index]
+    with pytest.raises(TypeError):
+        Report(Level.OK, {}, 0.0, "").statuses["a"] = Status("a", Level.OK, "", "", {})  # type: ignore[index]
+
+
+def test_equal_transitions_are_equal() -> None:
+    assert transition(statistics={"mean": 1.0}) == transition(statistics={"mean": 1.0})
+    assert transition() != transition(now_s=313.0)
+
+
+def test_a_sample_has_no_stamp_unless_it_is_told() -> None:
+    assert Sample("battery_level", 19.5, 1.0).stamp_s is None
