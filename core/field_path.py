@@ -77,8 +77,16 @@ def key_field(fields: Iterable[str]) -> Optional[str]:
 
 
 def number_of_text(text: Any) -> Any:
-    """Returns the number that a key-value's text is, or what it is if it is none."""
+    """Returns the number that a key-value's text is (1 for True, 0 for False), or what it is if it is none."""
+    if not isinstance(text, str):
+        return text
+    flag = _FLAGS.get(text.lower())
+    if flag is not None:
+        return flag
     try:
-        return float(text) if isinstance(text, str) else text
+        return text if "_" in text else float(text)  # float() would take 1_000
     except ValueError:
         return text
+
+
+_FLAGS = {"true": 1.0, "false": 0.0}

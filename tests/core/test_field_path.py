@@ -1,0 +1,120 @@
+"""Paths of fields: what is one, what is none, and what a keyed step compares."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_health_monitor.core.field_path import ABSENT, Keyed, key_field, number_of_text, parse_field_path
+
+
+@pytest.mark.parametrize(
+    ("path", "steps"),
+    [
+        ("", ()),
+        ("data", ("data",)),
+        ("pose.position.z", ("pose", "position", "z")),
+        ("cell_voltage[0]", ("cell_voltage", 0)),
+        ("status[3].level", ("status", 3, "level")),
+        ("cells[2][1]", ("cells", 2, 1)),
+        ('status["motor: left"].level', ("status", Keyed("motor: left"), "level")),
+        ("status['motor: left'].level", ("status", Keyed("motor: left"), "level")),
+        ('values["T (C)"]', ("values", Keyed("T (C)"))),
+        ('status["a"].values["b"]', ("status", Keyed("a"), "values", Keyed("b"))),
+        ('status["it\'s"].level', ("status", Keyed("it's"), "level")),
+        ('status["a[0].b"].level', ("status", Keyed("a[0].b"), "level")),
+        ('status["Motor ä"].level', ("status", Keyed("Motor ä"), "level")),
+        ('status[""].level', ("status", Keyed(""), "level")),
+        ("_private2", ("_private2",)),
+    ],
+)
+def test_a_path_is_split_into_names_indices_and_keys(path: str, steps: object) -> None:
+    assert parse_field_path(path) == steps
+
+
+@pytest.mark.parametrize(
+    ("path", "rest"),
+    [
+        (".data", "'.data'"),
+        ("data.", "'.'"),
+        ("a..b", "'..b'"),
+        ("a b", "' b'"),
+        ("cells[-1]", "'[-1]'"),
+        ("cells[1", "'[1'"),
+        ("cells[]", "'[]'"),
+        ("cells[x]", "'[x]'"),
+        ('status["a]', "'[\"a]'"),
+        ("status[\"a']", "'[\"a\\']'"),
+        ("a[0]b", "'b'"),
+        ("cells.[0]", "'.[0]'"),
+        ("2nd", "'2nd'"),
+        ("größe", "'öße'"),
+    ],
+)
+def test_what_is_no_path_is_refused_with_the_rest_that_nobody_understands(path: str, rest: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        parse_field_path(path)
+    assert str(caught.value) == (f'but {rest} is neither a name nor an index such as [0] nor a key such as ["motor"]')
+
+
+@pytest.mark.parametrize("path", ["[0]", '["motor"]', "[0].data"])
+def test_a_path_begins_with_the_name_of_a_field(path: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        parse_field_path(path)
+    assert str(caught.value) == f"but {path!r} does not begin with a field's name"
+
+
+@given(st.text())
+def test_any_text_is_a_path_or_a_value_error(text: str) -> None:
+    try:
+        steps = parse_field_path(text)
+    except ValueError:
+        return
+    assert (steps == ()) == (text == "")
+
+
+@pytest.mark.parametrize(
+    ("fields", "found"),
+    [
+        (["level", "name", "message"], "name"),
+        (["key", "value"], "key"),
+        (["key", "name"], "name"),
+        (["data"], None),
+        ([], None),
+    ],
+)
+def test_a_keyed_step_compares_the_name_or_else_the_key(fields: list, found: object) -> None:
+    assert key_field(fields) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("45.5", 45.5),
+        (" 7 ", 7.0),
+        ("-1e-3", -0.001),
+        ("", ""),
+        ("87 %", "87 %"),
+        ("OK", "OK"),
+        ("True", 1.0),
+        ("false", 0.0),
+        (3, 3),
+    ],
+)
+def test_the_text_of_a_key_value_is_read_as_a_number_where_it_is_one(text: object, number: object) -> None:
+    assert number_of_text(text) == number
+
+
+def test_the_text_nan_is_not_a_number() -> None:
+    assert math.isnan(number_of_text("nan"))
+
+
+def test_a_text_with_underscores_is_no_number_though_python_reads_it_as_one() -> None:
+    assert number_of_text("1_000") == "1_000"
+
+
+def test_absent_says_its_name() -> None:
+    assert repr(ABSENT) == "ABSENT"
