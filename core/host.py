@@ -118,7 +118,9 @@ def _lacks_battery() -> bool:
     if not sys.platform.startswith("linux"):
         return False
     try:
-        batteries = sorted(name for name in os.listdir(_POWER_SUPPLIES) if name[:3] == "BAT" or "battery" in name.lower())
+        batteries = sorted(
+            name for name in os.listdir(_POWER_SUPPLIES) if name[:3] == "BAT" or "battery" in name.lower()
+        )
     except OSError:
         return True  # a kernel without this folder, on which psutil would stumble
     try:

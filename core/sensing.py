@@ -1,7 +1,6 @@
 """What battery_sensor publishes and where each value comes from: simulated, this machine, or nowhere.
 
-    sources = read_sources({"seed": 7, "temperature": {"source": "host"}})
-    sources["temperature"].read(now_s)      # degrees C, or SensorError
+`read_sources({"temperature": {"source": "host"}})["temperature"].read(now_s)` gives degrees C, or raises SensorError.
 """
 
 from __future__ import annotations
