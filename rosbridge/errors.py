@@ -29,5 +29,3 @@ def shown(value: object, length: int = 40) -> str:
         return "a very large number"
     text = repr(value)
     return text if len(text) <= length else text[: length - 3] + "..."
-
-

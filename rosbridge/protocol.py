@@ -375,9 +375,7 @@ _READERS: Dict[str, Callable[[object, Limits], object]] = {
 def _fields_of(operation: Type[Any]) -> Tuple[Tuple[str, Callable[[object, Limits], object], bool], ...]:
     """Returns (name, reader, whether it is required) per field."""
     defaults: Mapping[str, object] = operation._field_defaults
-    return tuple(
-        (name, _READERS[_annotation(operation, name)], name not in defaults) for name in operation._fields
-    )
+    return tuple((name, _READERS[_annotation(operation, name)], name not in defaults) for name in operation._fields)
 
 
 def _annotation(operation: Type[Any], name: str) -> str:

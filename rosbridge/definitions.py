@@ -1,0 +1,229 @@
+"""Message definitions: reading them, telling clients of them, and ROS 1's wire format made from them.
+
+A middleware with ROS has the definitions of everything installed. For one without, `KNOWN` holds those that this
+package itself sends, so that clients which want raw bytes (Foxglove) are served by `robot-health run` too.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from robot_health_monitor.core.middleware import split_type_name
+
+_HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
+_KEY_VALUE = "string key\nstring value\n"
+_STATUS = (
+    "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\n"
+    "byte level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values\n"
+)
+_LOG = (
+    "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\n"
+    "std_msgs/Header header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n"
+    "string[] topics\n"
+)
+
+_TEXTS: Dict[str, str] = {
+    "std_msgs/Float32": "float32 data\n",
+    "std_msgs/Float64": "float64 data\n",
+    "std_msgs/Int32": "int32 data\n",
+    "std_msgs/Bool": "bool data\n",
+    "std_msgs/String": "string data\n",
+    "std_msgs/Header": _HEADER,
+    "diagnostic_msgs/KeyValue": _KEY_VALUE,
+    "diagnostic_msgs/DiagnosticStatus": _STATUS,
+    "diagnostic_msgs/DiagnosticArray": "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n",
+    "rosgraph_msgs/Log": _LOG,
+    "rosgraph_msgs/Clock": "time clock\n",
+}
+
+_SERVICES: Dict[str, Tuple[str, str]] = {
+    "std_srvs/Empty": ("", ""),
+    "std_srvs/Trigger": ("", "bool success\nstring message\n"),
+    "std_srvs/SetBool": ("bool data\n", "bool success\nstring message\n"),
+}
+
+_SEPARATOR = "=" * 80
+_PRIMITIVES = {
+    "bool": "?",
+    "byte": "b",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
+_LINE = re.compile(r"^(?P<type>[\w/]+)(<=\d+)?(?P<array>\[(?P<length>[^\]]*)\])?\s+(?P<name>\w+)\s*(?P<rest>.*)$")
+
+
+class Field(NamedTuple):
+    """One field of a message."""
+
+    name: str
+    type: str
+    """A primitive (`float32`), `string`, `time`, or another message's type (`std_msgs/Header`)."""
+    length: int
+    """-1: one value; 0: an array of any length; else the length of the array."""
+
+
+class Definition(NamedTuple):
+    """One message type."""
+
+    type: str
+    fields: Sequence[Field]
+    constants: Sequence[Tuple[str, str]]
+    """(name, value as text)."""
+
+
+def canonical(type_name: str) -> str:
+    """Returns a type name in the spelling `package/Type`."""
+    split = split_type_name(type_name)
+    return "/".join(split) if split else type_name
+
+
+def full_text(type_name: str) -> str:
+    """Returns a known message type's definition with those of the types that it holds; empty when it is not known."""
+    text = _TEXTS.get(canonical(type_name))
+    if text is None:
+        return ""
+    parts = [text]
+    seen = {canonical(type_name)}
+    for inner in _inner_types(text):
+        if inner not in seen:
+            seen.add(inner)
+            parts.append(f"{_SEPARATOR}\nMSG: {inner}\n{full_text(inner)}")
+    return _without_repetitions("".join(parts))
+
+
+def parse(type_name: str, text: str) -> Dict[str, Definition]:
+    """Reads a full text; returns the definitions in it by type, the type itself first."""
+    definitions: Dict[str, Definition] = {}
+    current = canonical(type_name)
+    lines: List[str] = []
+    for line in [*text.splitlines(), _SEPARATOR]:
+        if line.startswith(_SEPARATOR[:40]):
+            definitions.setdefault(current, _definition(current, lines))
+            lines = []
+        elif line.startswith("MSG: "):
+            current = canonical(line[5:].strip())
+        else:
+            lines.append(line)
+    return definitions
+
+
+def service_definition(type_name: str, answer: bool) -> Dict[str, Definition]:
+    """Returns the definition of a known service's request (or, with `answer`, of its response); empty otherwise."""
+    texts = _SERVICES.get(canonical(type_name))
+    if texts is None:
+        return {}
+    name = canonical(type_name) + ("Response" if answer else "Request")
+    return parse(name, texts[answer])
+
+
+def serializer(type_name: str, text: str = "") -> Optional[Callable[[Mapping[str, Any]], bytes]]:
+    """Returns a function that turns a message into ROS 1's wire format; None when its type is not known.
+
+    The function raises ValueError for a message that does not fit.
+    """
+    definitions = parse(type_name, text or full_text(type_name))
+    root = canonical(type_name)
+    if not _is_complete(definitions, root):
+        return None
+
+    def serialize(message: Mapping[str, Any]) -> bytes:
+        parts: List[bytes] = []
+        try:
+            _write_message(definitions, root, message, parts)
+        except (struct.error, TypeError, AttributeError, OverflowError, UnicodeEncodeError) as error:
+            raise ValueError(f"the message does not fit {root}: {error}") from None
+        return b"".join(parts)
+
+    return serialize
+
+
+def _definition(type_name: str, lines: Sequence[str]) -> Definition:
+    fields: List[Field] = []
+    constants: List[Tuple[str, str]] = []
+    package = type_name.partition("/")[0]
+    for line in lines:
+        found = _LINE.match(line.split("#")[0].strip() if "=" not in line.split("#")[0] else line.strip())
+        if found is None:
+            continue
+        kind, rest = found["type"], found["rest"]
+        if rest.startswith("="):
+            constants.append((found["name"], rest[1:].strip()))
+            continue
+        fields.append(Field(found["name"], _resolved(kind, package), _length(found["array"], found["length"])))
+    return Definition(type_name, fields, constants)
+
+
+def _resolved(kind: str, package: str) -> str:
+    if kind in _PRIMITIVES or kind in ("string", "wstring", "time", "duration"):
+        return kind
+    if kind == "Header":
+        return "std_msgs/Header"
+    return canonical(kind) if "/" in kind else f"{package}/{kind}"
+
+
+def _length(array: Optional[str], length: Optional[str]) -> int:
+    if array is None:
+        return -1
+    return int(length) if length and length.isdigit() else 0
+
+
+def _inner_types(text: str) -> List[str]:
+    return [field.type for field in _definition("", text.splitlines()).fields if "/" in field.type]
+
+
+def _without_repetitions(text: str) -> str:
+    parts = text.split(_SEPARATOR + "\n")
+    return (_SEPARATOR + "\n").join(dict.fromkeys(parts))
+
+
+def _is_complete(definitions: Mapping[str, Definition], root: str) -> bool:
+    definition = definitions.get(root)
+    if definition is None or not definition.fields:
+        return False
+    return all(_is_complete(definitions, field.type) for field in definition.fields if "/" in field.type)
+
+
+def _write_message(
+    definitions: Mapping[str, Definition], type_name: str, message: Mapping[str, Any], parts: List[bytes]
+) -> None:
+    for field in definitions[type_name].fields:
+        value = message.get(field.name)
+        if field.length == -1:
+            _write_value(definitions, field.type, value, parts)
+            continue
+        values = value or [None] * field.length
+        if field.length and len(values) != field.length:
+            raise ValueError(f"{field.name} has {len(values)} values instead of {field.length}")
+        if not field.length:
+            parts.append(struct.pack("<I", len(values)))
+        for item in values:
+            _write_value(definitions, field.type, item, parts)
+
+
+def _write_value(definitions: Mapping[str, Definition], kind: str, value: Any, parts: List[bytes]) -> None:
+    form = _PRIMITIVES.get(kind)
+    if form is not None:
+        if value is None:
+            value = float("nan") if form in "fd" else 0
+        parts.append(struct.pack(f"<{form}", value))
+    elif kind == "string":
+        data = (value or "").encode("utf-8")
+        parts.append(struct.pack("<I", len(data)) + data)
+    elif kind in ("time", "duration"):
+        stamp = value or {}
+        seconds = stamp.get("secs", stamp.get("sec", 0))
+        nanoseconds = stamp.get("nsecs", stamp.get("nanosec", 0))
+        parts.append(struct.pack("<II" if kind == "time" else "<ii", seconds, nanoseconds))
+    else:
+        _write_message(definitions, kind, value or {}, parts)
