@@ -19,8 +19,8 @@ this table, then, in a waiting state, ends the wait when its time is up:
     KEEPING   | FIRING         | KEEPING         | keep_firing_for_s   | INACTIVE
 
 A wait of 0 ends in the look that began it, so that PENDING and KEEPING are passed through unseen. FIRING and KEEPING
-fire. The signal's level is the level of its worst rule that fires; `signal.py` puts latch, quality and staleness on
-top of it.
+fire. The signal's level is the level of its worst rule that fires; `signal_monitor.py` puts latch, quality and
+staleness on top of it.
 """
 
 from __future__ import annotations
@@ -106,6 +106,7 @@ class Rule:
         "bound",
         "condition",
         "fires",
+        "is_below",
         "since_s",
         "state",
     )
@@ -123,6 +124,8 @@ class Rule:
         self._allowed = True
         self.bound: Optional[float] = None
         """The bound that the condition crossed last, None before the first time."""
+        self.is_below = False
+        """Whether `bound` is a lower one."""
         self.configure(config)
 
     def configure(self, config: RuleConfig) -> None:
@@ -137,9 +140,9 @@ class Rule:
             self._crossed = self.condition = False
 
     @property
-    def is_below(self) -> bool:
-        """Whether `bound` is the lower one."""
-        return self.bound == self._below
+    def held_back(self) -> bool:
+        """Whether the value last judged was beyond a bound, and `only_if` forbids the rule to say so."""
+        return self._crossed and not self._allowed
 
     def judge(self, value: float, now_s: float) -> None:
         """Looks at the condition with a new value, then advances.
@@ -150,16 +153,17 @@ class Rule:
         """
         below, above = self._below, self._above
         if self._crossed:
-            if self.bound == below:
+            if self.is_below:
                 below = self._below_clear
             else:
                 above = self._above_clear
         if value < below:
             self.bound = self._below
-            self._crossed = True
+            self._crossed = self.is_below = True
         elif value > above:
             self.bound = self._above
             self._crossed = True
+            self.is_below = False
         else:
             self._crossed = False
         condition = self.condition = self._crossed and self._allowed
