@@ -5,18 +5,15 @@ Exit codes: 0 after SIGINT, SIGTERM or a shutdown asked for by ROS; 2 when the c
 
 from __future__ import annotations
 
-import re
 import signal
 import sys
-from typing import Any, Callable, List, Sequence
+import tempfile
+from typing import TYPE_CHECKING, Any, Callable, List, Sequence
+
+if TYPE_CHECKING:
+    from .parameter_files import ParameterFiles
 
 # What takes its time to import is imported by the functions, when a signal can no longer end in a traceback.
-
-_RCL_FILE_ERROR = re.compile(
-    r".*Couldn't parse params file: '--params-file (?P<file>.+?)'\. Error: (?P<why>.+?)"
-    r"(?: (?:at|near) line(?:_num)? (?P<line>\d+))?\s*, at ",
-    re.DOTALL,
-)
 
 
 def battery_sensor() -> int:
@@ -68,12 +65,14 @@ def _run(process: str, names: Sequence[str]) -> int:
     import rclpy
 
     from ..core.parameters import ConfigError
+    from .parameter_files import ParameterFiles
 
     interrupt.ros_is_running = rclpy.ok
     middlewares: List[Any] = []
     try:
-        _init(sys.argv)
-        _start(names, middlewares, _parameter_files(sys.argv))
+        files = ParameterFiles(sys.argv)
+        _init(files)
+        _start(names, middlewares, files)
         _spin(middlewares)
     except ConfigError as error:
         sys.stderr.write(f"{process}: {error}\n")
@@ -89,32 +88,26 @@ def _run(process: str, names: Sequence[str]) -> int:
     return 0
 
 
-def _init(arguments: Sequence[str]) -> None:
+def _init(files: ParameterFiles) -> None:
     """Starts rclpy.
 
     Raises:
-        ConfigError: a file of parameters cannot be read, or rcl does not understand the arguments.
+        ConfigError: rcl does not understand the arguments or a file.
     """
     import rclpy
     from rclpy.logging import LoggingSeverity, set_logger_level
 
-    from ..core.parameters import ConfigError
-    from ..core.yaml_file import read_yaml
-
-    for file in _parameter_files(arguments):
-        read_yaml(file)
     set_logger_level("rcl", LoggingSeverity.FATAL)  # it would print a line of its own, which says less
     try:
-        rclpy.init(args=list(arguments))
-    except RuntimeError as error:
-        raise _explained(str(error), arguments) from None
-    except ValueError as error:
-        raise ConfigError(_one_line(error)) from None
+        with tempfile.TemporaryDirectory() as folder:
+            rclpy.init(args=files.arguments_for_any_namespace(folder))
+    except (RuntimeError, ValueError) as error:
+        raise files.explained(str(error)) from None
     finally:
         set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
-def _start(names: Sequence[str], middlewares: List[Any], files: Sequence[str]) -> None:
+def _start(names: Sequence[str], middlewares: List[Any], files: ParameterFiles) -> None:
     """Starts the nodes; appends their middlewares to `middlewares`.
 
     Raises:
@@ -131,7 +124,7 @@ def _start(names: Sequence[str], middlewares: List[Any], files: Sequence[str]) -
         try:
             classes[name](middleware)
         except ConfigError as error:
-            raise _located(error, middleware.name, files) from None
+            raise files.located(error, middleware.name) from None
 
 
 def _spin(middlewares: Sequence[Any]) -> None:
@@ -160,46 +153,4 @@ def _spin(middlewares: Sequence[Any]) -> None:
             return
         except Exception as error:  # of rclpy itself, such as a client that left before it got its response
             if rclpy.ok():
-                log(Severity.ERROR, _one_line(error))
-
-
-def _parameter_files(arguments: Sequence[str]) -> List[str]:
-    return [file for option, file in zip(arguments, arguments[1:]) if option == "--params-file"]
-
-
-def _located(error: Any, node: str, files: Sequence[str]) -> Any:
-    """Returns a ConfigError of `node` with file and line, where the key that it names is in one of `files`."""
-    from ..core.config import sections
-    from ..core.parameters import ConfigError
-    from ..core.yaml_file import read_yaml
-
-    for file in reversed(files):
-        read = read_yaml(file)
-        for name, section in sections(read.tree).items():
-            path = (*section.path, *error.path)
-            if name in (node.rpartition("/")[2], "*", "**") and path in read.lines:
-                return read.locate(ConfigError(error.problem, path))
-    return error
-
-
-def _explained(problem: str, arguments: Sequence[str]) -> Any:
-    """Returns what rcl says of its arguments as a ConfigError, with file and line where it tells them."""
-    from ..core.config import load_config
-    from ..core.parameters import ConfigError
-
-    for file in _parameter_files(arguments):
-        try:
-            load_config(file)
-        except ConfigError as error:
-            if error.line is not None:
-                return error
-    match = _RCL_FILE_ERROR.match(problem)
-    if match is None:
-        return ConfigError(_one_line(problem))
-    return ConfigError(match["why"], file=match["file"], line=int(match["line"]) if match["line"] else None)
-
-
-def _one_line(text: object) -> str:
-    return " ".join(str(text).split())
-
-
+                log(Severity.ERROR, " ".join(str(error).split()))

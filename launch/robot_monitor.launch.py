@@ -1,0 +1,56 @@
+"""One sensor and one monitor, as in the example of the ROS 2 textbook that this package grew from.
+
+The same two executables as in health_monitor.launch.py, with other names, another topic and config/robot_monitor.yaml.
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+PACKAGE = "robot_health_monitor"
+LOG_LEVELS = ["DEBUG", "INFO", "WARN", "ERROR", "FATAL"]
+BOOLEANS = ["true", "false", "True", "False"]
+
+
+def generate_launch_description():
+    """Returns the arguments and the nodes."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "log_level",
+                default_value="INFO",
+                choices=LOG_LEVELS + [level.lower() for level in LOG_LEVELS],
+                description="Least severe log lines to write.",
+            ),
+            DeclareLaunchArgument(
+                "use_sim_time", default_value="false", choices=BOOLEANS, description="Take the time from /clock."
+            ),
+            DeclareLaunchArgument(
+                "config",
+                default_value=PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "robot_monitor.yaml"]),
+                description="Path of both nodes' parameters.",
+            ),
+            node("battery_sensor", "temperature_sensor", remappings=[("temperature", "sensor_data")]),
+            node("alert_system", "data_monitor"),
+        ]
+    )
+
+
+def node(executable, name, **options):
+    """Returns one process of this package, with what both are told."""
+    return Node(
+        package=PACKAGE,
+        executable=executable,
+        name=name,
+        ros_arguments=[
+            "--log-level", LaunchConfiguration("log_level"),
+            "--params-file", LaunchConfiguration("config"),
+        ],  # fmt: skip
+        parameters=[{"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)}],
+        output="screen",
+        emulate_tty=True,
+        **options,
+    )
