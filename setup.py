@@ -40,7 +40,7 @@ setup(
     maintainer_email=manifest.find("maintainer").get("email"),
     python_requires=">=3.8",
     packages=[NAME] + [NAME + "." + folder for folder in FOLDERS],
-    package_dir={NAME: NAME, **{NAME + "." + folder: folder for folder in FOLDERS}},
+    package_dir={NAME + "." + folder: folder for folder in FOLDERS},
     package_data={NAME: ["py.typed"]},
     data_files=data_files,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10"],

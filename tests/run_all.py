@@ -6,6 +6,7 @@ suites by the beginning of their names (`ros1`, `core`, `lint`); without any, al
 
 from __future__ import annotations
 
+import ast
 import fcntl
 import functools
 import os
@@ -60,7 +61,9 @@ ROS1_PACKAGES = [
     "python3-sensor-msgs",
     "python3-std-srvs",
     "ros-core",
+    "rosbash",
     "rosdiagnostic",
+    "rospack-tools",
 ]
 """Debian's ROS 1, used where Noetic is not installed."""
 
@@ -314,13 +317,22 @@ def count(suite: Suite, exit_code: int) -> None:
             if case.find("failure") is not None or case.find("error") is not None:
                 suite.failed += 1
             elif skipped is not None:
-                suite.skipped[skipped.get("message", "")] += 1
+                suite.skipped[skip_reason(skipped)] += 1
             else:
                 suite.passed += 1
     elif exit_code == 0:
         suite.passed += 1
     if exit_code and not suite.failed:
         suite.failed += 1  # the suite itself: a tool that complains, a collection that fails, a crash
+
+
+def skip_reason(skipped: ElementTree.Element) -> str:
+    """Returns why a test was skipped; for a whole module pytest writes it into the text, after file and line."""
+    message = skipped.get("message", "")
+    if message == "collection skipped":
+        file, _, reason = ast.literal_eval(skipped.text or "('', 0, '')")
+        return f"{os.path.relpath(file, ROOT)}: {reason.replace('Skipped: ', '')}"
+    return message
 
 
 def show(suite: Suite) -> None:
@@ -353,27 +365,12 @@ def summary(suites: Sequence[Suite]) -> str:
     return "\n".join([*lines, "", f"{passed} passed, {failed} failed, {skipped} skipped"])
 
 
-def main(names: Sequence[str]) -> int:
-    """Runs the suites whose names begin with one of `names`, all without any."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    lock = (RESULTS / "lock").open("w")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        print("waiting for another `make test` in this folder to end", flush=True)
-        fcntl.flock(lock, fcntl.LOCK_EX)
-    machine = Machine()
-    try:
-        install_with_apt(["prometheus", "python3-venv"])
-    except Unavailable as problem:
-        print(f"not installed: {problem}", flush=True)
-    suites = [suite for suite in all_suites(machine) if not names or suite.name.startswith(tuple(names))]
-    if not suites:
-        print(f"no such suite; there are {', '.join(suite.name for suite in all_suites(machine))}", file=sys.stderr)
-        return 2
+def run_suites(suites: Sequence[Suite]) -> None:
+    """Runs all of them, `AT_ONCE` side by side, and shows each when it has ended."""
     waiting: queue.SimpleQueue[Suite] = queue.SimpleQueue()
     for suite in suites:
         waiting.put(suite)
+    printing = threading.Lock()
 
     def work() -> None:
         while True:
@@ -389,7 +386,6 @@ def main(names: Sequence[str]) -> int:
             with printing:
                 show(suite)
 
-    printing = threading.Lock()
     workers = [threading.Thread(target=work, daemon=True) for _ in range(AT_ONCE)]
     for worker in workers:
         worker.start()
@@ -399,8 +395,39 @@ def main(names: Sequence[str]) -> int:
     except KeyboardInterrupt:
         for process in list(running):
             end(process)
+        raise
+
+
+def wait_for_others() -> object:
+    """Waits until no other run uses the environments; what it returns keeps others waiting."""
+    lock = (RESULTS / "lock").open("w")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        print("waiting for another `make test` in this folder to end", flush=True)
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    return lock
+
+
+def main(names: Sequence[str]) -> int:
+    """Runs the suites whose names begin with one of `names`, all without any; returns the exit code."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    lock = wait_for_others()
+    try:
+        install_with_apt(["prometheus", "python3-venv"])
+    except Unavailable as problem:
+        print(f"not installed: {problem}", flush=True)
+    there = all_suites(Machine())
+    suites = [suite for suite in there if not names or suite.name.startswith(tuple(names))]
+    if not suites:
+        print(f"no such suite; there are {', '.join(suite.name for suite in there)}", file=sys.stderr)
+        return 2
+    try:
+        run_suites(suites)
+    except KeyboardInterrupt:
         return 130
     print(summary(suites), flush=True)
+    del lock
     return 1 if any(suite.failed for suite in suites) or not any(suite.passed for suite in suites) else 0
 
 
