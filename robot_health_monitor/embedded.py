@@ -132,7 +132,9 @@ def clock() -> Callable[[], float]:
     return lambda: offset_s + time.monotonic()
 
 
-async def run(bus: LocalBus, now_s: Callable[[], float], stop: asyncio.Event, after_due: Callable[[], None]) -> None:
+async def run_timers(
+    bus: LocalBus, now_s: Callable[[], float], stop: asyncio.Event, after_due: Callable[[], None]
+) -> None:
     """Runs the timers of a bus in real time until `stop` is set.
 
     Args:
@@ -158,7 +160,10 @@ def _sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
     Raises:
         ConfigError: none is for alert_system.
     """
-    found = sections(file.tree)
+    try:
+        found = sections(file.tree)
+    except ConfigError as error:
+        raise file.locate(error) from None
     if "alert_system" not in found:
         with_signals = [name for name, section in found.items() if "signals" in section.tree]
         if len(with_signals) != 1:

@@ -1,0 +1,95 @@
+"""What `robot-health` understands, and what its --help says."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any, NoReturn, Optional, Sequence
+
+
+def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
+    """Reads the arguments; `command` is the name of the command.
+
+    Args:
+        argv: the arguments; None: those of the process.
+
+    Raises:
+        SystemExit: they are wrong (code 2, one line on stderr), or asked for help or the version (code 0).
+    """
+    return _parser().parse_args(argv)
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Says in one line what is wrong; argparse itself prints the usage as well."""
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+class _ShowVersion(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from .installed_files import version
+
+        sys.stdout.write(f"robot-health {version()}\n")
+        parser.exit()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="robot-health",
+        description="Watches the health of a robot: battery, temperature, CPU and any other signal.",
+        epilog="Exit codes: 0 fine, 1 the run found alerts (run --duration), 2 usage or configuration.",
+    )
+    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
+    _add_run(commands)
+    _add_check(commands)
+    return parser
+
+
+def _add_run(commands: Any) -> None:
+    command = commands.add_parser(
+        "run",
+        help="monitor in this one process, without ROS",
+        description="Runs battery_sensor, aggregator and alert_system in this one process, without ROS. "
+        "A terminal shows a live table, a pipe plain lines.",
+    )
+    command.add_argument("--thresholds", metavar="FILE", help="configuration (default: the one that is installed)")
+    command.add_argument("--robot", metavar="NAME", default="", help="the robot's name (default: this host's)")
+    command.add_argument(
+        "--source",
+        choices=("simulated", "host"),
+        default="",
+        help="where the metrics come from (default: as configured)",
+    )
+    command.add_argument(
+        "--duration",
+        metavar="SECONDS",
+        type=_positive_seconds,
+        help="end after this time, with exit code 1 if there were alerts",
+    )
+    command.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the log on stderr")
+    command.add_argument(
+        "--log-level",
+        choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL"),
+        default="INFO",
+        help="least severe log lines to show; alerts are always shown (default: INFO)",
+    )
+
+
+def _add_check(commands: Any) -> None:
+    command = commands.add_parser(
+        "check",
+        help="say whether a thresholds.yaml is right, without starting anything",
+        description="Reads configuration files as the nodes would, and says what is wrong with the first wrong key.",
+    )
+    command.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml")
+
+
+def _positive_seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < 1e9:
+        raise argparse.ArgumentTypeError(f"found {text!r}, allowed is a number of seconds above 0")
+    return seconds

@@ -1,0 +1,80 @@
+"""`robot-health run`: the monitor in this process, shown on a terminal, in a pipe or to a program."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from .core.middleware import Severity
+from .core.yaml_file import read_yaml
+from .embedded import EmbeddedMonitor, Output, clock, run_timers
+from .installed_files import find_installed
+from .lines import Events, JsonOutput, PlainOutput
+
+if TYPE_CHECKING:
+    from .__main__ import Interrupts
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
+    """Runs the monitor until an interrupt, or for `--duration`.
+
+    Returns:
+        Whether it ran to the end of its duration and found alerts.
+
+    Raises:
+        ConfigError: the configuration cannot be used.
+        BrokenPipeError: nobody reads the output any more.
+    """
+    file = arguments.thresholds or find_installed("config/thresholds.yaml")
+    events = Events(Severity[arguments.log_level])
+    now_s = clock()
+    monitor = EmbeddedMonitor(
+        read_yaml(file) if file else None,
+        robot=arguments.robot,
+        source=arguments.source,
+        start_s=now_s(),
+        on_log=events.on_log,
+        on_transition=events.on_transition,
+    )
+    output = _choose_output(arguments.json)
+
+    async def run_until_stopped() -> bool:
+        """Returns whether it came to its end without an interrupt."""
+        loop = asyncio.get_running_loop()
+        stop = asyncio.Event()
+        interrupts.on_interrupt = lambda: loop.call_soon_threadsafe(stop.set)
+        output.attach(loop, monitor)
+        try:
+            timers = asyncio.ensure_future(
+                run_timers(monitor.bus, now_s, stop, lambda: output.show(events.take(), monitor))
+            )
+            interrupted, _ = await asyncio.wait({timers}, timeout=arguments.duration)
+            stop.set()
+            await timers
+            return not interrupted
+        finally:
+            interrupts.on_interrupt = bool  # does nothing: the end is under way
+
+    try:
+        to_the_end = asyncio.run(run_until_stopped())
+        output.show(events.take(), monitor)
+    finally:
+        output.close()
+        monitor.close()
+    return to_the_end and events.alerts > 0
+
+
+def _choose_output(as_json: bool) -> Output:
+    if as_json:
+        return JsonOutput(sys.stdout, sys.stderr)
+    if not sys.stdout.isatty() or os.environ.get("TERM", "dumb") == "dumb":
+        return PlainOutput(sys.stdout)
+    try:
+        from .live_view import LiveView
+    except ModuleNotFoundError:
+        sys.stderr.write("rich is not installed, which draws the live table (pip install rich): plain lines instead\n")
+        return PlainOutput(sys.stdout)
+    return LiveView(sys.stdout)
