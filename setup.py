@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 from setuptools import setup
 
 NAME = "robot_health_monitor"
-FOLDERS = ["core", "ros1", "ros2", "rosbridge"]
+# In colcon's build space for --symlink-install only the root package is there, linked; it finds the others by itself.
+FOLDERS = [folder for folder in ("core", "ros1", "ros2", "rosbridge") if Path(folder).is_dir()]
 
 manifest = ElementTree.parse("package.xml").getroot()
 
