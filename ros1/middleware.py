@@ -14,7 +14,9 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 import rospy
 import rospy.core
 import rospy.rostime
+import rospy.topics
 
+from ..core.field_path import ABSENT
 from ..core.middleware import Message, Severity, resolve_name
 from ..core.parameters import ConfigError, Parameter, describe
 from . import messages
@@ -91,8 +93,9 @@ class Ros1Middleware:
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
             cls = messages.message_class(type_name)
+            mapped = rospy.resolve_name(resolved)
+            _require_same_class(mapped, cls, _shared_class(rospy.topics.get_topic_manager().get_publisher_impl(mapped)))
             publisher = rospy.Publisher(resolved, cls, queue_size=_QUEUE_SIZE, tcp_nodelay=True)
-            _require_same_type(publisher, cls, type_name)
             self._publishers[resolved] = publisher, cls
 
     def publish(self, topic: str, message: Message) -> None:
@@ -106,26 +109,26 @@ class Ros1Middleware:
         publisher.publish(native)
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
     ) -> _Subscription:
         resolved = self._resolve(topic)
-        cls = messages.message_class(type_name)
-        get = messages.field_getter(rospy.resolve_name(resolved), type_name, field)
+        cls, get = self._choose_reader(rospy.resolve_name(resolved), type_name, field)
         subscription = _Subscription()
-        lock, clock, log_failure = self._lock, self._clock, self._log_failure
 
         def deliver(native: Any) -> None:
             with lock:
                 if subscription.active:
                     try:
-                        callback(get(native), clock())
+                        value = get(native)
+                        if value is not ABSENT:
+                            callback(value, clock())
                     except Exception as error:
                         log_failure(error)
 
-        subscriber = rospy.Subscriber(resolved, cls, deliver, queue_size=_QUEUE_SIZE, tcp_nodelay=True)
-        _require_same_type(subscriber, cls, type_name)
-        subscription.bind(subscriber)
-        self._subscriptions.append(subscription)
+        lock, clock, log_failure = self._lock, self._clock, self._log_failure
+        subscription.bind(rospy.Subscriber(resolved, cls, deliver, queue_size=_QUEUE_SIZE, tcp_nodelay=True))
+        with self._lock:
+            self._subscriptions.append(subscription)
         return subscription
 
     def unsubscribe(self, subscription: Any) -> None:
@@ -183,6 +186,23 @@ class Ros1Middleware:
         """Returns the absolute name, not remapped: rospy does that wherever it is given a name."""
         return resolve_name(name, self.name)
 
+    def _choose_reader(self, topic: str, type_name: str, field: Optional[str]) -> Tuple[Any, Callable[[Any], Any]]:
+        """Returns the class to subscribe with and what reads the value from its messages.
+
+        All subscriptions of a process to a topic share one connection, and with it the class that came first.
+        """
+        shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
+        if field is None:
+            return shared or rospy.AnyMsg, _arrival
+        if not type_name and shared in (None, rospy.AnyMsg):
+            return rospy.AnyMsg, _RawReader(topic, "", field, self._log_error)
+        type_name = type_name or shared._type
+        cls, get = messages.message_class(type_name), messages.field_getter(topic, type_name, field)
+        if shared is rospy.AnyMsg:
+            return shared, _RawReader(topic, type_name, field, self._log_error)
+        _require_same_class(topic, cls, shared)
+        return cls, get
+
     def _read_parameters(self) -> Mapping[str, Any]:
         """Returns what came from a file in ROS 2's form, overlaid with the private parameters."""
         tree = rospy.get_param(self.name, {})
@@ -192,6 +212,9 @@ class Ros1Middleware:
         if not isinstance(from_file, dict):
             raise ConfigError(f"found {describe(from_file)}, allowed is a mapping", (_FILE_KEY,))
         return _overlay(from_file, tree)
+
+    def _log_error(self, text: str) -> None:
+        self.log(Severity.ERROR, text)
 
     def _log_failure(self, error: Exception) -> str:
         text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
@@ -214,6 +237,37 @@ class _Subscription:
     def end(self) -> None:
         self.active = False
         self._subscriber.unregister()
+
+
+class _RawReader:
+    """Reads a field from messages that arrive as bytes, by the type that the publisher's connection names.
+
+    It gives ABSENT, after one ERROR line, when that type is unknown here, not the one wanted, or has no such field.
+    """
+
+    def __init__(self, topic: str, wanted: str, field: str, log_error: Callable[[str], None]) -> None:
+        self._topic = topic
+        self._wanted = messages.message_class(wanted)._type if wanted else ""
+        self._field = field
+        self._log_error = log_error
+        self._readers: Dict[str, Callable[[bytes], Any]] = {}
+
+    def __call__(self, native: Any) -> Any:
+        type_name = native._connection_header["type"]
+        if type_name not in self._readers:
+            try:
+                self._readers[type_name] = self._reader(type_name)
+            except ConfigError as error:
+                self._log_error(str(error))
+                self._readers[type_name] = _absent
+        return self._readers[type_name](native._buff)
+
+    def _reader(self, type_name: str) -> Callable[[bytes], Any]:
+        if self._wanted and type_name != self._wanted:
+            raise ConfigError(f"{self._topic}: somebody publishes {type_name}, wanted is {self._wanted}")
+        get = messages.field_getter(self._topic, type_name, self._field)
+        cls = messages.message_class(type_name)
+        return lambda data: get(cls().deserialize(data))
 
 
 class _Timer(threading.Thread):
@@ -283,12 +337,23 @@ class _Timer(threading.Thread):
                 moved.wait(0.5)
 
 
-def _require_same_type(native: Any, cls: Any, type_name: str) -> None:
-    """Raises ConfigError when this process already uses the topic with another type: rospy would not notice."""
-    if native.impl.data_class is not cls:
-        topic, there = native.resolved_name, native.impl.data_class._type
-        native.unregister()
-        raise ConfigError(f"found the type {type_name!r} on {topic}, which this process already uses as {there}")
+def _arrival(native: Any) -> float:
+    return 1.0
+
+
+def _absent(data: bytes) -> Any:
+    return ABSENT
+
+
+def _shared_class(impl: Any) -> Any:
+    """Returns the class with which this process already uses a topic, None when it does not."""
+    return impl.data_class if impl is not None else None
+
+
+def _require_same_class(topic: str, cls: Any, shared: Any) -> None:
+    """Raises ConfigError when this process already uses the topic with another class: rospy would not notice."""
+    if shared not in (None, cls):
+        raise ConfigError(f"found the type {cls._type} on {topic}, which this process already uses as {shared._type}")
 
 
 def _overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> Dict[str, Any]:

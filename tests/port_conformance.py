@@ -29,6 +29,13 @@ START_S = 100.0
 FLOAT32 = "std_msgs/Float32"
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 TRIGGER = "std_srvs/Trigger"
+STATUS = {
+    "level": 2,
+    "name": "driver: left motor",
+    "message": "too hot",
+    "hardware_id": "robot1",
+    "values": [{"key": "unit", "value": "degrees C"}, {"key": "value", "value": "81.0"}],
+}
 
 
 class LogLine(NamedTuple):
@@ -314,6 +321,79 @@ class PortConformance:
         harness.publish("/in", "sensor_msgs/BatteryState", {"cell_voltage": [3.5, 4.25]})
         harness.wait_until(lambda: heard.values == [None])
 
+    @pytest.mark.parametrize(
+        ("type_name", "message", "field", "value"),
+        [
+            (DIAGNOSTICS, {"status": [STATUS]}, 'status["driver: left motor"].level', 2),
+            (DIAGNOSTICS, {"status": [STATUS]}, 'status["driver: left motor"].message', "too hot"),
+            (DIAGNOSTICS, {"status": [STATUS]}, 'status["driver: left motor"].values["value"]', 81.0),
+            (DIAGNOSTICS, {"status": [STATUS]}, "status['driver: left motor'].values['unit']", "degrees C"),
+            ("diagnostic_msgs/DiagnosticStatus", STATUS, 'values["value"].value', "81.0"),
+        ],
+    )
+    def test_an_element_is_picked_by_its_name_or_key(
+        self, harness: Harness, type_name: str, message: Mapping[str, Any], field: str, value: object
+    ) -> None:
+        heard = Recorder()
+        harness.node("alert_system").subscribe("in", type_name, heard, field=field)
+        harness.publish("/in", type_name, message)
+        harness.wait_until(lambda: heard.values == [value])
+        assert isinstance(heard.values[0], type(value))
+
+    def test_a_message_without_the_picked_element_is_no_call(self, harness: Harness) -> None:
+        heard = Recorder()
+        node = harness.node("alert_system")
+        node.subscribe("in", DIAGNOSTICS, heard, field='status["driver: left motor"].level')
+        harness.publish("/in", DIAGNOSTICS, {"status": [{**STATUS, "name": "driver: right motor"}]})
+        harness.publish("/in", DIAGNOSTICS, {"status": []})
+        harness.publish("/in", DIAGNOSTICS, {"status": [STATUS]})
+        harness.wait_until(lambda: len(heard.values) >= 1)
+        assert heard.values == [2]
+
+    def test_arrivals_can_be_heard_without_reading_the_messages(self, harness: Harness) -> None:
+        node, typed, untyped, read = harness.node("alert_system"), Recorder(), Recorder(), Recorder()
+        node.subscribe("in", FLOAT32, typed, field=None)
+        node.subscribe("in", "", untyped, field=None)
+        harness.publish("/in", FLOAT32, {"data": 5.0})
+        harness.publish("/in", FLOAT32, {"data": 6.0})
+        harness.wait_until(lambda: len(typed.values) == 2)
+        node.subscribe("in", FLOAT32, read, field="data")
+        harness.publish("/in", FLOAT32, {"data": 7.0})
+        harness.wait_until(lambda: read.values == [7.0])
+        harness.wait_until(lambda: typed.values == [1.0] * 3 and untyped.values[-1:] == [1.0])
+
+    def test_a_type_that_is_left_out_is_found_out(self, harness: Harness) -> None:
+        """Whether the topic is there before the subscription or comes after it."""
+        node, before, after = harness.node("alert_system"), Recorder(), Recorder()
+
+        def heard(recorder: Recorder, topic: str, message: Mapping[str, Any]) -> bool:
+            harness.publish(topic, "sensor_msgs/BatteryState", message)
+            return bool(recorder.values)
+
+        node.subscribe("late", "", after, field="cell_voltage[1]")
+        harness.wait_until(lambda: heard(after, "/late", {"cell_voltage": [3.5, 4.25]}))
+        assert set(after.values) == {4.25}
+        harness.publish("/early", "sensor_msgs/BatteryState", {"percentage": 0.5})
+        node.subscribe("early", "", before, field="percentage")
+        harness.wait_until(lambda: heard(before, "/early", {"percentage": 0.25}))
+        assert set(before.values) <= {0.25, 0.5}
+
+    def test_a_field_that_the_type_found_out_lacks_is_one_error_line(self, harness: Harness) -> None:
+        self._needs_types(harness)
+        heard = Recorder()
+        harness.node("alert_system").subscribe("in", "", heard, field="percentage")
+
+        def errors() -> List[str]:
+            harness.publish("/in", FLOAT32, {"data": 1.0})
+            return [line.text for line in harness.log_lines() if line.severity == Severity.ERROR]
+
+        harness.wait_until(lambda: bool(errors()))
+        harness.publish("/in", FLOAT32, {"data": 2.0})
+        (error,) = errors()
+        for text in ("/in", "std_msgs", "Float32", "percentage", "data"):
+            assert text in error
+        assert heard.values == []
+
     def test_a_whole_message_arrives_as_a_mapping(self, harness: Harness) -> None:
         heard = Recorder()
         harness.node("alert_system").subscribe("in", FLOAT32, heard)
@@ -323,18 +403,11 @@ class PortConformance:
     def test_a_diagnostic_array_arrives_with_levels_as_ints(self, harness: Harness) -> None:
         heard = Recorder()
         harness.node("aggregator").subscribe("/diagnostics", DIAGNOSTICS, heard)
-        status = {
-            "level": 2,
-            "name": "driver: left motor",
-            "message": "too hot",
-            "hardware_id": "robot1",
-            "values": [{"key": "unit", "value": "degrees C"}, {"key": "value", "value": "81.0"}],
-        }
         header = {"stamp": {"sec": 42, "nanosec": 500_000_000}, "frame_id": "base"}
-        harness.publish("/diagnostics", DIAGNOSTICS, {"header": header, "status": [status]})
+        harness.publish("/diagnostics", DIAGNOSTICS, {"header": header, "status": [STATUS]})
         harness.wait_until(lambda: len(heard.values) == 1)
         (array,) = heard.values
-        assert array["status"] == [status]
+        assert array["status"] == [STATUS]
         assert type(array["status"][0]["level"]) is int
         assert stamp_s(array["header"]["stamp"]) == 42.5
         assert array["header"]["frame_id"] == "base"
@@ -422,6 +495,8 @@ class PortConformance:
             ("sensor_msgs/BatteryState", "header.frame", ["frame_id", "stamp"]),
             ("diagnostic_msgs/DiagnosticArray", "status[0].lvl", ["level", "hardware_id"]),
             ("sensor_msgs/BatteryState", "cell_voltage[one]", []),
+            ("sensor_msgs/BatteryState", 'cell_voltage["one"]', []),
+            ("sensor_msgs/BatteryState", "header..frame_id", []),
         ],
     )
     def test_a_field_that_is_not_there_is_refused_with_those_that_are(

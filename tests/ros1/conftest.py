@@ -7,10 +7,15 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import threading
-from typing import Any, Iterator
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 import pytest
+from line_process import LineProcess
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def pytest_collection_modifyitems(items: Any) -> None:
@@ -24,18 +29,15 @@ def pytest_collection_modifyitems(items: Any) -> None:
             return
         reason = "ROS 1 is not here: there is no roscore"
     for item in items:
-        if item.path.parent == os.path.dirname(__file__):
+        if os.path.dirname(item.path) == os.path.dirname(__file__):
             item.add_marker(pytest.mark.skip(reason=reason))
 
 
 class Master:
     """A roscore with its own port, home and logs."""
 
-    def __init__(self, folder: Any) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        self.uri = f"http://127.0.0.1:{self.port}"
+    def __init__(self, folder: Any, port: int) -> None:
+        self.uri = f"http://127.0.0.1:{port}"
         self.environment = {
             **os.environ,
             "ROS_MASTER_URI": self.uri,
@@ -44,11 +46,11 @@ class Master:
             "ROS_LOG_DIR": str(folder / "log"),
             "PYTHONUNBUFFERED": "1",
         }
-        self.environment.pop("ROS_HOSTNAME", None)
-        self.environment.pop("ROS_NAMESPACE", None)
+        for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):
+            self.environment.pop(name, None)
         self._output = open(folder / "roscore.txt", "wb")
         self._process = subprocess.Popen(
-            ["roscore", "-p", str(self.port)],
+            ["roscore", "-p", str(port)],
             env=self.environment,
             stdout=self._output,
             stderr=subprocess.STDOUT,
@@ -87,11 +89,70 @@ class Master:
 
 @pytest.fixture(scope="session")
 def master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Master]:
-    master = Master(tmp_path_factory.mktemp("ros1"))
+    master = Master(tmp_path_factory.mktemp("ros1"), _free_port())
     try:
         yield master
     finally:
         master.end()
+
+
+@pytest.fixture
+def free_port() -> int:
+    return _free_port()
+
+
+@pytest.fixture
+def start_master(tmp_path: Path) -> Iterator[Callable[[int], Master]]:
+    """Starts a master of the test's own."""
+    masters: List[Master] = []
+
+    def start_on(port: int) -> Master:
+        masters.append(Master(tmp_path, port))
+        return masters[-1]
+
+    yield start_on
+    for master in masters:
+        master.end()
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def parameters(master: Master) -> Iterator[Callable[[str, Any], None]]:
+    """Sets parameters on the master; after the test it has those that it had before."""
+    import rosgraph
+
+    server = rosgraph.Master("/tests", master.uri)
+    before = set(server.getParam("/"))
+    yield server.setParam
+    for name in set(server.getParam("/")) - before:
+        server.deleteParam(f"/{name}")
+
+
+@pytest.fixture
+def start(master: Master, parameters: Any) -> Iterator[Callable[..., LineProcess]]:
+    """Starts an executable of `ros1/main.py` from the source tree; it is killed after the test if it still runs."""
+    processes: List[LineProcess] = []
+
+    def start_executable(
+        function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
+    ) -> LineProcess:
+        code = f"import sys; from robot_health_monitor.ros1.main import {function}; sys.exit({function}())"
+        variables: Dict[str, str] = {**master.environment, "PYTHONPATH": _with_root(), **(environment or {})}
+        processes.append(LineProcess([sys.executable, "-c", code, *arguments], variables))
+        return processes[-1]
+
+    yield start_executable
+    for process in processes:
+        process.end()
+
+
+def _with_root() -> str:
+    return os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
 
 
 @pytest.fixture(scope="session")

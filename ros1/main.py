@@ -1,0 +1,135 @@
+"""The executables of ROS 1: each makes this process a node, starts what it is named after, and ends at a signal.
+
+Exit codes: 0 after SIGINT, SIGTERM or a shutdown asked for by ROS; 2 when the configuration cannot be used.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import time
+from typing import Any, Callable, List, Sequence
+
+import rosgraph
+import rospy
+
+from ..core.config import NODE_PARAMETERS, load_config
+from ..core.nodes import Aggregator, AlertSystem, BatterySensor
+from ..core.parameters import ConfigError
+from .middleware import Ros1Middleware
+
+_LOG_LEVEL = next(parameter for parameter in NODE_PARAMETERS if parameter.name == "log_level")
+_POLL_S = 0.2
+_CLASSES = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
+
+
+def battery_sensor() -> int:
+    """Runs the sensor node; returns the exit code."""
+    return _run("battery_sensor", ["battery_sensor"])
+
+
+def aggregator() -> int:
+    """Runs the aggregator node; returns the exit code."""
+    return _run("aggregator", ["aggregator"])
+
+
+def alert_system() -> int:
+    """Runs the alert node; returns the exit code."""
+    return _run("alert_system", ["alert_system"])
+
+
+def health_monitor() -> int:
+    """Runs all three in one process; returns the exit code."""
+    return _run("health_monitor", ["alert_system", "aggregator", "battery_sensor"])
+
+
+class _Interrupt:
+    """SIGINT and SIGTERM: KeyboardInterrupt once, wherever the main thread is, and remembered.
+
+    rospy's own handlers shut down within the handler; when the signal comes while rospy talks to the master, that
+    waits forever for the lock which the interrupted call holds. And rospy swallows a KeyboardInterrupt in places.
+    """
+
+    def __init__(self) -> None:
+        self.came = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._handle)
+
+    def _handle(self, number: int, frame: Any) -> None:
+        if not self.came:
+            self.came = True
+            raise KeyboardInterrupt
+
+    def wait_until(self, predicate: Callable[[], bool]) -> None:
+        """Waits for a signal (then raises KeyboardInterrupt) or until `predicate()` is true."""
+        while not self.came:
+            if predicate():
+                return
+            time.sleep(_POLL_S)
+        raise KeyboardInterrupt
+
+
+def _run(process: str, names: Sequence[str]) -> int:
+    """Runs the nodes of `names` in this process, whose ROS node is called `process`."""
+    interrupt = _Interrupt()
+    nodes: List[Any] = []
+    try:
+        _flush_lines()
+        _wait_for_master(process, interrupt)
+        rospy.init_node(process, disable_signals=True)
+        rospy.on_shutdown(lambda: [node.close() for node in nodes])
+        _set_log_level()
+        for name in names:
+            nodes.append(_start(name, alone=len(names) == 1))
+        interrupt.wait_until(rospy.is_shutdown)
+    except KeyboardInterrupt:
+        pass
+    except ConfigError as error:
+        sys.stderr.write(f"{process}: {error}\n")
+        return 2
+    except rospy.ROSInitException:
+        if not interrupt.came:
+            raise
+    finally:
+        rospy.signal_shutdown(f"{process} ends")
+    return 0
+
+
+def _start(name: str, alone: bool) -> Any:
+    middleware = Ros1Middleware("" if alone else name)
+    try:
+        if name == "alert_system":
+            _check_file(middleware)
+        return _CLASSES[name](middleware)
+    except ConfigError:
+        middleware.close()
+        raise
+
+
+def _check_file(middleware: Ros1Middleware) -> None:
+    """Raises ConfigError with file and line when the file is wrong that the parameters were loaded from.
+
+    The parameters alone cannot tell where they came from. The file may be on another machine than this node.
+    """
+    file = middleware.given_parameters().get("thresholds", "")
+    if isinstance(file, str) and os.path.isfile(file):
+        load_config(file, middleware.name.rpartition("/")[2])
+
+
+def _wait_for_master(process: str, interrupt: _Interrupt) -> None:
+    if not rosgraph.is_master_online():
+        uri = rosgraph.get_master_uri()
+        sys.stderr.write(f"{process}: waiting for the ROS master at {uri} (ROS_MASTER_URI); Ctrl-C ends this\n")
+        interrupt.wait_until(rosgraph.is_master_online)
+
+
+def _set_log_level() -> None:
+    level = _LOG_LEVEL.read(rospy.get_param("~log_level", _LOG_LEVEL.default), (_LOG_LEVEL.name,))
+    logging.getLogger("rosout").setLevel(level)
+
+
+def _flush_lines() -> None:
+    """Shows each line at once: rospy writes INFO to stdout, which Python buffers when it is no terminal."""
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # a real file in an executable

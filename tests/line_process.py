@@ -1,0 +1,129 @@
+"""A program under test, its output read line by line while it runs."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import threading
+import time
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence
+
+DEADLINE_S = 30.0
+
+
+class Line(NamedTuple):
+    """One line of output."""
+
+    stream: str
+    """`out` or `err`."""
+    text: str
+
+
+class LineProcess:
+    """A running program."""
+
+    def __init__(self, command: Sequence[str], environment: Optional[Mapping[str, str]] = None, cwd: Any = None) -> None:
+        """Starts `command` in a process group of its own."""
+        self.lines: List[Line] = []
+        """What it has written until now, as far as `wait_for_line` and `wait` have looked."""
+        self._arrivals: queue.Queue = queue.Queue()
+        self._process = subprocess.Popen(
+            [str(part) for part in command],
+            env=dict(environment) if environment is not None else None,
+            cwd=cwd,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            start_new_session=True,
+        )
+        self._readers = [
+            threading.Thread(target=self._read, args=(name, stream), daemon=True)
+            for name, stream in (("out", self._process.stdout), ("err", self._process.stderr))
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def is_running(self) -> bool:
+        return self._process.poll() is None
+
+    @property
+    def errors(self) -> List[str]:
+        """The lines of its standard error."""
+        return [line.text for line in self.lines if line.stream == "err"]
+
+    @property
+    def text(self) -> str:
+        """All that it has written."""
+        return "\n".join(f"{line.stream}: {line.text}" for line in self.lines)
+
+    def wait_for_line(self, wanted: Callable[[str], bool], deadline_s: float = DEADLINE_S) -> str:
+        """Returns the first line from here on for which `wanted` is true.
+
+        Raises:
+            AssertionError: it does not come in time, or the program ends without it.
+        """
+        give_up_s = time.monotonic() + deadline_s
+        while True:
+            left_s = give_up_s - time.monotonic()
+            assert left_s > 0.0, f"the line did not come in {deadline_s:g} s; there was:\n{self.text}"
+            try:
+                line = self._arrivals.get(timeout=min(left_s, 0.1))
+            except queue.Empty:
+                ended = not self.is_running and not any(reader.is_alive() for reader in self._readers)
+                assert not (ended and self._arrivals.empty()), f"ended without the line; there was:\n{self.text}"
+                continue
+            self.lines.append(line)
+            if wanted(line.text):
+                return line.text
+
+    def wait_for_text(self, text: str, deadline_s: float = DEADLINE_S) -> str:
+        """Returns the first line from here on that contains `text`."""
+        return self.wait_for_line(lambda line: text in line, deadline_s)
+
+    def signal(self, number: int = signal.SIGINT) -> None:
+        self._process.send_signal(number)
+
+    def wait(self, deadline_s: float = DEADLINE_S) -> int:
+        """Returns the exit code; negative: the signal that killed it.
+
+        Raises:
+            AssertionError: it still runs after `deadline_s`.
+        """
+        try:
+            self._process.wait(deadline_s)
+        except subprocess.TimeoutExpired:
+            self._collect()
+            raise AssertionError(f"still runs after {deadline_s:g} s; it wrote:\n{self.text}") from None
+        for reader in self._readers:
+            reader.join(5.0)
+        self._collect()
+        return self._process.returncode
+
+    def end(self) -> None:
+        """Ends it if it still runs, for the end of a test: politely, then it is killed with what it started."""
+        if self.is_running:
+            self.signal()
+            try:
+                self._process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.wait()
+
+    def _collect(self) -> None:
+        while not self._arrivals.empty():
+            self.lines.append(self._arrivals.get())
+
+    def _read(self, name: str, stream: Any) -> None:
+        with stream:
+            for text in stream:
+                self._arrivals.put(Line(name, text.rstrip("\n")))

@@ -1,0 +1,273 @@
+"""The executables as a user meets them: processes with a master, topics, parameters, signals and exit codes."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import signal
+from pathlib import Path
+from typing import Any, Iterator, List
+
+import pytest
+
+FLOAT32 = "std_msgs/Float32"
+TRIGGER = "std_srvs/Trigger"
+EXECUTABLES = ("battery_sensor", "aggregator", "alert_system", "health_monitor")
+READY = {
+    "battery_sensor": 'sensor "robot" started at 1 Hz',
+    "aggregator": "system_health is the mean of",
+    "alert_system": "watching cpu_usage",
+    "health_monitor": 'sensor "robot" started at 1 Hz',
+}
+
+
+@pytest.fixture
+def ros(ros_process: Any) -> Iterator[Any]:
+    """The outside world: publishes, listens and calls natively."""
+    from ros1_harness import Ros1Harness
+
+    harness = Ros1Harness()
+    yield harness
+    harness.close()
+
+
+def thresholds_file(folder: Path, text: str) -> str:
+    file = folder / "thresholds.yaml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+def warnings_of(process: Any, signal_name: str) -> List[str]:
+    return [line.text for line in process.lines if f"{signal_name} WARN" in line.text]
+
+
+def test_battery_sensor_publishes_its_three_metrics(ros: Any, start: Any) -> None:
+    process = start("battery_sensor", "_publish_rate:=20")
+    process.wait_for_text("started at 20 Hz")
+    heard = {name: ros.listen(f"/{name}", FLOAT32) for name in ("battery_level", "temperature", "cpu_usage")}
+    ros.wait_until(lambda: all(len(messages) >= 3 for messages in heard.values()))
+    levels = [message["data"] for message in heard["battery_level"]]
+    assert all(0.0 <= level <= 100.0 for level in levels)
+    assert levels == sorted(levels, reverse=True)
+
+
+def test_system_health_is_the_average_of_the_three(ros: Any, start: Any) -> None:
+    process = start("aggregator", "_publish_rate:=20")
+    process.wait_for_text(READY["aggregator"])
+    heard = ros.listen("/system_health", FLOAT32)
+    for name, value in (("battery_level", 90.0), ("temperature", 45.0), ("cpu_usage", 30.0)):
+        ros.publish(f"/{name}", FLOAT32, {"data": value})
+    ros.wait_until(lambda: bool(heard))
+    assert heard[0]["data"] == 55.0
+
+
+def test_each_crossing_is_one_warning(ros: Any, start: Any) -> None:
+    process = start("alert_system")
+    process.wait_for_text(READY["alert_system"])
+    alerts = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
+    for percent in (25.0, 20.0, 19.5, 19.0, 18.0, 23.0, 19.0, 19.0):
+        ros.publish("/battery_level", FLOAT32, {"data": percent})
+    process.wait_for_text("battery_level OK")
+    process.wait_for_text("battery_level WARN")
+    for degrees in (80.0, 80.5, 81.0):
+        ros.publish("/temperature", FLOAT32, {"data": degrees})
+    process.wait_for_text("temperature WARN: 80.5 degC is above 80 degC")
+    ros.wait_until(lambda: len(alerts) == 4)
+    process.signal()
+    assert process.wait() == 0
+    assert len(warnings_of(process, "battery_level")) == 2
+    assert len(warnings_of(process, "temperature")) == 1
+    assert "battery_level WARN: 19.5 % is below 20 %" in warnings_of(process, "battery_level")[0]
+    assert [(alert["name"], alert["level"]) for alert in alerts] == [
+        ("alert_system: battery_level", 1),
+        ("alert_system: battery_level", 0),
+        ("alert_system: battery_level", 1),
+        ("alert_system: temperature", 1),
+    ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("executable", EXECUTABLES)
+def test_a_signal_ends_it_cleanly(master: Any, start: Any, executable: str, number: int) -> None:
+    process = start(executable)
+    process.wait_for_text(READY[executable])
+    process.signal(number)
+    assert process.wait(5.0) == 0
+    assert process.errors == []
+
+
+def test_a_signal_during_the_start_ends_it_cleanly(master: Any, start: Any) -> None:
+    """At any moment: rospy's own handlers may wait forever for a lock that the interrupted call holds."""
+    process = start("health_monitor")
+    process.wait_for_text("watching battery_level")
+    process.signal()
+    process.signal(signal.SIGTERM)
+    assert process.wait(5.0) == 0
+    assert process.errors == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_without_a_master_it_says_which_one_it_waits_for(start: Any, number: int) -> None:
+    process = start("alert_system", environment={"ROS_MASTER_URI": "http://127.0.0.1:9"})
+    assert "http://127.0.0.1:9" in process.wait_for_text("waiting for the ROS master")
+    process.signal(number)
+    assert process.wait(5.0) == 0
+    assert len(process.lines) == 1
+
+
+def test_it_starts_when_its_master_does(start: Any, free_port: int, start_master: Any) -> None:
+    process = start("battery_sensor", environment={"ROS_MASTER_URI": f"http://127.0.0.1:{free_port}"})
+    process.wait_for_text("waiting for the ROS master")
+    start_master(free_port)
+    process.wait_for_text(READY["battery_sensor"])
+    process.signal()
+    assert process.wait(5.0) == 0
+
+
+def test_nodes_live_on_when_their_master_dies(start: Any, free_port: int, start_master: Any) -> None:
+    master = start_master(free_port)
+    environment = {"ROS_MASTER_URI": master.uri}
+    monitor = start("alert_system", environment=environment)
+    monitor.wait_for_text(READY["alert_system"])
+    fast = ("_publish_rate:=10", "_battery_level/discharge_rate:=50", "_battery_level/charge_rate:=50")
+    sensor = start("battery_sensor", *fast, environment=environment)
+    monitor.wait_for_text("battery_level WARN")
+    master.end()
+    for _ in range(2):
+        monitor.wait_for_text("battery_level OK")
+        monitor.wait_for_text("battery_level WARN")
+    for process in (sensor, monitor):
+        process.signal()
+        assert process.wait(5.0) == 0
+        assert "Traceback" not in process.text
+
+
+@pytest.mark.parametrize("executable", ["alert_system", "health_monitor"])
+def test_a_wrong_file_ends_it_with_file_line_and_key(
+    start: Any, parameters: Any, tmp_path: Path, executable: str
+) -> None:
+    file = thresholds_file(
+        tmp_path,
+        "alert_system:\n  ros__parameters:\n    signals:\n      battery_level:\n        warn_bellow: 20.0\n",
+    )
+    parameters("/alert_system/ros__parameters/signals/battery_level/warn_bellow", 20.0)
+    parameters("/alert_system/thresholds", file)
+    process = start(executable)
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert line.startswith(f"{executable}: {file}:5: alert_system.ros__parameters.signals.battery_level.warn_bellow: ")
+    assert "warn_below" in line
+
+
+def test_a_wrong_private_parameter_ends_it_with_the_key(master: Any, start: Any) -> None:
+    process = start("battery_sensor", "_publish_rate:=fast")
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert line.startswith("battery_sensor: publish_rate: found 'fast', allowed is a number")
+
+
+def test_a_wrong_field_ends_it_before_it_listens(master: Any, start: Any, parameters: Any) -> None:
+    parameters("/alert_system/ros__parameters/signals/battery_level", {"field": "percentage", "type": FLOAT32})
+    process = start("alert_system")
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert "/battery_level" in line and "std_msgs/Float32" in line and "data" in line
+
+
+def test_the_log_level_is_honoured(master: Any, start: Any, ros: Any) -> None:
+    process = start("alert_system", "_log_level:=WARN")
+    ros.wait_until(lambda: "/alert_system/reset" in services(ros))
+    ros.publish("/battery_level", FLOAT32, {"data": 15.0})
+    process.wait_for_text("battery_level WARN")
+    process.signal()
+    assert process.wait() == 0
+    assert [line.text for line in process.lines if "[INFO]" in line.text] == []
+
+
+def test_a_wrong_log_level_is_refused(master: Any, start: Any) -> None:
+    process = start("aggregator", "_log_level:=LOUD")
+    assert process.wait() == 2
+    assert process.errors == [
+        "aggregator: log_level: found 'LOUD', allowed is one of DEBUG, INFO, WARN, ERROR, FATAL"
+    ]
+
+
+def test_names_namespaces_and_topics_can_be_changed_from_outside(master: Any, start: Any, ros: Any) -> None:
+    process = start(
+        "alert_system",
+        "__name:=watchdog",
+        "battery_level:=power/level",
+        "/diagnostics:=diagnostics",
+        environment={"ROS_NAMESPACE": "robot1"},
+    )
+    process.wait_for_text(READY["alert_system"])
+    alerts = ros.listen("/robot1/alerts", "diagnostic_msgs/DiagnosticStatus")
+    reports = ros.listen("/robot1/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    ros.publish("/robot1/power/level", FLOAT32, {"data": 15.0})
+    ros.wait_until(lambda: bool(alerts) and bool(reports))
+    assert alerts[0]["name"] == "watchdog: battery_level"
+    assert ros.call("/robot1/watchdog/reset", TRIGGER)["success"] is True
+
+
+def test_the_three_in_one_process_have_the_names_they_have_alone(start: Any, ros: Any, parameters: Any) -> None:
+    parameters("/battery_sensor/ros__parameters/battery_level/discharge_rate", 20.0)
+    parameters("/battery_sensor/publish_rate", 10.0)
+    process = start("health_monitor")
+    process.wait_for_text('sensor "robot" started at 10 Hz')
+    heard = ros.listen("/system_health", FLOAT32)
+    process.wait_for_text("battery_level WARN")
+    ros.wait_until(lambda: bool(heard))
+    names = services(ros)
+    assert {"/alert_system/reset", "/alert_system/reload", "/aggregator/reload", "/battery_sensor/reload"} <= names
+    assert ros.call("/alert_system/reset", TRIGGER)["success"] is True
+
+
+def test_reload_takes_a_good_change_and_refuses_a_bad_one(start: Any, ros: Any, parameters: Any) -> None:
+    bound = "/alert_system/ros__parameters/signals/battery_level/warn_below"
+    parameters(bound, 20.0)
+    process = start("alert_system")
+    process.wait_for_text("watching battery_level")
+    ros.publish("/battery_level", FLOAT32, {"data": 25.0})
+
+    parameters(bound, 30.0)
+    assert ros.call("/alert_system/reload", TRIGGER)["success"] is True
+    ros.publish("/battery_level", FLOAT32, {"data": 25.0})
+    process.wait_for_text("battery_level WARN: 25 is below 30")
+
+    parameters(bound, "low")
+    refused = ros.call("/alert_system/reload", TRIGGER)
+    assert refused["success"] is False
+    assert refused["message"] == "signals.battery_level.warn_below: found 'low', allowed is a number"
+    process.wait_for_text("the old parameters stay in force")
+    ros.publish("/battery_level", FLOAT32, {"data": 31.0})
+    process.wait_for_text("battery_level OK")
+
+
+def test_simulated_time_is_followed(start: Any, ros: Any, parameters: Any) -> None:
+    """With a clock that stands still nothing becomes stale; when it jumps, everything does."""
+    parameters("/use_sim_time", True)
+    process = start("alert_system")
+    process.wait_for_text(READY["alert_system"])
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    steps = itertools.count(200)
+
+    def step() -> bool:
+        ros.set_time(next(steps) + 0.5)
+        return bool(reports)
+
+    ros.wait_until(step)
+    stamp = reports[0]["header"]["stamp"]
+    assert stamp["secs"] in range(200, 230) and stamp["nsecs"] == 500_000_000
+    ros.publish("/battery_level", FLOAT32, {"data": 50.0})
+    ros.set_time(1000.0)
+    process.wait_for_text("battery_level STALE")
+
+
+def services(ros: Any) -> set:
+    return {name for name, _ in ros._master.getSystemState()[2]}
+
+
+def test_lines_name_time_and_severity_as_ros_has_them(master: Any, start: Any) -> None:
+    process = start("aggregator")
+    line = process.wait_for_text(READY["aggregator"])
+    assert re.match(r"\[INFO\] \[\d+\.\d+\]: system_health", line)
