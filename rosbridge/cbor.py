@@ -1,11 +1,12 @@
 """CBOR, both ways: the library cbor2, held to what rosbridge means by it.
 
-Whatever CBOR can say beyond JSON comes out as rosbridge shapes it (typed arrays as lists, byte strings as bytes) or is
-refused (dates, cycles, regular expressions).
+Whatever CBOR can say beyond JSON comes out as rosbridge shapes it in JSON (typed arrays as lists, byte strings as
+base64) or is refused (dates, cycles, regular expressions).
 """
 
 from __future__ import annotations
 
+import base64
 import struct
 from typing import Any, Dict, Mapping
 
@@ -24,7 +25,7 @@ def encode_cbor(value: Mapping[str, Any]) -> bytes:
 
 
 def decode_cbor(data: bytes, limits: Limits) -> object:
-    """Returns what `data` holds, as JSON would hold it, byte strings as bytes.
+    """Returns what `data` holds, as JSON would hold it.
 
     Raises:
         ProtocolError: it is not CBOR, or says more than rosbridge does.
@@ -49,8 +50,10 @@ def _read_tag(decoder: object, tag: Any, *rest: object) -> object:
 
 
 def _plain(value: object, deeper: int) -> object:
-    if value is None or isinstance(value, (str, int, float, bytes)):
+    if value is None or isinstance(value, (str, int, float)):
         return value
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode("ascii")
     if deeper == 0:
         raise ProtocolError("the message is nested too deeply")
     if isinstance(value, (list, tuple)):

@@ -148,6 +148,24 @@ def serializer(type_name: str, text: str = "") -> Optional[Callable[[Mapping[str
     return serialize
 
 
+def check_message(type_name: str, message: Mapping[str, Any]) -> None:
+    """Checks the kinds of a message's own fields, where the type is known here.
+
+    Raises:
+        ValueError: a field's value is of another kind.
+    """
+    text = _TEXTS.get(canonical(type_name))
+    if text is None:
+        return
+    for field in _definition(canonical(type_name), text.splitlines()).fields:
+        if field.name not in message or field.length >= 0:
+            continue
+        value = message[field.name]
+        fits = isinstance(value, str) if field.type == "string" else isinstance(value, (int, float))
+        if not fits and (field.type == "string" or field.type in _PRIMITIVES):
+            raise ValueError(f"{type_name} needs {'a text' if field.type == 'string' else 'a number'} as {field.name}")
+
+
 def _definition(type_name: str, lines: Sequence[str]) -> Definition:
     fields: List[Field] = []
     constants: List[Tuple[str, str]] = []

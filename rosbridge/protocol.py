@@ -28,6 +28,9 @@ from .png import decode_png, encode_png
 Wire = Union[str, bytes]
 """One WebSocket message: text, or binary when it is CBOR."""
 
+CBOR_SUBPROTOCOL = "rosbridge.v2.cbor"
+"""The WebSocket subprotocol by which this package's client and server agree to speak CBOR both ways."""
+
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 STATUS_LEVELS = ("none", "error", "warning", "info")
 """Each level includes those before it."""

@@ -31,6 +31,7 @@ from .frames import FrameMaker
 from .limits import DEFAULT_LIMITS, Limits
 from .node_access import NodeAccess
 from .offers import Offers
+from .protocol import CBOR_SUBPROTOCOL
 from .rosapi import PREFIX, Rosapi
 from .session import Session
 from .subscriptions import Options
@@ -275,7 +276,10 @@ class Server:
         if refusal is not None:
             return refusal
         socket = web.WebSocketResponse(
-            heartbeat=self._heartbeat_s, max_msg_size=self.limits.message_bytes, compress=False, autoping=True
+            heartbeat=self._heartbeat_s,
+            max_msg_size=self.limits.message_bytes,
+            compress=False,
+            protocols=[CBOR_SUBPROTOCOL],
         )
         if not socket.can_prepare(request):
             return web.Response(status=426, text="This is a rosbridge server: connect with a WebSocket.\n")
@@ -283,7 +287,8 @@ class Server:
         transport = request.transport
         if transport is None:
             return socket
-        session = Session(self, transport, authenticated=self._shows_token(request))
+        cbor = socket.ws_protocol == CBOR_SUBPROTOCOL
+        session = Session(self, transport, authenticated=self._shows_token(request), cbor=cbor)
         self._sessions.add(session)
         self._sockets[session] = socket
         try:

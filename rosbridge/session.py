@@ -27,18 +27,22 @@ _ABORTED = 6
 class Session:
     """The server's side of one connection. All of it runs in the server's event loop."""
 
-    def __init__(self, server: Server, transport: asyncio.WriteTransport, *, authenticated: bool) -> None:
+    def __init__(
+        self, server: Server, transport: asyncio.WriteTransport, *, authenticated: bool, cbor: bool = False
+    ) -> None:
         """Starts a session.
 
         Args:
             server: whom to ask.
             transport: where frames go.
             authenticated: whether the client has shown the token, or need not.
+            cbor: whether the client wants every operation in CBOR.
         """
         self.connection = Connection(server.limits)
         self.transport = transport
         self.outbox = Outbox(transport, server.queue_bytes)
         self.authenticated = authenticated
+        self._compression = "cbor" if cbor else "none"
         self._server = server
         self._level = _NO_STATUS
         self._told_s = float("-inf")
@@ -61,8 +65,9 @@ class Session:
         if self.outbox.put(frame):
             self._server.watch(self)
 
-    def send(self, operation: Operation, fragment_size: Optional[int] = None, compression: str = "none") -> None:
-        """Sends an operation."""
+    def send(self, operation: Operation, fragment_size: Optional[int] = None, compression: str = "") -> None:
+        """Sends an operation; the compression is the client's own when it is left out."""
+        compression = compression or self._compression
         for wire in self.connection.send(operation, fragment_size=fragment_size, compression=compression):
             self.put(self._server.frame_maker.frame(wire))
 
@@ -175,7 +180,7 @@ class Session:
 
     def _answer(self, request: protocol.CallService, values: object, *, result: bool) -> None:
         response = protocol.ServiceResponse(request.service, values, result, request.id)
-        compression = "png" if request.compression == "png" else "none"
+        compression = "png" if request.compression == "png" else ""
         try:
             self.send(response, request.fragment_size, compression)
         except (TypeError, ValueError) as error:

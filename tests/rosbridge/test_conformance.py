@@ -1,0 +1,16 @@
+"""The client over a real socket, through this project's server, keeps the port's promises."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from port_conformance import PortConformance
+
+
+class TestRosbridge(PortConformance):
+    @pytest.fixture
+    def harness(self) -> Any:
+        from rosbridge_harness import RosbridgeHarness
+
+        return RosbridgeHarness()
