@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 import platform
-from dataclasses import replace
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Set, Tuple
 
 from . import sensing
 from .config import (
@@ -251,10 +250,10 @@ class BatterySensor:
         self._tree = middleware.given_parameters()
         self._values = _read_sensor(self._tree)
         self._sources = sensing.read_sources(self._tree)
-        self._failed: Dict[str, str] = {}
-        middleware.declare_parameters(_described_sensor_parameters(), self._reconfigure)
-        for metric in sensing.METRICS:
-            middleware.advertise(metric, FLOAT_TYPE)
+        self._failed: Set[str] = set()
+        described = SENSOR_PARAMETERS + sensing.described_sections(self._tree)
+        middleware.declare_parameters(described, self._reconfigure)
+        self._advertise()
         self._timer = self._start_timer()
         middleware.log(
             Severity.INFO,
@@ -266,6 +265,10 @@ class BatterySensor:
         """Leaves the middleware."""
         self._middleware.close()
 
+    def _advertise(self) -> None:
+        for metric in (*sensing.METRICS, *self._sources):
+            self._middleware.advertise(metric, FLOAT_TYPE)
+
     def _start_timer(self) -> Timer:
         return self._middleware.create_timer(1.0 / self._values["publish_rate"], self._publish)
 
@@ -273,16 +276,19 @@ class BatterySensor:
         for metric, source in self._sources.items():
             try:
                 value = source.read(now_s)
+            except sensing.NotYet:
+                continue
             except sensing.SensorError as error:
                 self._note_failure(metric, str(error))
                 continue
-            if self._failed.pop(metric, None):
+            if metric in self._failed:
+                self._failed.remove(metric)
                 self._middleware.log(Severity.INFO, f"{metric} can be read again")
             self._middleware.publish(metric, {"data": value})
 
     def _note_failure(self, metric: str, reason: str) -> None:
-        if self._failed.get(metric) != reason:
-            self._failed[metric] = reason
+        if metric not in self._failed:
+            self._failed.add(metric)
             self._middleware.log(Severity.WARN, f"{metric} is not published: {reason}")
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> None:
@@ -290,10 +296,13 @@ class BatterySensor:
         _refuse_new_name(self._values["robot_name"], values["robot_name"])
         sources = sensing.read_sources(tree)
         for metric in sources.keys() & self._sources.keys():
-            if tree.get(metric) == self._tree.get(metric) and tree.get("seed") == self._tree.get("seed"):
+            old, new = (sensing.section_of(of, metric) for of in (self._tree, tree))
+            if new == old and tree.get("seed") == self._tree.get("seed"):
                 sources[metric] = self._sources[metric]
         rate_changed = values["publish_rate"] != self._values["publish_rate"]
         self._tree, self._values, self._sources = tree, values, sources
+        self._failed &= sources.keys()
+        self._advertise()
         if rate_changed:
             self._timer.cancel()
             self._timer = self._start_timer()
@@ -313,16 +322,7 @@ def _read_monitor_config(tree: Mapping[str, Any]) -> MonitorConfig:
 
 
 def _read_sensor(tree: Mapping[str, Any]) -> Dict[str, Any]:
-    return read_parameters(tree, SENSOR_PARAMETERS, sections=tuple(sensing.SECTIONS))
-
-
-def _described_sensor_parameters() -> Tuple[Parameter, ...]:
-    """Returns every parameter of battery_sensor by its dotted name."""
-    return SENSOR_PARAMETERS + tuple(
-        replace(parameter, name=f"{metric}.{parameter.name}")
-        for metric, parameters in sensing.SECTIONS.items()
-        for parameter in parameters
-    )
+    return read_parameters(tree, SENSOR_PARAMETERS, sections=(*sensing.SECTIONS, sensing.HOST))
 
 
 def _read_thresholds(values: Mapping[str, Any]) -> Mapping[str, SignalConfig]:

@@ -6,24 +6,18 @@
 from __future__ import annotations
 
 import random
-from typing import Any, Callable, Dict, Mapping, Optional, Protocol, Tuple
+import re
+from dataclasses import replace
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
-from .host import HostBattery, HostCpuUsage, HostTemperature, SensorError
-from .parameters import Parameter, Path, read_parameters, require_mapping
+from .host import HostBattery, HostCpuUsage, HostTemperature, NotYet, SensorError, Source
+from .host_sources import HOST_SOURCES
+from .parameters import ConfigError, Parameter, Path, read_parameters, require_mapping
 from .simulation import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 
-__all__ = ["METRICS", "SECTIONS", "SEED", "Source", "SensorError", "read_sources"]
-
-
-class Source(Protocol):
-    """Where a value comes from."""
-
-    def read(self, now_s: float) -> float:
-        """Returns the value at `now_s`, seconds on the caller's clock, which may stand still or go back.
-
-        Raises:
-            SensorError: it cannot be read now; the next read may be luckier.
-        """
+__all__ = [
+    "HOST", "METRICS", "SECTIONS", "SEED", "NotYet", "SensorError", "Source", "described_sections", "read_sources", "section_of",
+]  # fmt: skip
 
 
 METRICS: Mapping[str, str] = {"battery_level": "%", "temperature": "degC", "cpu_usage": "%"}
@@ -61,6 +55,12 @@ SECTIONS: Mapping[str, Tuple[Parameter, ...]] = {
 }
 """The parameters of every metric, in its own section of the node's configuration."""
 
+HOST = "host"
+"""Key of the section with further metrics of this machine, each under the name of its topic."""
+
+_HOST_SOURCE = Parameter("source", str, None, "which value of this machine", choices=tuple(HOST_SOURCES))
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+
 _HOST: Mapping[str, Callable[[], Source]] = {
     "battery_level": HostBattery,
     "temperature": HostTemperature,
@@ -72,11 +72,12 @@ def read_sources(tree: Mapping[str, Any], path: Path = ()) -> Dict[str, Source]:
     """Makes the sources that a node's configuration asks for.
 
     Args:
-        tree: the node's whole configuration; only `seed` and the sections named after metrics are read.
+        tree: the node's whole configuration; only `seed`, the sections named after metrics and `host` are read.
         path: where the tree is, for error messages.
 
     Returns:
-        A source per metric, in the order of `METRICS`; those with `source: none` are left out.
+        A source per metric, in the order of `METRICS` and then of the section `host`; those with `source: none` are
+        left out.
 
     Raises:
         ConfigError: a key is unknown or a value not allowed.
@@ -87,7 +88,52 @@ def read_sources(tree: Mapping[str, Any], path: Path = ()) -> Dict[str, Source]:
         source = _read_source(metric, tree.get(metric, {}), f"{seed}/{metric}", (*path, metric))
         if source is not None:
             sources[metric] = source
+    for metric, found in _host_sections(tree, path).items():
+        sources[metric] = _read_host_source(found, (*path, HOST, metric))
     return sources
+
+
+def section_of(tree: Mapping[str, Any], metric: str) -> object:
+    """Returns what a node's configuration says of one metric, None when that is nothing."""
+    return tree.get(metric) if metric in METRICS else tree.get(HOST, {}).get(metric)
+
+
+def described_sections(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
+    """Returns the parameters of every metric of a node's configuration that can be used, by their dotted names."""
+    sections = dict(SECTIONS)
+    for metric, found in _host_sections(tree, ()).items():
+        sections[f"{HOST}.{metric}"] = _host_parameters(found["source"])
+    return tuple(
+        replace(parameter, name=f"{section}.{parameter.name}")
+        for section, parameters in sections.items()
+        for parameter in parameters
+    )
+
+
+def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[str, Any]]:
+    sections = require_mapping(tree.get(HOST, {}), (*path, HOST))
+    for metric, found in sections.items():
+        where = (*path, HOST, metric)
+        if metric in METRICS:
+            raise ConfigError("is a metric of its own, allowed is another name", where)
+        if not _NAME.match(metric):
+            raise ConfigError("is no name of a metric, allowed are letters, digits and _, a letter first", where)
+        require_mapping(found, where)
+    return sections
+
+
+def _host_parameters(source: str) -> Tuple[Parameter, ...]:
+    option = HOST_SOURCES[source].option
+    return (_HOST_SOURCE,) if option is None else (_HOST_SOURCE, option)
+
+
+def _read_host_source(section: Mapping[str, Any], path: Path) -> Source:
+    if section.get("source") is None:
+        raise ConfigError(f"is missing, allowed is {_HOST_SOURCE.allowed}", (*path, "source"))
+    source = _HOST_SOURCE.read(section["source"], (*path, "source"))
+    options = read_parameters(section, _host_parameters(source), path)
+    del options["source"]
+    return HOST_SOURCES[source].make(**options)
 
 
 def _read_source(metric: str, found: object, seed: str, path: Path) -> Optional[Source]:
