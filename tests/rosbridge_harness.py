@@ -7,6 +7,7 @@ import threading
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
 from port_conformance import START_S, LogLine, ServiceFailed, poll_until
+
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.parameters import ConfigError
 from robot_health_monitor.rosbridge.access import Access
@@ -48,9 +49,7 @@ class RosbridgeHarness:
         remap: Optional[Mapping[str, str]] = None,
         sim_time: bool = True,
     ) -> RosbridgeMiddleware:
-        node = self.client.node(
-            name, namespace=namespace, parameters=parameters, remap=remap, use_sim_time=sim_time
-        )
+        node = self.client.node(name, namespace=namespace, parameters=parameters, remap=remap, use_sim_time=sim_time)
         self._nodes.append(node)
         if sim_time:
             self._simulated.append(node)
