@@ -222,13 +222,14 @@ class Link:
     async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
         options: Dict[str, Any] = {} if self._ssl_context is None else {"ssl": self._ssl_context}
         url = self.url.replace("wss:", "https:", 1).replace("ws:", "http:", 1)
-        return await session.ws_connect(
+        socket: aiohttp.ClientWebSocketResponse = await session.ws_connect(
             url,
             protocols=[CBOR_SUBPROTOCOL],
             heartbeat=self._heartbeat_s,
             max_msg_size=self._limits.message_bytes,
             **options,
         )
+        return socket
 
     async def _talk(self, socket: aiohttp.ClientWebSocketResponse) -> None:
         self._compression = "cbor" if socket.protocol == CBOR_SUBPROTOCOL else "none"

@@ -139,7 +139,7 @@ class Rosapi:
 
     def _get_param(self, name: str, default: str) -> Mapping[str, Any]:
         values = self._values()
-        return {"value": json.dumps(values[name]) if name in values else default}
+        return {"value": json.dumps(values[name]) if name in values else default or '""'}
 
     def _has_param(self, name: str) -> Mapping[str, Any]:
         return {"exists": name in self._values()}

@@ -21,7 +21,7 @@ from typing import Any, Callable, Dict, Mapping, Optional, Set
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import Graph, Message, NodeInfo, ServedMiddleware, Severity, Subscription
+from robot_health_monitor.core.middleware import Graph, Message, NodeInfo, ServedMiddleware, Severity, Subscription, resolve_name
 from robot_health_monitor.core.parameters import ConfigError
 
 from .access import Access, allowed, is_loopback
@@ -211,10 +211,14 @@ class Server:
                     return
             # Its last client has left while this one waited: once more, from the start.
 
+    def resolve(self, name: str) -> str:
+        """Returns the absolute name of a topic or service that a client may have named relatively, as roslibjs does."""
+        return resolve_name(name, self._middleware.name)
+
     async def topic_type(self, topic: str) -> str:
         """Returns the type of a topic, empty when it is not known."""
         graph = await self._node.call(self._graph)
-        return graph.topics.get(topic, "")
+        return graph.topics.get(self.resolve(topic), "")
 
     async def advertise(self, topic: str, type_name: str, id: Id) -> None:  # noqa: A002 - the protocol's own word
         """Announces that a client will publish.
@@ -222,6 +226,7 @@ class Server:
         Raises:
             ProtocolError: it may not, or the type is not known, or is not the topic's.
         """
+        topic = self.resolve(topic)
         if not allowed(topic, self.access.publish):
             raise ProtocolError(f"{topic} may not be published on from here", "advertise", id)
         known = self._advertised.get(topic) or await self.topic_type(topic)
@@ -251,7 +256,7 @@ class Server:
             ValueError: it may not be called, is not there, failed or did not answer in time.
         """
         timeout_s = min(timeout_s or self._call_timeout_s, self._call_timeout_s)
-        service = service.partition("#")[0]
+        service = self.resolve(service.partition("#")[0])  # an older way to send an id: /service#id
         if service.startswith(PREFIX):
             return await self._node.call(self._rosapi.answer, service, request.get("", request))
         if service in self.offers.types:

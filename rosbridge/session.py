@@ -188,14 +188,16 @@ class Session:
 
     async def _advertise_service(self, request: protocol.AdvertiseService) -> None:
         self._check_offers("advertise_service", request.id)
-        if not allowed(request.service, self._server.access.offer):
-            raise ProtocolError(f"{request.service} may not be offered here", "advertise_service", request.id)
-        self._server.offers.offer(request.service, request.type, self)
-        self._offered.add(request.service)
+        service = self._server.resolve(request.service)
+        if not allowed(service, self._server.access.offer):
+            raise ProtocolError(f"{service} may not be offered here", "advertise_service", request.id)
+        self._server.offers.offer(service, request.type, self)
+        self._offered.add(service)
 
     async def _unadvertise_service(self, request: protocol.UnadvertiseService) -> None:
-        self._offered.discard(request.service)
-        self._server.offers.withdraw(request.service, self)
+        service = self._server.resolve(request.service)
+        self._offered.discard(service)
+        self._server.offers.withdraw(service, self)
 
     async def _service_response(self, response: protocol.ServiceResponse) -> None:
         self._server.offers.answer(response, self)
@@ -217,18 +219,21 @@ class Session:
 
 def _request_fields(request: protocol.CallService, server: Server) -> Mapping[str, Any]:
     """Returns a request's fields; those of a list by the order in which the service's definition has them."""
-    if isinstance(request.args, Mapping) or request.service.startswith(PREFIX):
-        return request.args if isinstance(request.args, Mapping) else {"": request.args}
+    if isinstance(request.args, Mapping):
+        return request.args
+    service = server.resolve(request.service)
+    if service.startswith(PREFIX):
+        return {"": request.args}
     if not request.args:
         return {}
     if len(request.args) == 1 and isinstance(request.args[0], dict):
         return request.args[0]
-    type_name = server.offers.types.get(request.service, "")
+    type_name = server.offers.types.get(service, "")
     for definition in service_definition(type_name, answer=False).values():
         names = [field.name for field in definition.fields]
         if len(request.args) <= len(names):
             return dict(zip(names, request.args))
-    raise ValueError(f"the arguments of {request.service} are needed by name")
+    raise ValueError(f"the arguments of {service} are needed by name")
 
 
 _HANDLERS: Dict[Type[Any], Callable[[Session, Any], Awaitable[None]]] = {
