@@ -16,9 +16,17 @@ from .parameters import ConfigError, Parameter, Path, read_parameters, require_m
 from .simulation import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 
 __all__ = [
-    "HOST", "METRICS", "SECTIONS", "SEED", "NotYet", "SensorError", "Source", "described_sections", "read_sources", "section_of",
-]  # fmt: skip
-
+    "HOST",
+    "METRICS",
+    "SECTIONS",
+    "SEED",
+    "NotYet",
+    "SensorError",
+    "Source",
+    "described_sections",
+    "read_sources",
+    "section_of",
+]
 
 METRICS: Mapping[str, str] = {"battery_level": "%", "temperature": "degC", "cpu_usage": "%"}
 """Name (also the topic) and unit of every metric, in the order in which they are published."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Dict
 
 import pytest
 
 from robot_health_monitor.core import sensing
 from robot_health_monitor.core.host import HostBattery, HostCpuUsage, HostTemperature
+from robot_health_monitor.core.host_sources import HOST_SOURCES
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.nodes import BatterySensor
 from robot_health_monitor.core.parameters import ConfigError
 from robot_health_monitor.core.simulation import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 
@@ -109,3 +112,85 @@ def test_every_parameter_has_a_description_and_a_default_that_it_allows() -> Non
         for parameter in parameters:
             assert parameter.description
             assert parameter.read(parameter.default) == parameter.default, f"{metric}.{parameter.name}"
+
+
+MEMORY = {"source": "memory_percent"}
+
+
+def test_further_metrics_of_this_machine_come_after_the_three() -> None:
+    tree = {"host": {"memory": MEMORY, "disk_root": {"source": "disk_percent", "path": "/"}}}
+    assert list(sensing.read_sources(tree)) == ["battery_level", "temperature", "cpu_usage", "memory", "disk_root"]
+
+
+def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
+    tree = {"host": {f"metric_{kind}": {"source": kind} for kind in HOST_SOURCES}}
+    assert len(sensing.read_sources(tree)) == 3 + len(HOST_SOURCES)
+
+
+@pytest.mark.parametrize(
+    ("host", "error"),
+    [
+        ([MEMORY], "host: found [{'source': 'memory_percent'}], allowed is a mapping of keys to values"),
+        ({"memory": "memory_percent"}, "host.memory: found 'memory_percent', allowed is a mapping of keys to values"),
+        ({"memory": {}}, f"host.memory.source: is missing, allowed is one of {', '.join(HOST_SOURCES)}"),
+        (
+            {"memory": {"source": "ram"}},
+            f"host.memory.source: found 'ram', allowed is one of {', '.join(HOST_SOURCES)}",
+        ),
+        (
+            {"memory": {**MEMORY, "path": "/"}},
+            "host.memory.path: unknown key; allowed are source",
+        ),
+        (
+            {"disk": {"source": "disk_percent", "pth": "/"}},
+            "host.disk.pth: unknown key; did you mean path? allowed are source, path",
+        ),
+        (
+            {"disk": {"source": "disk_percent", "path": 1}},
+            "host.disk.path: found 1, allowed is a text of printable characters",
+        ),
+        (
+            {"core": {"source": "cpu_percent", "core": -1}},
+            "host.core.core: found -1, allowed is a whole number from 0 to 65535",
+        ),
+        ({"temperature": MEMORY}, "host.temperature: is a metric of its own, allowed is another name"),
+        (
+            {"0": MEMORY},
+            "host.0: is no name of a metric, allowed are letters, digits and _, a letter first",
+        ),
+        ({"a/b": MEMORY}, "host.a/b: is no name of a metric, allowed are letters, digits and _, a letter first"),
+    ],
+)
+def test_a_metric_of_the_host_that_cannot_be_used_is_refused(host: Any, error: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        sensing.read_sources({"host": host})
+    assert str(caught.value) == error
+
+
+def test_metrics_of_the_host_are_declared_with_the_keys_that_they_can_have() -> None:
+    tree = {"host": {"memory": MEMORY, "disk": {"source": "disk_free"}}}
+    names = [parameter.name for parameter in sensing.described_sections(tree)]
+    assert names[-3:] == ["host.memory.source", "host.disk.source", "host.disk.path"]
+    assert names[0] == "battery_level.source"
+
+
+def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
+    bus = LocalBus()
+    node = bus.node("battery_sensor", parameters={"host": {"memory": MEMORY}})
+    heard: Dict[str, int] = {"memory": 0, "disk": 0}
+    for topic in heard:
+
+        def count(value: Any, now_s: float, topic: str = topic) -> None:
+            heard[topic] += 1
+
+        bus.node("listener").subscribe(topic, "std_msgs/Float32", count)
+    BatterySensor(node)
+    bus.run_due(2.0)
+    assert heard == {"memory": 2, "disk": 0}
+    node.set_parameters({"host": {"disk": {"source": "disk_free"}}})
+    bus.run_due(5.0)
+    assert heard == {"memory": 2, "disk": 3}
+    with pytest.raises(ConfigError, match=r"^host\.disk\.path: found 5, allowed is a text of printable characters$"):
+        node.set_parameter("host.disk.path", 5)
+    bus.run_due(6.0)
+    assert heard == {"memory": 2, "disk": 4}
