@@ -154,8 +154,10 @@ class Ros1Middleware:
 
     def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _Timer:
         timer = _Timer(self._clock, self._simulated, self._lock, period_s, callback, self._log_failure)
-        self._timers.append(timer)
-        timer.start()
+        with self._lock:
+            self._timers = [known for known in self._timers if known.is_alive()]
+            timer.start()
+            self._timers.append(timer)
         return timer
 
     def log(self, severity: Severity, text: str) -> None:

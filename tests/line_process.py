@@ -24,7 +24,9 @@ class Line(NamedTuple):
 class LineProcess:
     """A running program."""
 
-    def __init__(self, command: Sequence[str], environment: Optional[Mapping[str, str]] = None, cwd: Any = None) -> None:
+    def __init__(
+        self, command: Sequence[str], environment: Optional[Mapping[str, str]] = None, cwd: Any = None
+    ) -> None:
         """Starts `command` in a process group of its own."""
         self.lines: List[Line] = []
         """What it has written until now, as far as `wait_for_line` and `wait` have looked."""

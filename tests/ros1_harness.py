@@ -12,7 +12,7 @@ import roslib.message
 import rospy
 import yaml
 from port_conformance import START_S, LogLine, ServiceFailed, poll_until
-from rosgraph_msgs.msg import Clock, Log
+from rosgraph_msgs.msg import Log
 
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.ros1.middleware import Ros1Middleware
@@ -94,14 +94,22 @@ class Ros1Harness:
             raise ServiceFailed(str(error)) from error
 
     def propose(self, node: Ros1Middleware, name: str, value: object) -> str:
-        rospy.set_param("/".join([node.name, "ros__parameters", *name.split(".")]), value)
+        parameter = "/".join([node.name, "ros__parameters", *name.split(".")])
+        before = rospy.get_param(parameter, None)
+        rospy.set_param(parameter, value)
         response = self.call(f"{node.name}/reload", "std_srvs/Trigger")
-        return "" if response["success"] else str(response["message"])
+        if response["success"]:
+            return ""
+        if before is None:
+            rospy.delete_param(parameter)
+        else:
+            rospy.set_param(parameter, before)
+        return str(response["message"])
 
     def set_time(self, now_s: float) -> None:
-        clock = Clock(genpy.Time.from_sec(now_s))
-        self.publish("/clock", "rosgraph_msgs/Clock", {"clock": {"secs": clock.clock.secs, "nsecs": clock.clock.nsecs}})
-        self.wait_until(lambda: rospy.get_rostime() == clock.clock)
+        now = genpy.Time.from_sec(now_s)
+        self.publish("/clock", "rosgraph_msgs/Clock", {"clock": {"secs": now.secs, "nsecs": now.nsecs}})
+        self.wait_until(lambda: rospy.get_rostime() == now and self._have_timers_seen(now_s))
 
     def log_lines(self) -> Sequence[LogLine]:
         return list(self._log)
@@ -117,6 +125,11 @@ class Ros1Harness:
         for topic in (*self._publishers.values(), *self._subscribers):
             topic.unregister()
         self._remap("/tests", {})
+
+    def _have_timers_seen(self, now_s: float) -> bool:
+        """Their threads look at the clock when it moves; one that is late would miss a step back and forth."""
+        timers = [timer for node in self._nodes for timer in node._timers]
+        return all(timer._last_s == now_s or timer._cancelled.is_set() for timer in timers)
 
     def _keep(self, line: Log) -> None:
         self._log.append(LogLine(_SEVERITIES[line.level], line.msg))
@@ -134,8 +147,10 @@ class Ros1Harness:
         manager = rospy.topics.get_topic_manager()
         outgoing, incoming = manager.get_publisher_impl(topic), manager.get_subscriber_impl(topic)
         self.wait_until(
-            lambda: (outgoing is None or outgoing.get_num_connections() >= expected_out)
-            and (incoming is None or incoming.get_num_connections() >= expected_in)
+            lambda: (
+                (outgoing is None or outgoing.get_num_connections() >= expected_out)
+                and (incoming is None or incoming.get_num_connections() >= expected_in)
+            )
         )
 
 

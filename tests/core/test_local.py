@@ -2,75 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Dict, List, Mapping
 
 import pytest
-from port_conformance import FLOAT32, START_S, LogLine, PortConformance, Recorder, ServiceFailed, changed, poll_until
+from equivalence import Equivalence
+from local_harness import LocalHarness
+from port_conformance import FLOAT32, PortConformance, Recorder
 
-from robot_health_monitor.core.local import LocalBus, LocalMiddleware
+from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.parameters import ConfigError
-
-
-class LocalHarness:
-    """A bus in virtual time."""
-
-    knows_types = False
-
-    def __init__(self) -> None:
-        self.bus = LocalBus(START_S)
-        self._outside = self.bus.node("outside")
-        self._nodes: List[LocalMiddleware] = []
-        self._tick_s = 0.0
-
-    def node(
-        self,
-        name: str,
-        *,
-        namespace: str = "",
-        parameters: Optional[Mapping[str, Any]] = None,
-        remap: Optional[Mapping[str, str]] = None,
-        sim_time: bool = True,
-    ) -> LocalMiddleware:
-        self._tick_s = 0.0 if sim_time else 0.01
-        node = self.bus.node(name, namespace=namespace, parameters=parameters, remap=remap)
-        self._nodes.append(node)
-        return node
-
-    def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
-        self._outside.advertise(topic, type_name)
-        self._outside.publish(topic, message)
-
-    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
-        messages: List[Mapping[str, Any]] = []
-        self._outside.subscribe(topic, type_name, lambda message, now_s: messages.append(message))
-        return messages
-
-    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
-        try:
-            return self.bus.call_service(service, request)
-        except ValueError as error:
-            raise ServiceFailed(str(error)) from error
-
-    def propose(self, node: LocalMiddleware, name: str, value: object) -> str:
-        try:
-            node.set_parameter(name, value)
-        except ConfigError as error:
-            return str(error)
-        return ""
-
-    def set_time(self, now_s: float) -> None:
-        self.bus.run_due(now_s)
-
-    def log_lines(self) -> Sequence[LogLine]:
-        return [LogLine(line.severity, line.text) for line in self.bus.log_lines]
-
-    def wait_until(self, predicate: Callable[[], bool]) -> None:
-        poll_until(predicate, lambda: self.bus.run_due(self.bus.now_s + self._tick_s), deadline_s=1.0)
-
-    def close(self) -> None:
-        for node in (*self._nodes, self._outside):
-            node.close()
 
 
 class TestLocal(PortConformance):
@@ -84,6 +24,52 @@ class TestLocal(PortConformance):
         harness.node("aggregator").create_timer(1.0, times_s.append)
         harness.set_time(103.5)
         assert times_s == [101.0, 102.0, 103.0]
+
+
+class TestEquivalence(Equivalence):
+    """The reference itself: its lines were written by hand, from SEMANTICS.md and the timeline."""
+
+    @pytest.fixture
+    def harness(self) -> LocalHarness:
+        return LocalHarness()
+
+    def test_the_reference_says_what_was_expected_by_hand(self, harness: LocalHarness) -> None:
+        assert [str(line) for line in self.replay(harness)] == EXPECTED
+
+
+EXPECTED = [
+    "103.500 battery_level WARN: 19.5 % is below 20 % (was OK for 3 s)",
+    "105.500 battery_level ERROR: 9.5 % is below 10 % (was WARN for 2 s)",
+    "106.500 battery_level WARN: 12 % is below 20 % (was ERROR for 1 s)",
+    "107.000 temperature WARN: 82 degC is above 80 degC (was OK for 6.5 s)",
+    "109.250 battery_level ERROR: invalid data: nan (was WARN for 2.75 s)",
+    "111.000 temperature WARN: 74 degC is no longer above 80 degC, kept firing for a while (for 4 s)",
+    "111.500 battery_level OK: 50 % (was ERROR for 2.25 s)",
+    "112.000 temperature OK: 74 degC is no longer above 80 degC (was WARN for 5 s)",
+    "112.250 cpu_usage WARN: mean 100 % is above 90 % (was OK for 11.8 s)",
+    "114.000 cpu_usage OK: mean 60 % is no longer above 90 % (was WARN for 1.75 s)",
+    "114.000 battery_level WARN: 50 % is below 60 % (was OK for 2.5 s)",
+    "refused: signals.battery_level.error_below: found 70, allowed is at most warn_below (60):"
+    " a value falls below the WARN bound first",
+    "115.000 battery_level OK: 50 % (was WARN for 1 s)",
+    "116.125 vibration WARN: 2 is above 1 (was OK for 15.6 s)",
+    "116.250 vibration OK: 0 is no longer above 1 (was WARN for 0.125 s)",
+    "116.375 vibration WARN: 2 is above 1 (was OK for 0.125 s)",
+    "116.500 vibration OK: 0 is no longer above 1 (was WARN for 0.125 s)",
+    "116.625 vibration WARN: 2 is above 1 (was OK for 0.125 s)",
+    "116.750 vibration OK: 0 is no longer above 1 (was WARN for 0.125 s)",
+    "116.875 vibration WARN: 2 is above 1 (was OK for 0.125 s)",
+    "117.000 vibration OK: 0 is no longer above 1 (was WARN for 0.125 s)",
+    "117.125 vibration WARN: 2 is above 1 (was OK for 0.125 s),"
+    " flapping: 51.51 % state change, silent until below 25 %",
+    "119.000 vibration OK: 0 is no longer above 1 (was WARN for 1.88 s)",
+    "125.000 battery_level STALE: no sample for 5.5 s, allowed are 5 s (was OK for 10 s)",
+    "125.000 temperature STALE: no sample for 5.5 s, allowed are 5 s (was OK for 13 s)",
+    "125.500 battery_level WARN: 15 % is below 20 % (was STALE for 0.5 s)",
+    "51.000 temperature OK: 40 degC (was STALE for 0 s)",
+    "53.000 battery_level OK: 30 % is no longer below 20 % (was WARN for 2 s)",
+]
+"""What AlertSystem says to tests/data/timeline.csv."""
 
 
 def test_log_lines_name_their_node_and_time() -> None:
@@ -153,7 +139,3 @@ def test_a_whole_configuration_can_be_proposed() -> None:
     node.set_parameters(tree)
     assert proposed == [tree]
     assert node.given_parameters() == tree
-    assert changed(tree, "signals.battery_level.warn_below", 10.0) == {
-        "publish_rate": 3.0,
-        "signals": {"battery_level": {"warn_below": 10.0}},
-    }

@@ -48,14 +48,14 @@ class Master:
         }
         for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):
             self.environment.pop(name, None)
-        self._output = open(folder / "roscore.txt", "wb")
-        self._process = subprocess.Popen(
-            ["roscore", "-p", str(port)],
-            env=self.environment,
-            stdout=self._output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+        with open(folder / "roscore.txt", "wb") as output:
+            self._process = subprocess.Popen(
+                ["roscore", "-p", str(port)],
+                env=self.environment,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
         self._wait_until_ready()
 
     def _wait_until_ready(self) -> None:
@@ -84,7 +84,6 @@ class Master:
             except subprocess.TimeoutExpired:
                 os.killpg(self._process.pid, signal.SIGKILL)
                 self._process.wait()
-        self._output.close()
 
 
 @pytest.fixture(scope="session")

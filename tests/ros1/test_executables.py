@@ -187,9 +187,7 @@ def test_the_log_level_is_honoured(master: Any, start: Any, ros: Any) -> None:
 def test_a_wrong_log_level_is_refused(master: Any, start: Any) -> None:
     process = start("aggregator", "_log_level:=LOUD")
     assert process.wait() == 2
-    assert process.errors == [
-        "aggregator: log_level: found 'LOUD', allowed is one of DEBUG, INFO, WARN, ERROR, FATAL"
-    ]
+    assert process.errors == ["aggregator: log_level: found 'LOUD', allowed is one of DEBUG, INFO, WARN, ERROR, FATAL"]
 
 
 def test_names_namespaces_and_topics_can_be_changed_from_outside(master: Any, start: Any, ros: Any) -> None:
