@@ -36,7 +36,7 @@ _OLDER_SUMS = _sums(_HALF)
 class FlapDetector:
     """Follows the levels after good samples and says whether the signal flaps."""
 
-    __slots__ = ("_changes", "_high", "_last", "_low", "flapping")
+    __slots__ = ("_changes", "_high", "_last", "_low", "flapping", "told")
 
     def __init__(self, high: float, low: float) -> None:
         """Starts with a past that was always OK.
@@ -48,6 +48,9 @@ class FlapDetector:
         self._changes = 0
         self._last = Level.OK
         self.flapping = False
+        """Whether the signal flaps."""
+        self.told = False
+        """Whether people were told so; whoever tells them sets it, and the end of flapping clears it."""
         self.configure(high, low)
 
     def configure(self, high: float, low: float) -> None:
@@ -65,3 +68,4 @@ class FlapDetector:
         self._changes = (self._changes << 1 | (level is not self._last)) & _ALL
         self._last = level
         self.flapping = self.percent >= (self._low if self.flapping else self._high)
+        self.told = self.told and self.flapping

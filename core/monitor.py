@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Dict, List, Optional
 
 from .config import CONDITIONS, MonitorConfig, read_signal
-from .model import Level, Report, Sample, Status, Transition
+from .model import Level, Report, Sample, Transition
 from .signal_monitor import LINK, SignalMonitor
 
 _LARGEST = 1.7976931348623157e308
@@ -64,7 +64,9 @@ class Monitor:
             signal = self._signals[LINK] = SignalMonitor(LINK_CONFIG, self.robot, now_s)
         transition = signal.observe(value, now_s, stamp_s)
         if name == LINK:
-            self._follow_link(value, now_s)
+            self._follow_link(now_s)
+        elif self._link_down:
+            signal.inhibit(now_s)
         followers = self._followers.get(name)
         if followers is None:
             return [] if transition is None else [transition]
@@ -92,14 +94,13 @@ class Monitor:
 
     def report(self, now_s: float) -> Report:
         """Returns the whole state as of the last `observe` or `tick`; ages are counted up to `now_s`, in seconds."""
-        if not self._now_s <= now_s <= _LARGEST:
-            now_s = self._now_s if self._signals else 0.0
-        statuses: Dict[str, Status] = {name: signal.status(now_s) for name, signal in self._signals.items()}
-        if not self._signals:
-            statuses = {
-                name: SignalMonitor(signal, self.robot, now_s).status(now_s)
-                for name, signal in self.config.signals.items()
-            }
+        signals = self._signals
+        if not signals:
+            now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
+            signals = {name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()}
+        elif not self._now_s <= now_s <= _LARGEST:
+            now_s = self._now_s
+        statuses = {name: signal.status(now_s) for name, signal in signals.items()}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
 
@@ -141,6 +142,7 @@ class Monitor:
         if LINK in self._signals:
             signals.setdefault(LINK, self._signals[LINK])
         self._signals = signals
+        self._inhibit_all(self._now_s)
         self._find_followers()
         transitions.extend(follower.follow(self.fresh_value, self._now_s) for follower in self._all_followers)
         return [transition for transition in transitions if transition is not None]
@@ -160,6 +162,7 @@ class Monitor:
             )
             for signal in self._signals.values():
                 signal.restart_time(now_s)
+            self._inhibit_all(now_s)
         return float(now_s)
 
     def _find_followers(self) -> None:
@@ -177,9 +180,10 @@ class Monitor:
         if len(self.notices) < 100:
             self.notices.append(text)
 
-    def _follow_link(self, value: object, now_s: float) -> None:
-        down = value == 0.0
-        if down == self._link_down:
+    def _follow_link(self, now_s: float) -> None:
+        reached = self.fresh_value(LINK)
+        down = reached is None or reached < 1.0
+        if down is self._link_down:
             return
         self._link_down = down
         for name, signal in self._signals.items():
@@ -188,3 +192,10 @@ class Monitor:
                     signal.inhibit(now_s)
                 else:
                     signal.release(now_s)
+
+    def _inhibit_all(self, now_s: float) -> None:
+        """Lets the signals that were restarted or are new stand still, too, while the link is down."""
+        if self._link_down:
+            for name, signal in self._signals.items():
+                if name != LINK:
+                    signal.inhibit(now_s)

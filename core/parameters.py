@@ -62,7 +62,7 @@ class Parameter:
         if self.kind is bool:
             return "true or false"
         if self.kind is str:
-            return "a text"
+            return "a text of printable characters"
         if self.kind is list:
             return "a list of numbers"
         noun = "a whole number" if self.kind is int else "a number"
@@ -97,7 +97,9 @@ class Parameter:
         if self.kind is bool:
             return found if isinstance(found, bool) else None
         if self.kind is str:
-            return found if isinstance(found, str) and (not self.choices or found in self.choices) else None
+            # What is not printable would break the lines that it is written into.
+            fits = isinstance(found, str) and found.isprintable() and (not self.choices or found in self.choices)
+            return found if fits else None
         if isinstance(found, bool) or not isinstance(found, (int, float)):
             return None
         try:

@@ -42,7 +42,7 @@ class SignalMonitor:
             now_s: when it began to be watched, in seconds: the startup grace counts from here.
         """
         self._robot = robot
-        self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode()).hexdigest()[:16]
+        self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode("utf-8", "replace")).hexdigest()[:16]
         self._window = Window(config.window_s, config.window_samples)
         self._rules = [Rule(RuleConfig.of(config, level)) for level in _LEVEL_OF_RULE]
         self._invalid = Rule(RuleConfig(for_s=config.invalid_for_s, **_INVALID_BOUNDS))
@@ -105,21 +105,18 @@ class SignalMonitor:
         if good is self._invalid.condition or self._invalid.state is not _INACTIVE:
             self._invalid.set_condition(not good, now_s)
         level = self._true_level()
-        flapped = self._flaps.flapping
         if good and self._detect_flaps:
             self._flaps.add(level)
-            flapped = flapped and self._flaps.flapping
         if level is self.level and level is self._announced:
             return None
-        return self._settle(level, now_s, flapped)
+        return self._settle(level, now_s)
 
     def tick(self, now_s: float) -> Optional[Transition]:
         """Lets time pass until `now_s`, in seconds."""
         config = self.config
         if self._frozen_since_s is None:
-            allowed_s = self._allowed_silence_s
-            due_s = self._last_seen_s + allowed_s
-            if config.stale_after_s > 0.0 and now_s - self._last_seen_s > allowed_s + TIME_TOLERANCE_S:
+            if self._is_silent(now_s):
+                due_s = self._last_seen_s + self._allowed_silence_s
                 self._advance(due_s)
                 self._stale = True
                 self._frozen_since_s = due_s
@@ -127,7 +124,7 @@ class SignalMonitor:
                 self._advance(now_s)
         level = self._true_level()
         if level is not self.level or level is not self._announced:
-            return self._settle(level, now_s, self._flaps.flapping)
+            return self._settle(level, now_s)
         if (
             config.repeat_s > 0.0
             and level is not Level.OK
@@ -155,7 +152,7 @@ class SignalMonitor:
                 self._latched = Level.OK
         if self._frozen_since_s is None:
             self._advance(now_s)
-        return self._settle(self._true_level(), now_s, self._flaps.flapping)
+        return self._settle(self._true_level(), now_s)
 
     def inhibit(self, now_s: float) -> None:
         """Stands still from `now_s` on: the robot cannot be reached."""
@@ -186,7 +183,7 @@ class SignalMonitor:
     def reset(self, now_s: float) -> Optional[Transition]:
         """Clears the latch: from now on the level is what the rules say."""
         self._latched = Level.OK
-        return self._settle(self._true_level(), now_s, self._flaps.flapping)
+        return self._settle(self._true_level(), now_s)
 
     def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
         """Takes a new configuration of the same signal and judges by it at once; what has been seen stays."""
@@ -199,14 +196,19 @@ class SignalMonitor:
             self._flaps = FlapDetector(config.flap_high, config.flap_low)
         for rule, level in zip(self._rules, _LEVEL_OF_RULE):
             rule.configure(RuleConfig.of(config, level))
+            if rule not in self._active_rules:
+                rule.clear()
         self._invalid.configure(RuleConfig(for_s=config.invalid_for_s, **_INVALID_BOUNDS))
         self._judged = STATISTIC_OF_WINDOW[config.statistic](self._window)
+        if self._stale and not self._is_silent(now_s):
+            self._stale = False
+            self._thaw(now_s)
         if self._frozen_since_s is None:
             if self._judged is not None:
-                for rule in self._rules:
+                for rule in self._active_rules:
                     rule.judge(self._judged, now_s)
             self._advance(now_s)
-        return self._settle(self._true_level(), now_s, self._flaps.flapping)
+        return self._settle(self._true_level(), now_s)
 
     def status(self, now_s: float) -> Status:
         """Returns the state at `now_s`, in seconds, as of the last observe or tick."""
@@ -220,7 +222,7 @@ class SignalMonitor:
         values["window_samples"] = str(len(self._window))
         values["good_samples"] = str(self._good_samples)
         values["bad_samples"] = str(self._bad_samples)
-        if self._good_samples or self._bad_samples:
+        if self._seen:
             values["age_s"] = number_text(now_s - self._last_seen_s)
         if self._stamp_s is not None:
             values["stamp_s"] = repr(self._stamp_s)
@@ -268,10 +270,18 @@ class SignalMonitor:
         ]
 
     @property
+    def _seen(self) -> bool:
+        """Whether there has been a sample, good or bad."""
+        return self._good_samples + self._bad_samples > 0
+
+    @property
     def _allowed_silence_s(self) -> float:
-        if self._good_samples or self._bad_samples:
-            return self.config.stale_after_s
-        return self.config.startup_grace_s
+        return self.config.stale_after_s if self._seen else self.config.startup_grace_s
+
+    def _is_silent(self, now_s: float) -> bool:
+        """Says whether there has been no sample for too long."""
+        silence_s = now_s - self._last_seen_s
+        return self.config.stale_after_s > 0.0 and silence_s > self._allowed_silence_s + TIME_TOLERANCE_S
 
     def _advance(self, now_s: float) -> None:
         for rule in self._rules:
@@ -299,11 +309,11 @@ class SignalMonitor:
                 return _STALE
         return level
 
-    def _settle(self, level: Level, now_s: float, silenced: bool) -> Optional[Transition]:
+    def _settle(self, level: Level, now_s: float) -> Optional[Transition]:
         if level is not self.level:
             self.level = level
             self._level_since_s = now_s
-        if level is self._announced or silenced:
+        if level is self._announced or self._flaps.told:
             return None
         return self._announce(level, now_s)
 
@@ -320,6 +330,7 @@ class SignalMonitor:
             f" ({'for' if repeat else f'was {self._announced.name} for'} {lasted})"
         )
         if self._flaps.flapping:
+            self._flaps.told = True
             text += (
                 f", flapping: {number_text(self._flaps.percent)} % state change,"
                 f" silent until below {bound_text(self.config.flap_low)} %"
@@ -347,7 +358,7 @@ class SignalMonitor:
         return transition
 
     def _is_invalid(self, level: Level) -> bool:
-        return level is Level.ERROR and self._invalid.fires and not self._rules[1].fires
+        return level is Level.ERROR and self._invalid.fires
 
     def _rule_behind(self, level: Level) -> Optional[Rule]:
         """The rule that a level tells of: the one that fires or is latched; for OK pending, held back or cleared."""
@@ -361,14 +372,15 @@ class SignalMonitor:
         for rule in (error, warn):
             if rule.state is State.PENDING or rule.held_back:
                 return rule
-        return self._announced_rule if self._announced is not Level.OK else None
+        rule = self._announced_rule if self._announced is not Level.OK else None
+        return rule if rule is not None and rule.bound in self.config.bounds.values() else None
 
     def _reason(self, level: Level, now_s: float) -> str:
-        if self.config.name == LINK:
+        if self.config.name == LINK and level is not Level.STALE:
             return "up" if level is Level.OK else "down"
         silence = duration_text(now_s - self._last_seen_s)
         if level is Level.STALE:
-            if self._good_samples or self._bad_samples:
+            if self._seen:
                 return f"no sample for {silence}, allowed are {duration_text(self.config.stale_after_s)}"
             return f"no sample since the start {silence} ago"
         reason = self._invalid_reason() if self._is_invalid(level) else self._value_reason(level, now_s)
@@ -387,7 +399,7 @@ class SignalMonitor:
         return math.isnan(self._convert(came)) and not math.isnan(came)
 
     def _latest_text(self) -> str:
-        if self._latest is None:
+        if not self._seen:
             return ""
         came = _as_float(self._latest)
         number = self._convert(came) if self._converts else came
@@ -408,10 +420,12 @@ class SignalMonitor:
 
     def _value_reason(self, level: Level, now_s: float) -> str:
         config, unit, judged = self.config, self._statistic_unit, self._judged
-        if self._latest is None:
+        if not self._seen:
             return "waiting for the first sample"
+        if not self._good_samples:
+            return f"no valid sample yet: {self._latest_text()}"
         if judged is None:
-            return f"{config.statistic} is not defined yet"
+            return f"{config.statistic} is not defined by so few samples"
         rule = self._rule_behind(level)
         bound = None if rule is None else rule.bound
         value = with_unit(number_text(judged, bound), unit)
@@ -440,21 +454,20 @@ class SignalMonitor:
 
     def _state(self) -> str:
         warn, error = self._rules
-        rule = warn if error.state is State.INACTIVE else error
         if self._stale:
             return "stale"
         if self._invalid.fires:
             return "invalid"
-        if self.config.latch and self._latched is not Level.OK and not rule.fires:
+        fired = Level.ERROR if error.fires else Level.WARN if warn.fires else Level.OK
+        if self._latched > fired:
             return "latched"
+        rule = warn if fired is Level.WARN or error.state is State.INACTIVE else error
         return rule.state.value
 
 
 def _as_float(value: object) -> float:
     """Returns the number that `value` is, NaN when it is none or too large for a double."""
-    if isinstance(value, numbers.Real):
-        try:
-            return float(value)
-        except (OverflowError, ValueError):
-            pass
-    return math.nan
+    try:
+        return float(value) if isinstance(value, numbers.Real) else math.nan
+    except Exception:  # a foreign object's own conversion
+        return math.nan

@@ -175,6 +175,11 @@ class Rule:
         self._allowed = allowed
         self.condition = self._crossed and allowed
 
+    def clear(self) -> None:
+        """Forgets what was judged: the rule is inactive."""
+        self._crossed = self.condition = self.fires = False
+        self.state = State.INACTIVE
+
     def set_condition(self, condition: bool, now_s: float) -> None:
         """Takes a condition that was judged elsewhere, then advances."""
         self.condition = condition

@@ -1,0 +1,315 @@
+"""What always holds, for any configuration that loads and any sequence of calls (SEMANTICS.md, last section)."""
+
+from __future__ import annotations
+
+import fractions
+import math
+import random
+import sys
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robot_health_monitor.core import ConfigError, Level, Monitor, MonitorConfig, Sample, Transition, load_config
+from robot_health_monitor.core.config import CONDITIONS, SIGNAL_PARAMETERS, STATISTICS
+from robot_health_monitor.core.parameters import Parameter
+
+Call = Tuple[Any, ...]
+
+
+class Mute:
+    """A datum that answers no question."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no repr")
+
+    def __float__(self) -> float:
+        raise RuntimeError("no number")
+
+    def __eq__(self, other: object) -> bool:
+        raise RuntimeError("no comparison")
+
+    __hash__ = object.__hash__
+
+
+class Dice(float):
+    """A number that cannot be had."""
+
+    def __float__(self) -> float:
+        raise RuntimeError("rolled off the table")
+
+
+ODD_FLOATS = (
+    math.nan,
+    math.inf,
+    -math.inf,
+    5e-324,
+    -5e-324,
+    sys.float_info.max,
+    -sys.float_info.max,
+    1e308,
+    -1e308,
+    1e300,
+    1e155,
+    -0.0,
+)
+FOREIGN: Sequence[Any] = (
+    None,
+    True,
+    "19.5",
+    "line\nbreak",
+    b"\x01",
+    [1.0],
+    {"data": 1.0},
+    10**400,
+    -(10**5000),
+    1 + 2j,
+    fractions.Fraction(39, 2),
+    fractions.Fraction(10**400, 3),
+    numpy.float32(19.5),
+    numpy.int8(20),
+    numpy.array([1.0, 2.0]),
+    numpy.array(19.5),
+    numpy.zeros((20, 20)),
+    object(),
+    float,
+    Mute(),
+    Dice(3.0),
+)
+
+# --- configurations -------------------------------------------------------------------------------------------------
+
+numbers = st.one_of(
+    st.sampled_from((0.0, 1.0, 10.0, 20.0, 50.0, 80.0, 100.0)),
+    st.floats(-200.0, 200.0),
+    st.floats(allow_nan=False, allow_infinity=False),
+)
+seconds = st.one_of(st.sampled_from((0.0, 0.5, 1.0, 2.0, 5.0, 60.0)), st.floats(0.0, allow_infinity=False))
+
+
+any_text = st.text(st.characters(), max_size=20)  # with halves of surrogate pairs, which YAML can spell
+
+
+def of_parameter(parameter: Parameter) -> st.SearchStrategy[Any]:
+    """Values that the parameter allows, the usual ones often."""
+    if parameter.choices:
+        return st.sampled_from(parameter.choices)
+    if parameter.kind is bool:
+        return st.booleans()
+    if parameter.kind is list:
+        return st.lists(numbers, max_size=2)
+    if parameter.kind is int:
+        return st.sampled_from((1, 2, 3, 50))  # window_samples
+    if parameter.kind is str:
+        return st.one_of(st.sampled_from(("%", "degC", "K", "V", "Hz", "°C", "", "rad/s")), any_text)
+    if parameter.name in ("flap_high", "flap_low"):
+        return st.floats(0.0, 100.0)
+    if parameter.name == "scale":
+        return st.sampled_from((1.0, 100.0, -1.0, 1e-300, 1e300))
+    if parameter.name == "window_s":
+        return st.one_of(st.sampled_from((0.5, 3.0, 60.0)), st.floats(0.001, allow_infinity=False))
+    return seconds if parameter.minimum == 0.0 and parameter.name != "hysteresis" else numbers
+
+
+NAMES = ("a", "b", "link")
+
+conditions = st.builds(
+    lambda signal, comparison, number: {"signal": signal, comparison: number},
+    st.sampled_from(NAMES),
+    st.sampled_from(("is", "is_not", "below", "above")),
+    numbers,
+)
+signal_trees = st.fixed_dictionaries(
+    {},
+    optional={
+        **{parameter.name: of_parameter(parameter) for parameter in SIGNAL_PARAMETERS},
+        **dict.fromkeys(CONDITIONS, conditions),
+    },
+)
+
+
+def loaded(tree: Mapping[str, Any]) -> Optional[MonitorConfig]:
+    try:
+        return load_config(tree)
+    except ConfigError:
+        return None
+
+
+def loadable(names: Sequence[str], trees: Sequence[Mapping[str, Any]], robot: str) -> Optional[MonitorConfig]:
+    """Leaves out of each signal what does not go together, so that most of what is drawn is tried."""
+    signals: Dict[str, Dict[str, Any]] = {name: {} for name in names}
+    for name, tree in zip(names, trees):
+        for key, value in tree.items():
+            signals[name][key] = value
+            if loaded({"signals": signals}) is None:
+                del signals[name][key]
+    return loaded({"signals": signals, "robot_name": robot})
+
+
+configs = st.builds(
+    loadable,
+    st.lists(st.sampled_from(NAMES), min_size=1, max_size=3, unique=True),
+    st.lists(signal_trees, min_size=3, max_size=3),
+    st.one_of(st.sampled_from(("", "atlas")), any_text),
+).filter(lambda config: config is not None)
+
+# --- calls ----------------------------------------------------------------------------------------------------------
+
+times = st.one_of(
+    st.floats(-1.0, 10.0),  # steps ahead, and now and then back
+    st.floats(0.0, 3.0),
+    st.sampled_from((0.0, 0.1, 1.0, 1000.0, -1000.0, math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324)),
+)
+values = st.one_of(
+    numbers,
+    st.sampled_from((0.0, 1.0)),  # what a link says
+    st.floats(0.0, 100.0),
+    st.floats(),
+    st.sampled_from(ODD_FLOATS),
+    st.sampled_from(FOREIGN),
+    st.text(max_size=5),
+    st.integers(),
+)
+calls: st.SearchStrategy[Call] = st.one_of(
+    st.tuples(st.just("observe"), times, st.sampled_from((*NAMES, "unknown")), values),
+    st.tuples(st.just("observe"), times, st.sampled_from(NAMES), st.floats(0.0, 100.0)),
+    st.tuples(st.just("tick"), times),
+    st.tuples(st.just("report"), times),
+    st.tuples(st.just("reset")),
+    st.tuples(st.just("configure"), configs),
+)
+
+
+class Player:
+    """Makes the calls on a monitor and checks after each what must always hold."""
+
+    def __init__(self, config: MonitorConfig) -> None:
+        self.monitor = Monitor(config)
+        self.now_s = 0.0
+        self.announced: Dict[str, Level] = {}
+
+    def play(self, call: Call) -> List[Transition]:
+        what, *arguments = call
+        transitions: List[Transition] = []
+        if what in ("observe", "tick", "report"):
+            step_s = arguments[0]
+            # Steps are small numbers; anything else is an odd time itself.
+            now_s = self.now_s + step_s if abs(step_s) <= 10.0 else step_s
+            if math.isfinite(now_s):
+                self.now_s = now_s if what != "report" else self.now_s
+        if what == "observe":
+            transitions = self.monitor.observe(Sample(arguments[1], arguments[2], now_s))
+        elif what == "tick":
+            transitions = self.monitor.tick(now_s)
+        elif what == "report":
+            assert self.monitor.report(now_s).statuses.keys() >= self.monitor.config.signals.keys()
+        elif what == "reset":
+            transitions = self.monitor.reset()
+        elif what == "configure":
+            transitions = self.monitor.configure(arguments[0])
+            gone = self.announced.keys() - self.monitor.config.signals.keys() - {"link"}
+            for name in gone:
+                del self.announced[name]
+        self.check(transitions)
+        return transitions
+
+    def check(self, transitions: Sequence[Transition]) -> None:
+        for transition in transitions:
+            assert transition.from_level is self.announced.get(transition.signal, Level.OK)
+            assert (transition.from_level is transition.to_level) is transition.repeat
+            assert transition.since_s <= transition.now_s
+            assert transition.text.isprintable(), repr(transition.text)
+            self.announced[transition.signal] = transition.to_level
+        report = self.monitor.report(self.now_s)
+        assert report.overall is Level.worst(status.level for status in report.statuses.values())
+        for name, status in report.statuses.items():
+            if status.values["flapping"] == "false":
+                assert status.level is self.announced.get(name, Level.OK), (name, status)
+            assert all(isinstance(value, str) for value in status.values.values())
+            assert status.message.isprintable()
+            config = self.monitor.config.signals.get(name)
+            if config is not None:
+                assert int(status.values["window_samples"]) <= config.window_samples
+        assert len(self.monitor.notices) <= 100
+
+
+def played(config: MonitorConfig, sequence: Sequence[Call]) -> List[Transition]:
+    player = Player(config)
+    return [transition for call in sequence for transition in player.play(call)]
+
+
+def comparable(transitions: Sequence[Transition]) -> List[Tuple[Any, ...]]:
+    """NaN is equal to nothing; its text is."""
+    return [
+        (each.signal, each.from_level, each.to_level, repr_or_type(each.value), each.bound, each.text, each.fingerprint)
+        for each in transitions
+    ]
+
+
+def repr_or_type(value: object) -> str:
+    return type(value).__name__ if isinstance(value, Mute) else repr(value)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@given(configs, st.lists(calls, max_size=40))
+def test_no_call_raises_and_transitions_chain_up_to_the_report(config: MonitorConfig, sequence: List[Call]) -> None:
+    played(config, sequence)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@given(configs, st.lists(calls, max_size=40))
+def test_two_monitors_fed_the_same_calls_give_equal_transitions(config: MonitorConfig, sequence: List[Call]) -> None:
+    assert comparable(played(config, sequence)) == comparable(played(config, sequence))
+
+
+# --- one long plain run ---------------------------------------------------------------------------------------------
+
+FEATURES: Sequence[Mapping[str, Any]] = (
+    {"warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0, "valid_min": 0.0, "valid_max": 100.0, "unit": "%"},
+    {"warn_above": 80.0, "for_s": 1.0, "keep_firing_for_s": 2.0, "latch": True, "window_samples": 10, "repeat_s": 5.0},
+    {"warn_below": 40.0, "warn_above": 60.0, "flap_detection": True, "stale_after_s": 1.0, "invalid_for_s": 0.5},
+    *(
+        {"statistic": statistic, "warn_above": 1.0, "window_s": 2.0, "window_samples": 20, "flap_detection": True}
+        for statistic in STATISTICS
+    ),
+    {
+        "warn_below": 30.0,
+        "latch": True,
+        "only_if": {"signal": "s0", "below": 50.0},
+        "latch_release_if": {"signal": "s1", "is": 0.0},
+    },
+)
+
+
+def test_a_million_random_calls_raise_nothing() -> None:
+    seed = random.SystemRandom().randrange(10**9)
+    chance = random.Random(seed)
+    config = load_config({"signals": {f"s{number}": tree for number, tree in enumerate(FEATURES)}})
+    names = [*config.signals, "link", "unknown"]
+    monitor = Monitor(config)
+    observe, tick = monitor.observe, monitor.tick
+    random_number, random_normal, choose = chance.random, chance.gauss, chance.choice
+    now_s, seen = 0.0, 0
+    try:
+        for _ in range(1_000_000):
+            kind = random_number()
+            now_s += random_number() * 0.2
+            if kind < 0.9:
+                seen += len(observe(Sample(choose(names), random_normal(50.0, 30.0), now_s)))
+            elif kind < 0.95:
+                seen += len(observe(Sample(choose(names), choose(ODD_FLOATS if kind < 0.93 else FOREIGN), now_s)))
+            elif kind < 0.999:
+                seen += len(tick(now_s))
+            elif kind < 0.9995:
+                monitor.report(now_s)
+                seen += len(monitor.reset())
+            elif kind < 0.9998:
+                now_s = choose((now_s - 5.0, 0.0, 1e9, now_s + 100.0))
+            else:
+                tick(choose((math.nan, math.inf, -math.inf)))
+    except Exception as error:
+        pytest.fail(f"seed {seed}: {error!r}")
+    assert seen > 10_000, f"seed {seed}"
