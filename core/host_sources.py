@@ -122,13 +122,15 @@ class HostNetworkRate:
 
     def _count(self) -> int:
         counters = _network_counters()
-        if self._interface == "":
+        if self._interface == "" and counters:
             chosen = list(counters.values())
         elif self._interface in counters:
             chosen = [counters[self._interface]]
         else:
             there = ", ".join(sorted(counters)) or "none"
-            raise SensorError(f"this machine shows no network interface {self._interface}; there are {there}")
+            raise SensorError(
+                f"this machine shows no network interface {self._interface or 'at all'}; there are {there}"
+            )
         return sum(int(getattr(counter, field)) for counter in chosen for field in self._fields)
 
 

@@ -54,6 +54,11 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
 
             alerts_found = run(arguments, interrupts)
             return ALERTS_FOUND if alerts_found else FINE
+        if arguments.command == "sources":
+            from .sources_command import show_sources
+
+            show_sources(arguments.json)
+            return FINE
         from .check_command import check
 
         return FINE if check(arguments.files) else WRONG

@@ -43,6 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_run(commands)
     _add_check(commands)
+    _add_sources(commands)
     return parser
 
 
@@ -83,6 +84,16 @@ def _add_check(commands: Any) -> None:
         description="Reads configuration files as the nodes would, and says what is wrong with the first wrong key.",
     )
     command.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml")
+
+
+def _add_sources(commands: Any) -> None:
+    command = commands.add_parser(
+        "sources",
+        help="list what this machine can measure of itself, with the values it has now",
+        description="Lists every source that battery_sensor can publish in its section `host`: what to configure, the "
+        "value now, and what is missing. A terminal shows a table, a pipe plain lines.",
+    )
+    command.add_argument("--json", action="store_true", help="one JSON object per source")
 
 
 def _positive_seconds(text: str) -> float:

@@ -1,0 +1,106 @@
+"""`robot-health sources`: what a machine offers, as a table, as lines to copy and as JSON."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from typing import Any, Dict, List
+
+import pytest
+
+from robot_health_monitor.core import sensing
+from robot_health_monitor.core.host_sources import HOST_SOURCES
+from robot_health_monitor.sources_command import Offer, show_sources
+
+yaml = pytest.importorskip("yaml")
+pytest.importorskip("psutil")
+pytest.importorskip("pyfakefs", reason="pyfakefs, which holds the captured trees, is not installed")
+
+MACHINE = {
+    "/sys/class/hwmon/hwmon0/name": "coretemp",
+    "/sys/class/hwmon/hwmon0/temp1_input": "52000",
+    "/sys/class/hwmon/hwmon0/temp1_label": "Package id 0",
+    "/sys/class/power_supply/BAT0/capacity": "62",
+    "/sys/class/power_supply/BAT0/status": "Discharging",
+}
+
+
+@pytest.fixture
+def machine(fs: Any) -> None:
+    for path, text in MACHINE.items():
+        fs.create_file(path, contents=f"{text}\n")
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def lines_of(stream: io.StringIO, as_json: bool = False) -> List[str]:
+    show_sources(as_json, stream)
+    return stream.getvalue().splitlines()
+
+
+def test_a_pipe_gets_a_line_per_source_with_its_value_or_what_is_missing(machine: None) -> None:
+    lines = lines_of(io.StringIO())
+    assert '{source: temperature, sensor: "coretemp/Package id 0"}: 52 degC' in lines
+    assert "{source: battery_percent}: 62 %" in lines
+    assert "{source: battery_plugged}: 0" in lines
+    assert any(
+        line.startswith("{source: battery_voltage}: this machine's battery tells no voltage_now: ") for line in lines
+    )
+
+
+def test_a_terminal_gets_a_table_that_fits(machine: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "72")
+    lines = lines_of(Terminal())
+    assert lines[0].split()[:4] == ["below", "`host:", "<name>:`", "now"]
+    assert any(line.startswith("{source: battery_percent}") and "  62 %  charge of the" in line for line in lines)
+    assert max(map(len, lines)) <= 72
+
+
+def test_json_is_an_object_per_source(machine: None) -> None:
+    found = [json.loads(line) for line in lines_of(io.StringIO(), as_json=True)]
+    assert {"source": "battery_percent", "value": 62.0, "unit": "%", "problem": None} in found
+    (chip,) = (item for item in found if item.get("sensor"))
+    assert chip == {
+        "source": "temperature",
+        "sensor": "coretemp/Package id 0",
+        "value": 52.0,
+        "unit": "degC",
+        "problem": None,
+    }
+    (voltage,) = (item for item in found if item["source"] == "battery_voltage")
+    assert voltage["value"] is None and "voltage_now" in voltage["problem"]
+
+
+def test_every_kind_of_source_is_listed_whatever_the_machine_lacks(fs: Any) -> None:
+    found = [json.loads(line) for line in lines_of(io.StringIO(), as_json=True)]
+    assert {item["source"] for item in found} == set(HOST_SOURCES)
+    assert all((item["value"] is None) == (item["problem"] is not None) for item in found)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"core": 0}, {"path": "/mnt/a b"}, {"path": "/"}, {"sensor": 'x/"y": {z}'}, {"sensor": "no"}, {"sensor": "1"}],
+)
+def test_what_is_shown_can_be_copied_into_the_configuration(options: Dict[str, Any]) -> None:
+    offer = Offer("disk_percent", options, 1.0, "")
+    assert yaml.safe_load(offer.configuration) == {"source": "disk_percent", **options}
+
+
+def test_this_machine_is_listed_within_the_command_line_and_every_line_is_a_configuration() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "robot_health_monitor", "sources"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    host = {f"metric{number}": yaml.safe_load(line[: line.index("}: ") + 1]) for number, line in enumerate(lines)}
+    assert len(sensing.read_sources({"host": host})) == 3 + len(lines)
+    assert any(line.startswith("{source: cpu_percent}: ") and line.endswith(" %") for line in lines)
