@@ -148,15 +148,24 @@ class _LocalTimer:
 
 class _LocalSubscription:
     def __init__(
-        self, node: LocalMiddleware, topic: str, get: FieldGetter, callback: Callable[[Any, float], None]
+        self, node: LocalMiddleware, topic: str, field: Optional[str], callback: Callable[[Any, float], None]
     ) -> None:
         self.node = node
         self.topic = topic
-        self._get = get
+        self._field = field
+        self._get: FieldGetter = _arrival if field is None else mapping_getter(field)
         self._callback = callback
+        self._complained = False
 
     def deliver(self, message: Message) -> None:
-        value = self._get(message)
+        try:
+            value = self._get(message)
+        except (KeyError, TypeError, AttributeError):
+            if not self._complained:
+                self._complained = True
+                there = ", ".join(message)
+                self.node.log(Severity.ERROR, f"{self.topic} has no field {self._field}; there are {there}")
+            return
         if value is not ABSENT:
             self._callback(value, self.node.now_s())
 
@@ -232,8 +241,7 @@ class LocalMiddleware:
         if type_name:
             _coercion(type_name)
             self._bus.types.setdefault(resolved, type_name)
-        get = _arrival if field is None else mapping_getter(field)
-        subscription = _LocalSubscription(self, resolved, get, callback)
+        subscription = _LocalSubscription(self, resolved, field, callback)
         self._bus._subscriptions.setdefault(resolved, []).append(subscription)
         self._subscriptions.append(subscription)
         return subscription
