@@ -39,7 +39,9 @@ def decode_cbor(data: bytes, limits: Limits) -> object:
     return _plain(decoded, limits.nesting)
 
 
-def _read_tag(decoder: object, tag: Any, *rest: object) -> object:
+def _read_tag(*arguments: Any) -> object:
+    # (decoder, tag) up to cbor2 5, (tag, whether it must be immutable) from 6 on
+    tag = next(argument for argument in arguments if isinstance(argument, cbor2.CBORTag))
     form = _TYPED_ARRAYS.get(tag.tag)
     if form is None or not isinstance(tag.value, bytes):
         raise ProtocolError(f"the message uses the unknown CBOR tag {tag.tag}")

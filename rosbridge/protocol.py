@@ -466,7 +466,8 @@ def _decode_json(data: Wire, limits: Limits) -> object:
         raise ProtocolError("the message is not UTF-8") from None
     except ValueError as error:
         raise ProtocolError(f"the message is not JSON: {error}") from None
-    _check_nesting(decoded, limits.nesting)
+    if isinstance(decoded, (dict, list)):
+        _check_nesting(decoded, limits.nesting)
     return decoded
 
 
@@ -476,13 +477,13 @@ def _nesting_bound(text: str) -> int:
 
 
 def _check_nesting(value: object, deepest: int) -> None:
-    level: List[object] = [value]
-    for _ in range(deepest + 1):
+    level: List[Any] = [value]
+    for _ in range(deepest):
         level = [
             child
-            for item in level
-            if isinstance(item, (dict, list))
-            for child in (item.values() if isinstance(item, dict) else item)
+            for container in level
+            for child in (container.values() if isinstance(container, dict) else container)
+            if isinstance(child, (dict, list))
         ]
         if not level:
             return

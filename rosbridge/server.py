@@ -21,7 +21,15 @@ from typing import Any, Callable, Dict, Mapping, Optional, Set
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import Graph, Message, NodeInfo, ServedMiddleware, Severity, Subscription, resolve_name
+from robot_health_monitor.core.middleware import (
+    Graph,
+    Message,
+    NodeInfo,
+    ServedMiddleware,
+    Severity,
+    Subscription,
+    resolve_name,
+)
 from robot_health_monitor.core.parameters import ConfigError
 
 from .access import Access, allowed, is_loopback
