@@ -10,19 +10,14 @@ import os
 import signal
 import sys
 import time
-from typing import Any, Callable, List, Sequence
+from typing import TYPE_CHECKING, Any, Callable, List, Sequence
 
-import rosgraph
-import rospy
+if TYPE_CHECKING:
+    from .middleware import Ros1Middleware
 
-from ..core.config import NODE_PARAMETERS, load_config
-from ..core.nodes import Aggregator, AlertSystem, BatterySensor
-from ..core.parameters import ConfigError
-from .middleware import Ros1Middleware
+# What takes its time to import is imported by the functions, when a signal can no longer end in a traceback.
 
-_LOG_LEVEL = next(parameter for parameter in NODE_PARAMETERS if parameter.name == "log_level")
 _POLL_S = 0.2
-_CLASSES = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
 
 
 def battery_sensor() -> int:
@@ -74,6 +69,21 @@ class _Interrupt:
 def _run(process: str, names: Sequence[str]) -> int:
     """Runs the nodes of `names` in this process, whose ROS node is called `process`."""
     interrupt = _Interrupt()
+    try:
+        return _run_until(interrupt, process, names)
+    except KeyboardInterrupt:
+        return 0
+    except Exception:
+        if not interrupt.came:  # rospy reports an interrupted start in several ways
+            raise
+        return 0
+
+
+def _run_until(interrupt: _Interrupt, process: str, names: Sequence[str]) -> int:
+    import rospy
+
+    from ..core.parameters import ConfigError
+
     nodes: List[Any] = []
     try:
         _flush_lines()
@@ -81,31 +91,31 @@ def _run(process: str, names: Sequence[str]) -> int:
         rospy.init_node(process, disable_signals=True)
         rospy.on_shutdown(lambda: [node.close() for node in nodes])
         _set_log_level()
-        for name in names:
-            nodes.append(_start(name, alone=len(names) == 1))
+        _start(names, nodes)
         interrupt.wait_until(rospy.is_shutdown)
-    except KeyboardInterrupt:
-        pass
     except ConfigError as error:
         sys.stderr.write(f"{process}: {error}\n")
         return 2
-    except rospy.ROSInitException:
-        if not interrupt.came:
-            raise
     finally:
         rospy.signal_shutdown(f"{process} ends")
     return 0
 
 
-def _start(name: str, alone: bool) -> Any:
-    middleware = Ros1Middleware("" if alone else name)
-    try:
+def _start(names: Sequence[str], nodes: List[Any]) -> None:
+    """Starts the nodes; appends them to `nodes`.
+
+    Raises:
+        ConfigError: the configuration of one of them cannot be used.
+    """
+    from ..core.nodes import Aggregator, AlertSystem, BatterySensor
+    from .middleware import Ros1Middleware
+
+    classes = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
+    for name in names:
+        middleware = Ros1Middleware(name if len(names) > 1 else "")
         if name == "alert_system":
             _check_file(middleware)
-        return _CLASSES[name](middleware)
-    except ConfigError:
-        middleware.close()
-        raise
+        nodes.append(classes[name](middleware))
 
 
 def _check_file(middleware: Ros1Middleware) -> None:
@@ -113,12 +123,16 @@ def _check_file(middleware: Ros1Middleware) -> None:
 
     The parameters alone cannot tell where they came from. The file may be on another machine than this node.
     """
+    from ..core.config import load_config
+
     file = middleware.given_parameters().get("thresholds", "")
     if isinstance(file, str) and os.path.isfile(file):
         load_config(file, middleware.name.rpartition("/")[2])
 
 
 def _wait_for_master(process: str, interrupt: _Interrupt) -> None:
+    import rosgraph
+
     if not rosgraph.is_master_online():
         uri = rosgraph.get_master_uri()
         sys.stderr.write(f"{process}: waiting for the ROS master at {uri} (ROS_MASTER_URI); Ctrl-C ends this\n")
@@ -126,7 +140,12 @@ def _wait_for_master(process: str, interrupt: _Interrupt) -> None:
 
 
 def _set_log_level() -> None:
-    level = _LOG_LEVEL.read(rospy.get_param("~log_level", _LOG_LEVEL.default), (_LOG_LEVEL.name,))
+    import rospy
+
+    from ..core.config import NODE_PARAMETERS
+
+    log_level = next(parameter for parameter in NODE_PARAMETERS if parameter.name == "log_level")
+    level = log_level.read(rospy.get_param("~log_level", log_level.default), (log_level.name,))
     logging.getLogger("rosout").setLevel(level)
 
 

@@ -92,6 +92,16 @@ class LineProcess:
         """Returns the first line from here on that contains `text`."""
         return self.wait_for_line(lambda line: text in line, deadline_s)
 
+    def wait_for_texts(self, *texts: str) -> None:
+        """Waits until each text has stood in a line from here on, in any order."""
+        missing = set(texts)
+
+        def strike_out(line: str) -> bool:
+            missing.difference_update([text for text in missing if text in line])
+            return not missing
+
+        self.wait_for_line(strike_out)
+
     def signal(self, number: int = signal.SIGINT) -> None:
         self._process.send_signal(number)
 
