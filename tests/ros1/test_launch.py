@@ -1,0 +1,243 @@
+"""The launch files with the real roslaunch, from a space that catkin has built."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List, Set
+
+import pytest
+import yaml
+from line_process import LineProcess
+
+ROOT = Path(__file__).resolve().parents[2]
+ARGUMENTS = {"log_level", "use_sim_time", "robot_name", "thresholds", "composed", "respawn"}
+FLOAT32 = "std_msgs/Float32"
+SENSOR_READY = 'sensor "robot" started'
+
+
+@pytest.fixture(scope="session")
+def devel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A devel space of this package."""
+    if not (shutil.which("cmake") and shutil.which("catkin_find")):
+        pytest.skip("catkin is not here")
+    folder = tmp_path_factory.mktemp("catkin")
+    options = {
+        "CATKIN_DEVEL_PREFIX": folder / "devel",
+        "CATKIN_ENABLE_TESTING": "OFF",
+        "PYTHON_EXECUTABLE": sys.executable,
+    }
+    definitions = [f"-D{name}={value}" for name, value in options.items()]
+    for command in (
+        ["cmake", "-S", ROOT, "-B", folder / "build", *definitions],
+        ["cmake", "--build", folder / "build"],
+    ):
+        done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "devel"
+
+
+@pytest.fixture
+def roslaunch(devel: Path, master: Any, parameters: Any) -> Iterator[Callable[..., LineProcess]]:
+    """Starts roslaunch with arguments; it is ended after the test if it still runs."""
+    processes: List[LineProcess] = []
+
+    def launch(*arguments: Any) -> LineProcess:
+        processes.append(LineProcess([devel / "env.sh", "roslaunch", *arguments], master.environment))
+        return processes[-1]
+
+    yield launch
+    for process in processes:
+        process.end()
+
+
+@pytest.fixture
+def ros(ros_process: Any) -> Iterator[Any]:
+    from ros1_harness import Ros1Harness
+
+    harness = Ros1Harness()
+    yield harness
+    harness.close()
+
+
+def output_of(process: LineProcess) -> str:
+    assert process.wait() == 0, process.text
+    return "\n".join(line.text for line in process.lines if line.stream == "out")
+
+
+def dumped(process: LineProcess) -> Dict[str, Any]:
+    tree = yaml.safe_load(output_of(process))
+    assert isinstance(tree, dict)
+    return tree
+
+
+def wait_for_nodes(ros: Any, wanted: Set[str]) -> None:
+    def there() -> bool:
+        names: Set[str] = set()
+        for kind in ros._master.getSystemState():
+            for _, nodes in kind:
+                names.update(nodes)
+        return wanted <= names
+
+    ros.wait_until(there)
+
+
+def test_every_argument_has_a_description(roslaunch: Any) -> None:
+    listed = output_of(roslaunch("--ros-args", "robot_health_monitor", "health_monitor.launch")).splitlines()
+    described = {line.split()[0].rstrip(":"): line for line in listed if line.startswith("  ")}
+    assert set(described) >= ARGUMENTS
+    assert not any("undocumented" in line for line in described.values())
+
+
+def test_the_thresholds_become_parameters_of_alert_system(roslaunch: Any) -> None:
+    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch"))
+    file = yaml.safe_load((ROOT / "config" / "thresholds.yaml").read_text(encoding="utf-8"))
+    below = "/alert_system/ros__parameters/signals/"
+    expected = {
+        f"{below}{name}/{key}": value
+        for name, signal_tree in file["alert_system"]["ros__parameters"]["signals"].items()
+        for key, value in signal_tree.items()
+    }
+    assert {name: value for name, value in tree.items() if name.startswith(below)} == expected
+    assert "/use_sim_time" not in tree
+
+
+def test_arguments_reach_the_parameters(roslaunch: Any, tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("alert_system: {ros__parameters: {signals: {fan: {warn_below: 900.0}}}}\n", encoding="utf-8")
+    arguments = ("log_level:=DEBUG", "use_sim_time:=true", "robot_name:=robot1", f"thresholds:={file}")
+    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch", *arguments))
+    assert tree["/use_sim_time"] is True
+    assert tree["/robot1/alert_system/ros__parameters/signals/fan/warn_below"] == 900.0
+    assert tree["/robot1/alert_system/thresholds"] == str(file)
+    for node in ("battery_sensor", "aggregator", "alert_system"):
+        assert tree[f"/robot1/{node}/robot_name"] == "robot1"
+        assert tree[f"/robot1/{node}/log_level"] == "DEBUG"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "nodes"),
+    [
+        ((), {"/battery_sensor", "/aggregator", "/alert_system"}),
+        (("robot_name:=robot1",), {"/robot1/battery_sensor", "/robot1/aggregator", "/robot1/alert_system"}),
+        (("composed:=true",), {"/health_monitor"}),
+        (("composed:=true", "robot_name:=robot1"), {"/robot1/health_monitor"}),
+    ],
+)
+def test_it_starts_the_nodes_that_were_asked_for(roslaunch: Any, arguments: Any, nodes: Set[str]) -> None:
+    listed = output_of(roslaunch("--nodes", "robot_health_monitor", "health_monitor.launch", *arguments))
+    assert set(listed.split()) == nodes
+
+
+def test_it_can_be_included_with_a_namespace_and_remapped(roslaunch: Any, ros: Any, tmp_path: Path) -> None:
+    file = tmp_path / "user.launch"
+    file.write_text(
+        """<launch>
+             <remap from="battery_level" to="power/level"/>
+             <group ns="fleet">
+               <include file="$(find robot_health_monitor)/launch/health_monitor.launch">
+                 <arg name="robot_name" value="robot1"/>
+                 <arg name="composed" value="true"/>
+               </include>
+             </group>
+           </launch>""",
+        encoding="utf-8",
+    )
+    process = roslaunch(file)
+    process.wait_for_text(SENSOR_READY)
+    heard = ros.listen("/fleet/robot1/power/level", FLOAT32)
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    ros.wait_until(lambda: bool(heard) and bool(reports))
+    assert {status["hardware_id"] for message in reports for status in message["status"]} == {"robot1"}
+    assert ros.call("/fleet/robot1/alert_system/reset", "std_srvs/Trigger")["success"] is True
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_launch_runs_and_ends_cleanly(roslaunch: Any, ros: Any, number: int) -> None:
+    process = roslaunch("robot_health_monitor", "health_monitor.launch")
+    wait_for_nodes(ros, {"/battery_sensor", "/aggregator", "/alert_system"})
+    topics = ("battery_level", "temperature", "cpu_usage", "system_health")
+    heard = [ros.listen(f"/{topic}", FLOAT32) for topic in topics]
+    ros.wait_until(lambda: all(heard))
+    process.signal(number)
+    assert process.wait(10.0) == 0
+    assert "Traceback" not in process.text
+    assert "escalating" not in process.text
+    assert "exit code" not in process.text
+
+
+def test_a_composed_launch_with_a_discharging_battery_warns_on_the_screen(
+    roslaunch: Any, ros: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / "fast.yaml"
+    file.write_text(
+        "alert_system: {ros__parameters: {signals: {battery_level: {unit: '%', warn_below: 95.0}}}}\n"
+        "battery_sensor: {ros__parameters: {battery_level: {discharge_rate: 4.0}}}\n",
+        encoding="utf-8",
+    )
+    process = roslaunch("robot_health_monitor", "health_monitor.launch", "composed:=true", f"thresholds:={file}")
+    process.wait_for_text("battery_level WARN: ")
+    process.signal()
+    assert process.wait(10.0) == 0
+
+
+def test_a_node_that_ends_is_started_again_on_request(roslaunch: Any, ros: Any) -> None:
+    process = roslaunch("robot_health_monitor", "health_monitor.launch", "composed:=true", "respawn:=true")
+    for _ in range(2):
+        process.wait_for_text(SENSOR_READY)
+        ros.wait_until(lambda: node_pid(ros, "/health_monitor") is not None)
+        os.kill(node_pid(ros, "/health_monitor"), signal.SIGKILL)
+    process.wait_for_text(SENSOR_READY)
+
+
+def node_pid(ros: Any, node: str) -> Any:
+    """Asks a node for its process, as rosnode does."""
+    import xmlrpc.client
+
+    import rosgraph
+
+    try:
+        with xmlrpc.client.ServerProxy(ros._master.lookupNode(node)) as slave:
+            return slave.getPid("/tests")[2]
+    except (OSError, rosgraph.MasterException):
+        return None
+
+
+def test_wrong_thresholds_end_only_the_node_that_needs_them(roslaunch: Any, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.yaml"
+    file.write_text("alert_system:\n  ros__parameters:\n    signals:\n      fan: {warn_below: low}\n", encoding="utf-8")
+    process = roslaunch("robot_health_monitor", "health_monitor.launch", f"thresholds:={file}")
+    line = process.wait_for_text("alert_system: ")
+    process.wait_for_text("exit code 2")
+    assert any(f"{file}:4: " in text and "warn_below" in text for text in (line, process.text))
+    process.signal()
+    assert process.wait(10.0) == 0
+
+
+def test_a_signal_that_left_the_file_is_not_watched_any_more(roslaunch: Any, ros: Any, tmp_path: Path) -> None:
+    """The parameter server outlives a launch."""
+    file = tmp_path / "thresholds.yaml"
+    for signals in ("{fan: {warn_below: 900.0}, pump: {warn_above: 3.0}}", "{fan: {warn_below: 900.0}}"):
+        file.write_text(f"alert_system: {{ros__parameters: {{signals: {signals}}}}}\n", encoding="utf-8")
+        process = roslaunch("robot_health_monitor", "health_monitor.launch", f"thresholds:={file}", "composed:=true")
+        process.wait_for_text(SENSOR_READY)
+        process.signal()
+        assert process.wait(10.0) == 0
+    assert "watching fan" in process.text
+    assert "watching pump" not in process.text
+
+
+def test_the_textbook_example_needs_configuration_only(roslaunch: Any, ros: Any) -> None:
+    process = roslaunch("robot_health_monitor", "robot_monitor.launch")
+    process.wait_for_texts('sensor "temp_sensor_1" started at 2 Hz', "watching sensor_data")
+    heard = ros.listen("/sensor_data", FLOAT32)
+    ros.wait_until(lambda: len(heard) >= 2)
+    assert all(10.0 < message["data"] < 45.0 for message in heard)
+    ros.publish("/sensor_data", FLOAT32, {"data": 30.5})
+    process.wait_for_text("sensor_data WARN: 30.5 degC is above 30 degC")
+    process.signal()
+    assert process.wait(10.0) == 0
