@@ -12,8 +12,9 @@ import importlib
 import math
 import operator
 import re
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from ..core.field_path import ABSENT, Keyed, Step, key_field, number_of_text, parse_field_path
 from ..core.middleware import Message, split_type_name
 from ..core.parameters import ConfigError, describe
 
@@ -34,7 +35,6 @@ _ROS1_NAMES = {"secs": "sec", "nsecs": "nanosec"}
 
 _SEQUENCE = re.compile(r"sequence<(?P<element>.+?)(?:, (?P<most>\d+))?>\Z")
 _ARRAY = re.compile(r"(?P<element>.+)\[(?P<size>\d+)\]\Z")
-_PATH_PART = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<index>\d+)\])?\Z")
 
 
 def message_class(type_name: str) -> Any:
@@ -80,9 +80,10 @@ def to_native(native_class: Any, mapping: Message) -> Any:
 
 
 def field_getter(topic: str, type_name: str, field: str) -> Getter:
-    """Returns a function that reads `field` (`data`, `battery.percentage`, `cell_voltage[0]`) from a native message.
+    """Returns a function that reads `field`, a path as in `core/field_path.py`, from a native message.
 
-    It gives None where an array is shorter than the index. An empty field: the whole message as a mapping.
+    It gives None where an array is shorter than the index, ABSENT where no element has the key. An empty field: the
+    whole message as a mapping.
 
     Args:
         topic: the resolved topic, for the error.
@@ -92,23 +93,17 @@ def field_getter(topic: str, type_name: str, field: str) -> Getter:
     Raises:
         ConfigError: the type is not known, or has no such field.
     """
-    native_class: Optional[Any] = message_class(type_name)
-    if not field:
+    native_class = message_class(type_name)
+    try:
+        path = parse_field_path(field)
+    except ValueError as error:
+        raise ConfigError(f"{topic}: found the field {field!r} of {type_name}, {error}") from None
+    if not path:
         return to_mapping
-    steps: List[Getter] = []
-    read: Getter = to_mapping
-    above = ""
-    for part in field.split("."):
-        try:
-            if native_class is None:
-                raise ValueError(f"{above} is a plain value or a list, without fields")
-            part_steps, native_class, read = _step_into(native_class, part)
-        except ValueError as error:
-            raise ConfigError(f"{topic}: {type_name} has no field {field}; {error}") from None
-        steps.extend(part_steps)
-        above = part
-    if read is not _as_it_is:
-        steps.append(read)
+    try:
+        steps = _bind(native_class, path)
+    except ValueError as error:
+        raise ConfigError(f"{topic}: {type_name} has no field {field}; {error}") from None
     if len(steps) == 1:
         return steps[0]
 
@@ -116,6 +111,8 @@ def field_getter(topic: str, type_name: str, field: str) -> Getter:
         try:
             for step in steps:
                 message = step(message)
+                if message is ABSENT:
+                    break
         except IndexError:
             return None
         return message
@@ -157,6 +154,10 @@ def _find_class(type_name: str, kind: str, mark: str) -> Any:
     return found
 
 
+def _type_name(native_class: Any) -> str:
+    return f"{native_class.__module__.partition('.')[0]}/{native_class.__name__}"
+
+
 def _field_type(text: str) -> _FieldType:
     sequence, array = _SEQUENCE.match(text), _ARRAY.match(text)
     if sequence:
@@ -171,27 +172,49 @@ def _field_types(native_class: Any) -> Mapping[str, _FieldType]:
     return {name: _field_type(text) for name, text in native_class.get_fields_and_field_types().items()}
 
 
-def _step_into(native_class: Any, part: str) -> Tuple[List[Getter], Optional[Any], Getter]:
-    """Goes one name down: returns the steps that read it, the message class there, and how to read what is there."""
-    match = _PATH_PART.match(part)
-    if match is None:
-        raise ValueError(f"found {part!r}, allowed is a name, or name[0] in an array")
-    types = _field_types(native_class)
-    name, index = match["name"], match["index"]
-    if name not in types:
-        raise ValueError(f"{native_class.__name__} has {', '.join(types)}")
-    found = types[name]
-    if index is None:
-        return [operator.attrgetter(name)], None if found.is_array else found.message, _reader(found)
-    if not found.is_array:
-        raise ValueError(f"{name} is no array but a {found.element}")
-    if found.size is not None and int(index) >= found.size:
-        raise ValueError(f"{name} has {found.size} elements, the last is [{found.size - 1}]")
-    element = _FieldType(found.element, False, None, None)
-    steps = [operator.attrgetter(name), operator.itemgetter(int(index))]
-    if found.size is not None:
-        steps.append(_python_number)
-    return steps, element.message, _reader(element)
+def _bind(native_class: Any, path: Sequence[Step]) -> List[Getter]:
+    """Returns what to call in turn to read `path`; raises ValueError with the reason when there is no such field."""
+    steps: List[Getter] = []
+    above = _type_name(native_class)
+    found = _FieldType(above, False, None, None)
+    for step in path:
+        if isinstance(step, str):
+            types = {} if found.is_array or not found.message else _field_types(found.message)
+            name = step if step in types else _ROS1_NAMES.get(step, step)
+            if name not in types:
+                there = f"has {', '.join(types)}" if types else "is a plain value or a list, without fields"
+                raise ValueError(f"{above} {there}")
+            steps.append(operator.attrgetter(name))
+            found = types[name]
+        elif not found.is_array:
+            raise ValueError(f"{above} is no array but a {found.element}")
+        else:
+            if isinstance(step, int):
+                if found.size is not None and step >= found.size:
+                    raise ValueError(f"{above} has {found.size} elements, the last is [{found.size - 1}]")
+                steps.append(operator.itemgetter(step))
+                if found.size is not None:
+                    steps.append(_python_number)
+            else:
+                steps.append(_element_getter(above, found, step.key))
+            found = _FieldType(found.element, False, None, None)
+        above = step if isinstance(step, str) else f"an element of {above}"
+    if isinstance(path[-1], Keyed) and "key" in _field_types(found.message):
+        return [*steps, operator.attrgetter("value"), number_of_text]
+    read = _reader(found)
+    return steps if read is _as_it_is else [*steps, read]
+
+
+def _element_getter(above: str, array: _FieldType, key: str) -> Getter:
+    field = key_field(_field_types(array.message)) if array.message else None
+    if field is None:
+        raise ValueError(f"the elements of {above} have neither name nor key")
+    name_of = operator.attrgetter(field)
+
+    def get(elements: Any) -> Any:
+        return next((element for element in elements if name_of(element) == key), ABSENT)
+
+    return get
 
 
 def _as_it_is(value: Any) -> Any:

@@ -19,6 +19,7 @@ from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
+from ..core.field_path import ABSENT
 from ..core.middleware import Message, Severity
 from ..core.parameters import ConfigError, Parameter, unflatten
 from . import messages
@@ -37,7 +38,7 @@ _QUEUE_SIZE = 10
 _START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
-_TYPE_SEARCH_PERIOD_S = 1.0
+_TYPE_SEARCH_PERIOD_S = 0.5
 
 
 class Ros2Middleware:
@@ -127,7 +128,7 @@ class Ros2Middleware:
         publisher.publish(native)
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: str = ""
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
     ) -> _Subscription:
         subscription = _Subscription(self._resolve(topic), _native_name(topic), callback, field)
         type_name = type_name or self._type_of(subscription.topic)
@@ -237,14 +238,17 @@ class Ros2Middleware:
         but loses messages on a bad network. DDS tells of such a publisher when it is found.
         """
         cls = messages.message_class(type_name)
-        get = messages.field_getter(subscription.topic, type_name, subscription.field)
+        field = subscription.field
+        get = _arrival if field is None else messages.field_getter(subscription.topic, type_name, field)
         callback, lock, clock, log_failure = subscription.callback, self._lock, self._clock, self._log_failure
 
         def deliver(native: Any) -> None:
             with lock:
                 if subscription.active:
                     try:
-                        callback(get(native), clock())
+                        value = get(native)
+                        if value is not ABSENT:
+                            callback(value, clock())
                     except Exception as error:
                         log_failure(error)
 
@@ -260,7 +264,7 @@ class Ros2Middleware:
         )
         qos = QoSProfile(depth=_QUEUE_SIZE, reliability=ReliabilityPolicy[reliability])
         subscription.native = self.node.create_subscription(
-            cls, subscription.native_name, deliver, qos, event_callbacks=events
+            cls, subscription.native_name, deliver, qos, event_callbacks=events, raw=field is None
         )
 
     def _stop(self, subscription: _Subscription) -> None:
@@ -355,7 +359,9 @@ class Ros2Middleware:
 class _Subscription:
     """What to do with a topic's messages, and rclpy's subscription, which changes with the QoS that is needed."""
 
-    def __init__(self, topic: str, native_name: str, callback: Callable[[Any, float], None], field: str) -> None:
+    def __init__(
+        self, topic: str, native_name: str, callback: Callable[[Any, float], None], field: Optional[str]
+    ) -> None:
         self.topic = topic
         self.native_name = native_name
         self.callback = callback
@@ -385,6 +391,10 @@ class _Timer:
         if self.active:
             self.active = False
             self._node.destroy_timer(self._native)
+
+
+def _arrival(native: Any) -> float:
+    return 1.0
 
 
 def _native_name(name: str) -> str:

@@ -117,6 +117,9 @@ class Ros2Harness:
         if topic not in self._publishers:
             self._publishers[topic] = self._me.create_publisher(cls, topic, 100)
         publisher = self._publishers[topic]
+        # Those that do not know the topic's type yet subscribe in fact when they have seen this publisher.
+        undecided = [subscription for node in self._nodes for subscription in node._subscriptions]
+        self.wait_until(lambda: not any(s.is_waiting and s.topic == topic for s in undecided))
         self.wait_until(lambda: publisher.get_subscription_count() >= self._witness.count_subscribers(topic))
         publisher.publish(fill(cls(), message))
 
@@ -176,7 +179,19 @@ class Ros2Harness:
         for own, participant in ((self._witness, self._inside), (self._me, self._outside)):
             participant.executor.remove_node(own)
             own.destroy_node()
+        self._wait_until_forgotten()
         assert self._spinner.failure is None
+
+    def _wait_until_forgotten(self) -> None:
+        """Waits until the spinning thread waits for nothing of the closed nodes any more.
+
+        Only then are they gone; rcl has one /rosout publisher per name of a node, so a next one of that name would
+        lose its log with them.
+        """
+        for _ in range(2):
+            gone_round = threading.Event()
+            self._inside.executor.create_task(gone_round.set)
+            assert gone_round.wait(10.0)
 
     def _call(self, service: str, cls: Any, request: Any) -> Any:
         if not self._witness.count_services(service):
