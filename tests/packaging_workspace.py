@@ -153,7 +153,7 @@ def colcon() -> str:
 
 def need_ros1() -> None:
     """Skips the test where there is no ROS 1 to build for."""
-    for tool in ("catkin_make", "roslaunch", "rosrun", "rospack", "cmake"):
+    for tool in ("catkin_make", "roslaunch", "rosrun", "rospack", "cmake", "c++"):
         if not shutil.which(tool):
             pytest.skip(f"no ROS 1 to build for: {tool} is not installed")
 

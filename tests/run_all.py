@@ -52,7 +52,9 @@ LINT_REQUIREMENTS = ["ruff==0.17.6", "mypy", "import-linter", "types-PyYAML", "t
 
 ROS1_PACKAGES = [
     "catkin",
+    "g++",
     "libdiagnostic-aggregator-tools",
+    "make",
     "python3-catkin",
     "python3-diagnostic-msgs",
     "python3-diagnostic-updater",
@@ -65,7 +67,7 @@ ROS1_PACKAGES = [
     "rosdiagnostic",
     "rospack-tools",
 ]
-"""Debian's ROS 1, used where Noetic is not installed."""
+"""Debian's ROS 1 and what catkin builds with, used where Noetic is not installed."""
 
 
 class Prepared(NamedTuple):
