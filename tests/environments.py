@@ -105,6 +105,7 @@ def environment(
     stamp = folder / "made_of.json"
     if stamp.exists() and stamp.read_text() == wanted and ask(str(made), "") is not None:
         return made
+    print(f"setting up {folder.relative_to(ROOT)}", flush=True)
     shutil.rmtree(folder, ignore_errors=True)
     _make(folder, python, system_packages)
     install = [str(made), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *requirements]
@@ -187,8 +188,6 @@ def prepare_run() -> None:
     """
     requirements = runtime_requirements()
     name = "run"
-    if not (FOLDER / name).exists():
-        print("setting up .venv/run, once", flush=True)
     try:
         if os.geteuid() == 0 and ask(sys.executable, "import ensurepip, venv") is None:
             install_with_apt(["python3-venv"])
@@ -206,3 +205,5 @@ if __name__ == "__main__":
         prepare_run()
     except Unavailable as problem:
         sys.exit(f"make run: {problem}")
+    except KeyboardInterrupt:
+        sys.exit(130)
