@@ -44,8 +44,8 @@ setup(
     package_dir={NAME + "." + folder: folder for folder in FOLDERS},
     package_data={NAME: ["py.typed"]},
     data_files=data_files,
-    install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10"],
-    extras_require={"test": ["hypothesis", "numpy", "pyfakefs", "pytest"]},
+    install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
+    extras_require={"test": ["hypothesis", "numpy", "pyfakefs", "pyte", "pytest"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import signal
 import time
 from collections import deque
@@ -25,6 +26,7 @@ from .lines import Event, plain_line
 
 _STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "magenta"}
 _STYLE_OF_SEVERITY = {Severity.WARN: "yellow", Severity.ERROR: "red", Severity.FATAL: "bold red"}
+_STYLING = re.compile("\x1b\\[[0-9;]*m")
 _BARS = "▁▂▃▄▅▆▇█"
 _TREND_SAMPLES = 16
 _REDRAW_S = 0.9
@@ -76,7 +78,7 @@ class LiveView:
             self._console.print(self._title(report, monitor, width), no_wrap=True, overflow="ellipsis")
             self._console.print(self._table(report, width, height))
         to_top = self._to_top(width)
-        self._frame = [(line, cell_len(Text.from_ansi(line).plain)) for line in frame.get().rstrip().split("\n")]
+        self._frame = [(line, cell_len(_STYLING.sub("", line))) for line in frame.get().rstrip().split("\n")]
         first, rest = (lines.get() + "\n".join(line for line, _ in self._frame)).split("\n", 1)
         # The first line is cleared by itself: tmux takes a clear from the top of the screen on for the end of a screen
         # worth keeping, and puts a copy of it into its history.

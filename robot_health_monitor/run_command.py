@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
 def _choose_output(as_json: bool) -> Output:
     if as_json:
         return JsonOutput(sys.stdout, sys.stderr)
-    if not sys.stdout.isatty() or os.environ.get("TERM", "dumb") == "dumb":
+    if not sys.stdout.isatty() or os.environ.get("TERM") in (None, "", "dumb", "unknown"):
         return PlainOutput(sys.stdout)
     try:
         from .live_view import LiveView

@@ -38,7 +38,7 @@ SUITE_TIMEOUT_S = 1200.0
 AT_ONCE = 2
 """How many suites run side by side: the tests with a real middleware have deadlines that a crowded machine misses."""
 
-TEST_REQUIREMENTS = ["hypothesis", "numpy", "pyfakefs", "pytest>=7.2"]
+TEST_REQUIREMENTS = ["hypothesis", "numpy", "pyfakefs", "pyte", "pytest>=7.2"]
 ROS2_REQUIREMENTS = [
     "ros-jazzy-rclpy",
     "ros-jazzy-rmw-fastrtps-cpp",

@@ -1,0 +1,105 @@
+"""Starts the real `robot-health`, in a pipe or on a terminal."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List
+
+import pytest
+from line_process import LineProcess
+
+ROOT = Path(__file__).resolve().parents[2]
+
+CALM = """
+alert_system:
+  ros__parameters:
+    robot_name: atlas
+    signals:
+      battery_level: {unit: "%", warn_below: 20.0}
+      temperature: {unit: degC}
+      cpu_usage: {unit: "%"}
+battery_sensor:
+  ros__parameters:
+    seed: 1
+    publish_rate: 20.0
+    temperature: {spike: 0.0}
+"""
+
+RESTLESS = """
+alert_system:
+  ros__parameters:
+    robot_name: atlas
+    signals:
+      battery_level: {unit: "%", valid_min: 0.0, valid_max: 100.0, warn_below: 80.0, error_below: 30.0}
+battery_sensor:
+  ros__parameters:
+    publish_rate: 20.0
+    battery_level: {discharge_rate: 100.0, charge_rate: 200.0}
+    temperature: {source: none}
+    cpu_usage: {source: none}
+"""
+"""A battery that is empty after a second and full again half a second later."""
+
+
+@pytest.fixture
+def command() -> List[str]:
+    """Returns what starts `robot-health`."""
+    return [sys.executable, "-m", "robot_health_monitor"]
+
+
+@pytest.fixture
+def environment() -> Dict[str, str]:
+    """Returns the variables for the program: none that steer its output or Python's."""
+    kept = ("HOME", "LANG", "LC_ALL", "PATH", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
+    variables = {name: os.environ[name] for name in kept if name in os.environ}
+    return {**variables, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8", "TERM": "xterm-256color"}
+
+
+@pytest.fixture
+def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+    """Returns a function that starts `robot-health` with its output in pipes."""
+    started: List[LineProcess] = []
+
+    def start(*arguments: object, **variables: str) -> LineProcess:
+        words = [*command, *(str(argument) for argument in arguments)]
+        started.append(LineProcess(words, {**environment, **variables}))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.end()
+
+
+@pytest.fixture
+def on_terminal(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
+    """Returns a function that starts `robot-health` on a terminal: (arguments, columns, lines, variables)."""
+    terminal_process = pytest.importorskip("terminal_process", reason="pyte, which keeps the screen, is not installed")
+    started: List[Any] = []
+
+    def start(*arguments: object, columns: int = 80, lines: int = 24, **variables: str) -> Any:
+        words = [*command, *(str(argument) for argument in arguments)]
+        size = {"columns": columns, "lines": lines}
+        started.append(terminal_process.TerminalProcess(words, {**environment, **variables}, **size))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.end()
+
+
+@pytest.fixture
+def calm(tmp_path: Path) -> Path:
+    """Returns a configuration that gives no alert within a minute."""
+    file = tmp_path / "calm.yaml"
+    file.write_text(CALM)
+    return file
+
+
+@pytest.fixture
+def restless(tmp_path: Path) -> Path:
+    """Returns a configuration that gives several alerts in every second."""
+    file = tmp_path / "restless.yaml"
+    file.write_text(RESTLESS)
+    return file

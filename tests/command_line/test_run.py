@@ -1,0 +1,246 @@
+"""`robot-health run` in pipes: plain lines, JSON, exit codes, interrupts, readers that leave."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any, Callable, Dict, List
+
+import pytest
+from line_process import LineProcess
+
+from robot_health_monitor.core import Transition
+
+Start = Callable[..., LineProcess]
+ENDING_SIGNALS = [signal.SIGINT, signal.SIGTERM]
+
+
+def test_without_arguments_it_watches_the_three_signals_of_the_installed_configuration(robot_health: Start) -> None:
+    process = robot_health("run")
+    process.wait_for_text("[INFO] alert_system: watching battery_level on battery_level: WARN below 20 %")
+    process.wait_for_text("watching temperature on temperature: WARN above 80 degC")
+    process.wait_for_text("watching cpu_usage on cpu_usage")
+    process.wait_for_text('[INFO] battery_sensor: sensor "robot" started at 1 Hz')
+
+
+def test_in_a_pipe_every_alert_is_one_plain_line_with_the_local_time(robot_health: Start, restless: Path) -> None:
+    process = robot_health("run", "--thresholds", restless)
+    for level, reason in [
+        ("WARN", "below 80 %"),
+        ("ERROR", "below 30 %"),
+        ("WARN", "below 80 %"),
+        ("OK", "below 80 %"),
+    ]:
+        line = process.wait_for_text(f" battery_level {level}: ")
+        assert re.match(rf"\d{{4}}-\d\d-\d\d \d\d:\d\d:\d\d battery_level {level}: [\d.]+ % is .*{reason} \(was ", line)
+    process.signal()
+    assert process.wait() == 0
+    assert not process.errors
+    assert not [line for line in process.lines if "alert_system: battery_level" in line.text]  # not as a log line too
+
+
+def test_json_gives_one_object_per_transition_and_nothing_else_on_stdout(robot_health: Start, restless: Path) -> None:
+    process = robot_health("run", "--thresholds", restless, "--json")
+    transitions = [json.loads(process.wait_for_line(lambda line: line.startswith("{"))) for _ in range(4)]
+    assert set(transitions[0]) == {field.name for field in dataclasses.fields(Transition)}
+    assert [(each["from_level"], each["to_level"]) for each in transitions] == [
+        ("OK", "WARN"),
+        ("WARN", "ERROR"),
+        ("ERROR", "WARN"),
+        ("WARN", "OK"),
+    ]
+    first = transitions[0]
+    assert (first["signal"], first["robot"], first["bound"], first["statistic"]) == (
+        "battery_level",
+        "atlas",
+        80.0,
+        "last",
+    )
+    assert first["value"] < 80.0
+    assert first["text"].startswith("battery_level WARN: ")
+    assert first["statistics"]["max"] == 100.0
+    assert first["repeat"] is False
+    assert transitions[1]["since_s"] == first["now_s"]
+    process.signal()
+    assert process.wait() == 0
+    assert all(line.text.startswith("{") for line in process.lines if line.stream == "out")
+    assert any("watching battery_level" in line for line in process.errors)
+
+
+@pytest.mark.parametrize("number", ENDING_SIGNALS)
+def test_an_interrupt_ends_it_with_code_0_and_without_a_word(robot_health: Start, calm: Path, number: int) -> None:
+    process = robot_health("run", "--thresholds", calm)
+    process.wait_for_text("started at 20 Hz")
+    process.signal(number)
+    assert process.wait() == 0
+    assert not process.errors
+
+
+@pytest.mark.parametrize("number", ENDING_SIGNALS)
+def test_an_interrupt_while_it_starts_ends_it_with_code_0_too(robot_health: Start, tmp_path: Path, number: int) -> None:
+    fifo = tmp_path / "thresholds.yaml"
+    os.mkfifo(fifo)
+    process = robot_health("run", "--thresholds", fifo)
+    with open(fifo, "w"):  # returns when the program has opened its end: it now waits for its configuration
+        process.signal(number)
+        assert process.wait() == 0
+    assert not process.lines
+
+
+def test_a_storm_of_interrupts_ends_it_as_cleanly_as_one(robot_health: Start, calm: Path) -> None:
+    process = robot_health("run", "--thresholds", calm)
+    process.wait_for_text("started at 20 Hz")
+    while process.is_running:
+        for number in ENDING_SIGNALS:
+            process.signal(number)
+    assert process.wait() == 0
+    assert not process.errors
+
+
+def test_a_duration_without_alerts_ends_with_code_0(robot_health: Start, calm: Path) -> None:
+    process = robot_health("run", "--thresholds", calm, "--duration", "0.5")
+    assert process.wait() == 0
+
+
+def test_a_duration_with_alerts_ends_with_code_1(robot_health: Start, restless: Path) -> None:
+    process = robot_health("run", "--thresholds", restless, "--duration", "1.0")
+    assert process.wait() == 1
+    assert "battery_level WARN: " in process.text
+
+
+def test_an_interrupt_before_the_end_of_the_duration_is_no_judgement(robot_health: Start, restless: Path) -> None:
+    process = robot_health("run", "--thresholds", restless, "--duration", "1000")
+    process.wait_for_text("battery_level ERROR: ")
+    process.signal()
+    assert process.wait() == 0
+
+
+def test_the_robot_can_be_named(robot_health: Start, restless: Path) -> None:
+    process = robot_health("run", "--thresholds", restless, "--json", "--robot", "bolt")
+    assert json.loads(process.wait_for_line(lambda line: line.startswith("{")))["robot"] == "bolt"
+
+
+def test_source_host_reads_this_machine(robot_health: Start, tmp_path: Path) -> None:
+    pytest.importorskip("psutil")
+    file = tmp_path / "host.yaml"
+    file.write_text("alert_system: {ros__parameters: {signals: {cpu_usage: {warn_below: 101.0}}}}\n")
+    process = robot_health("run", "--thresholds", file, "--source", "host", "--json")
+    transition = json.loads(process.wait_for_line(lambda line: line.startswith("{")))
+    assert transition["to_level"] == "WARN"
+    assert 0.0 <= transition["value"] <= 100.0
+
+
+def test_log_level_hides_the_log_but_no_alert(robot_health: Start, restless: Path) -> None:
+    process = robot_health("run", "--thresholds", restless, "--log-level", "ERROR")
+    process.wait_for_text("battery_level OK: ")
+    assert "[INFO]" not in process.text
+    assert "battery_level WARN: " in process.text
+
+
+def test_it_ends_when_whoever_reads_has_seen_enough(
+    command: List[str], environment: Dict[str, str], restless: Path
+) -> None:
+    run = [*command, "run", "--thresholds", str(restless)]
+    with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()  # as `| head -1` does
+        assert process.wait(30.0) == 0
+        assert process.stderr.read() == b""
+
+
+@pytest.mark.parametrize("arguments", [["--log-level", "FATAL"], ["--json"]])
+def test_it_ends_without_a_reader_even_when_it_has_nothing_to_say(
+    command: List[str], environment: Dict[str, str], calm: Path, arguments: Any
+) -> None:
+    run = [*command, "run", "--thresholds", str(calm), *arguments]
+    with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.wait(30.0) == 0
+        assert b"Error" not in process.stderr.read()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+def test_output_that_cannot_be_written_is_one_line_and_code_2(
+    command: List[str], environment: Dict[str, str], restless: Path
+) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*command, "run", "--thresholds", str(restless)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            env=environment,
+            timeout=30.0,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr.decode() == "robot-health: the output cannot be written: No space left on device\n"
+
+
+def test_it_runs_without_a_stdout(command: List[str], environment: Dict[str, str], restless: Path) -> None:
+    run = " ".join([*command, "run", "--thresholds", str(restless), "--duration", "1"])
+    done = subprocess.run(
+        ["sh", "-c", f"{run} >&-"], stderr=subprocess.PIPE, env=environment, timeout=30.0, check=False
+    )
+    assert (done.returncode, done.stderr) == (1, b"")
+
+
+def test_a_character_that_the_output_does_not_know_costs_no_line(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "celsius.yaml"
+    file.write_text(
+        "alert_system: {ros__parameters: {signals: {temperature: {unit: °C, warn_above: 10.0}}}}\n", encoding="utf-8"
+    )
+    process = robot_health("run", "--thresholds", file, PYTHONIOENCODING="ascii")
+    assert r"\xb0C is above 10 \xb0C" in process.wait_for_text("temperature WARN: ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ([], "robot-health: the following arguments are required: COMMAND; see robot-health --help"),
+        (["run", "--bogus"], "robot-health: unrecognized arguments: --bogus; see robot-health --help"),
+        (
+            ["run", "--duration", "soon"],
+            "robot-health run: argument --duration: found 'soon', allowed is a number of seconds above 0; "
+            "see robot-health run --help",
+        ),
+        (
+            ["run", "--duration", "nan"],
+            "robot-health run: argument --duration: found 'nan', allowed is a number of seconds above 0; "
+            "see robot-health run --help",
+        ),
+        (["run", "--thresholds", "nowhere.yaml"], "nowhere.yaml: cannot be read: No such file or directory"),
+    ],
+)
+def test_wrong_usage_is_one_line_on_stderr_and_code_2(robot_health: Start, arguments: Any, line: str) -> None:
+    process = robot_health(*arguments)
+    assert process.wait() == 2
+    assert [(each.stream, each.text) for each in process.lines] == [("err", line)]
+
+
+def test_a_wrong_configuration_ends_it_before_it_has_started_anything(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.yaml"
+    file.write_text("alert_system:\n  ros__parameters:\n    signals:\n      battery_level:\n        warn_below: low\n")
+    process = robot_health("run", "--thresholds", file)
+    assert process.wait() == 2
+    key = "alert_system.ros__parameters.signals.battery_level.warn_below"
+    assert [(each.stream, each.text) for each in process.lines] == [
+        ("err", f"{file}:5: {key}: found 'low', allowed is a number")
+    ]
+
+
+def test_without_pyyaml_it_says_what_is_missing(robot_health: Start, calm: Path, tmp_path: Path) -> None:
+    hidden = tmp_path / "hidden"
+    hidden.mkdir()
+    (hidden / "yaml.py").write_text("raise ModuleNotFoundError(\"No module named 'yaml'\", name='yaml')\n")
+    process = robot_health("run", "--thresholds", calm, PYTHONPATH=f"{hidden}{os.pathsep}{Path(__file__).parents[2]}")
+    assert process.wait() == 2
+    assert [each.text for each in process.lines] == [
+        "robot-health: PyYAML is not installed, which reads configuration files"
+    ]

@@ -1,0 +1,160 @@
+"""`robot-health run` on a terminal: the live table, and what it leaves behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from pathlib import Path
+from typing import Any, Callable
+
+import pytest
+
+Start = Callable[..., Any]
+
+
+@pytest.fixture(autouse=True)
+def _needs_rich() -> None:
+    pytest.importorskip("rich", reason="rich, which draws the table, is not installed")
+
+
+def test_the_table_shows_value_unit_level_and_statistics_of_every_signal(on_terminal: Start, calm: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", calm)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK ", text) is not None)
+    table = terminal.rows[-5:]
+    assert re.match(r"atlas is OK ", table[0])
+    assert table[1].split() == ["signal", "value", "level", "mean", "min", "max", "trend"]
+    assert re.match(r"battery_level +[\d.]+ %  OK  +[\d.]+ +[\d.]+ +100  +[▁▂▃▄▅▆▇█]", table[2])
+    assert re.match(r"temperature +[\d.]+ degC  OK  +[\d.]+ +[\d.]+ +[\d.]+  +[▁▂▃▄▅▆▇█]", table[3])
+    terminal.wait_until(lambda text: re.search(r"system_health [\d.]+", text) is not None)
+
+
+def test_alerts_scroll_by_above_one_single_table(on_terminal: Start, restless: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", restless, "--log-level", "ERROR")
+    terminal.wait_until(lambda text: text.count("battery_level ERROR: ") >= 2)
+    assert re.match(r"\d\d:\d\d:\d\d battery_level WARN: [\d.]+ % is below 80 % \(was OK for ", terminal.rows[0])
+    assert terminal.text.count("signal ") == 1
+    assert terminal.rows[-1].startswith("battery_level ")
+
+
+def test_levels_are_coloured(on_terminal: Start, restless: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", restless)
+    terminal.wait_until(lambda text: "battery_level ERROR: " in text)
+    row = next(number for number, text in enumerate(terminal.screen.display) if "battery_level WARN: " in text)
+    assert terminal.screen.buffer[row][0].fg == "brown"  # what pyte calls yellow
+    row = next(number for number, text in enumerate(terminal.screen.display) if "battery_level ERROR: " in text)
+    assert terminal.screen.buffer[row][0].fg == "red"
+
+
+def test_no_color_is_respected(on_terminal: Start, restless: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", restless, NO_COLOR="1")
+    terminal.wait_until(lambda text: "battery_level ERROR: " in text)
+    assert {cell.fg for line in terminal.screen.buffer.values() for cell in line.values()} == {"default"}
+
+
+@pytest.mark.parametrize("end", ["\x03", signal.SIGTERM, signal.SIGINT])
+def test_the_end_leaves_the_last_table_and_the_cursor_below_it(on_terminal: Start, calm: Path, end: Any) -> None:
+    terminal = on_terminal("run", "--thresholds", calm)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    assert terminal.screen.cursor.hidden
+    terminal.type(end) if isinstance(end, str) else terminal.signal(end)
+    assert terminal.wait() == 0
+    assert not terminal.screen.cursor.hidden
+    assert terminal.screen.cursor.x == 0
+    assert terminal.screen.display[terminal.screen.cursor.y].strip() == ""
+    assert terminal.rows[-1].startswith("cpu_usage ")
+    assert "Traceback" not in terminal.text
+
+
+def test_a_duration_leaves_the_terminal_as_cleanly(on_terminal: Start, restless: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", restless, "--duration", "1.5")
+    assert terminal.wait() == 1
+    assert not terminal.screen.cursor.hidden
+
+
+def test_a_narrow_terminal_gets_a_narrow_table(on_terminal: Start, calm: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR", columns=40, lines=10)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK", text) is not None)
+    assert len(terminal.rows) == 5
+    assert terminal.rows[1].split() == ["signal", "value", "level"]
+
+
+def test_a_terminal_with_few_lines_shows_the_worst_signals(on_terminal: Start, tmp_path: Path) -> None:
+    names = [f"signal_{number:02}" for number in range(30)]
+    quiet = "".join(f"      {name}: {{startup_grace_s: 1000.0}}\n" for name in names)
+    file = tmp_path / "many.yaml"
+    file.write_text(
+        "alert_system:\n  ros__parameters:\n    signals:\n" + quiet + "      cpu_usage: {warn_below: 101.0}\n"
+        "battery_sensor:\n  ros__parameters: {publish_rate: 20.0}\n"
+    )
+    terminal = on_terminal("run", "--thresholds", file, "--log-level", "ERROR", lines=10)
+    terminal.wait_until(lambda text: re.search(r"\ncpu_usage +[\d.]+  WARN", text) is not None)
+    table = [row for row in terminal.rows if row.startswith(("cpu_usage ", "signal_"))]
+    assert table[0].startswith("cpu_usage ")
+    assert terminal.rows[-1] == "and 25 more"  # of 31, six in ten lines: title, header, this line and one for alerts
+
+
+def test_a_window_that_changes_its_size_is_redrawn_at_once_and_once(on_terminal: Start, calm: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR")
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    assert "trend" in terminal.text
+    terminal.resize(40, 12)
+    terminal.wait_until(lambda text: "trend" not in text and "cpu_usage" in text)
+    assert terminal.text.count("battery_level") == 1
+    terminal.resize(120, 30)
+    terminal.wait_until(lambda text: "message" in text and "cpu_usage" in text)
+    assert terminal.text.count("battery_level") == 1
+
+
+def test_tmux_finds_no_full_clear_that_it_would_copy_into_its_history(on_terminal: Start, calm: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR")
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    assert b"\r\x1b[J" not in terminal.bytes
+    assert b"A\x1b[J" not in terminal.bytes
+    assert b"\x1b[J" in terminal.bytes
+
+
+def test_ctrl_z_gives_the_terminal_back_and_going_on_draws_again(on_terminal: Start, calm: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", calm)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    terminal.type("\x1a")
+    terminal.wait_for_stop()
+    assert not terminal.screen.cursor.hidden
+    assert terminal.screen.cursor.x == 0
+    shown = len(terminal.bytes)
+    terminal.signal(signal.SIGCONT)
+    terminal.wait_until(lambda text: b"cpu_usage" in terminal.bytes[shown:])
+    assert terminal.screen.cursor.hidden
+    terminal.type("\x03")
+    assert terminal.wait() == 0
+
+
+def test_json_on_a_terminal_is_json(on_terminal: Start, restless: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", restless, "--json", columns=1000)
+    terminal.wait_until(lambda text: '{"signal": "battery_level", "from_level": "OK", "to_level": "WARN"' in text)
+    assert b"\x1b" not in terminal.bytes
+
+
+@pytest.mark.parametrize("variables", [{"TERM": "dumb"}, {"TERM": ""}])
+def test_a_terminal_that_cannot_move_its_cursor_gets_plain_lines(
+    on_terminal: Start, restless: Path, variables: Any
+) -> None:
+    terminal = on_terminal("run", "--thresholds", restless, **variables)
+    terminal.wait_until(lambda text: "battery_level WARN: " in text)
+    assert b"\x1b" not in terminal.bytes
+
+
+def test_without_rich_there_are_plain_lines_and_a_hint(on_terminal: Start, restless: Path, tmp_path: Path) -> None:
+    (tmp_path / "rich.py").write_text("raise ModuleNotFoundError(\"No module named 'rich'\", name='rich')\n")
+    root = str(Path(__file__).parents[2])
+    terminal = on_terminal("run", "--thresholds", restless, PYTHONPATH=os.pathsep.join([str(tmp_path), root]))
+    terminal.wait_until(lambda text: "battery_level WARN: " in text)
+    assert terminal.rows[0].startswith("rich is not installed, which draws the live table")
+    assert b"\x1b" not in terminal.bytes
+
+
+def test_an_ascii_terminal_gets_a_table_without_bars(on_terminal: Start, calm: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", calm, PYTHONIOENCODING="ascii")
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK", text) is not None)
+    assert terminal.bytes.isascii()
+    assert b"\\u" not in terminal.bytes
