@@ -33,15 +33,15 @@ class Outbox:
         self.dropped = 0
         """How many frames were dropped since somebody last set this to 0."""
         self.behind_since_s: Optional[float] = None
-        """Since when frames have been waiting; kept by whoever calls `flush`."""
+        """Since when the client has been behind; kept by whoever calls `flush`."""
 
     @property
-    def waiting(self) -> bool:
-        """Whether frames wait here."""
-        return bool(self._frames)
+    def behind(self) -> bool:
+        """Whether frames wait here, or would: the client does not read as fast as it is sent to."""
+        return bool(self._frames) or self._transport.get_write_buffer_size() > self._high
 
     def put(self, frame: bytes) -> bool:
-        """Sends a frame, or lets it wait; returns whether it waits."""
+        """Sends a frame, or lets it wait; returns whether the client is behind."""
         transport = self._transport
         if not self._frames and transport.get_write_buffer_size() <= self._high:
             transport.write(frame)

@@ -274,7 +274,7 @@ class Server:
         return await self._node.call(self._middleware.call_service, service, "", request, timeout_s)
 
     def watch(self, session: Session) -> None:
-        """Attends to a session whose outbox holds something."""
+        """Attends to a session that is behind."""
         if session.outbox.behind_since_s is None:
             session.outbox.behind_since_s = self._loop.time()
         self._behind.add(session)
@@ -338,11 +338,10 @@ class Server:
         for session in tuple(self._behind):
             outbox = session.outbox
             outbox.flush()
-            if not outbox.waiting:
+            if not outbox.behind:
                 outbox.behind_since_s = None
-                session.tell_of_losses(now_s)
-                if not outbox.waiting:
-                    self._behind.discard(session)
+                self._behind.discard(session)
+                session.tell_of_losses()
             elif outbox.behind_since_s is not None and now_s - outbox.behind_since_s > self._behind_s:
                 self._behind.discard(session)
                 self.log(f"a client was cut off: it stayed behind for {self._behind_s:g} s")

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from .server import Server
 
 _NO_STATUS = protocol.STATUS_LEVELS.index("none")
-_STATUS_PERIOD_S = 1.0
 _ABORTED = 6
 """STATUS_ABORTED of action_msgs/GoalStatus."""
 
@@ -45,7 +44,6 @@ class Session:
         self._compression = "cbor" if cbor else "none"
         self._server = server
         self._level = _NO_STATUS
-        self._told_s = float("-inf")
         self._subscriptions: Dict[str, Dict[Id, Options]] = {}
         self._advertised: Dict[str, str] = {}
         self._offered: Set[str] = set()
@@ -76,10 +74,9 @@ class Session:
         if protocol.STATUS_LEVELS.index(level) <= self._level:
             self.send(protocol.Status(level, text, id))
 
-    def tell_of_losses(self, now_s: float) -> None:
-        """Tells the client how many of its messages were dropped, at most once a second, when it can read again."""
-        if self.outbox.dropped and not self.outbox.waiting and now_s - self._told_s >= _STATUS_PERIOD_S:
-            self._told_s = now_s
+    def tell_of_losses(self) -> None:
+        """Tells a client that reads again how many of its messages were dropped meanwhile."""
+        if self.outbox.dropped:
             count, self.outbox.dropped = self.outbox.dropped, 0
             self.tell("warning", f"{count} messages were dropped: this client reads too slowly")
 

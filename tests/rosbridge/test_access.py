@@ -86,8 +86,17 @@ def test_names_are_allowed_by_pattern() -> None:
 
 @pytest.mark.parametrize(
     ("host", "own"),
-    [("127.0.0.1", True), ("127.8.8.8", True), ("::1", True), ("localhost", True)]
-    + [("0.0.0.0", False), ("::", False), ("192.168.1.5", False), ("robot1", False), ("", False)],
+    [
+        ("127.0.0.1", True),
+        ("127.8.8.8", True),
+        ("::1", True),
+        ("localhost", True),
+        ("0.0.0.0", False),
+        ("::", False),
+        ("192.168.1.5", False),
+        ("robot1", False),
+        ("", False),
+    ],
 )
 def test_loopback_is_told_from_what_others_can_reach(host: str, own: bool) -> None:
     assert is_loopback(host) is own

@@ -30,7 +30,7 @@ def test_frames_go_straight_through_while_the_transport_takes_them() -> None:
     assert box.put(b"one") is False
     assert box.put(b"two") is False
     assert transport.written == [b"one", b"two"]
-    assert not box.waiting
+    assert not box.behind
 
 
 def test_frames_wait_in_order_when_the_transport_is_full() -> None:
@@ -41,7 +41,7 @@ def test_frames_wait_in_order_when_the_transport_is_full() -> None:
     assert box.put(b"b") is True  # never before one that waits
     box.flush()
     assert b"".join(transport.written[1:]) == b"ab"
-    assert not box.waiting and box.dropped == 0
+    assert not box.behind and box.dropped == 0
 
 
 def test_beyond_the_bound_the_oldest_are_dropped_and_counted() -> None:
@@ -56,10 +56,13 @@ def test_beyond_the_bound_the_oldest_are_dropped_and_counted() -> None:
 
 
 def test_a_frame_that_is_larger_than_the_bound_does_not_wait() -> None:
-    _, box = outbox(6)
+    transport, box = outbox(6)
     box.put(b"x" * 11)
     box.put(b"y" * 7)
-    assert not box.waiting and box.dropped == 1
+    assert box.dropped == 1
+    assert box.behind
+    transport.buffered = 0
+    assert not box.behind
 
 
 def test_flushing_stops_where_the_transport_is_full_again() -> None:
@@ -69,5 +72,5 @@ def test_flushing_stops_where_the_transport_is_full_again() -> None:
         box.put(b"12345")
     transport.buffered = 0
     box.flush()
-    assert box.waiting
+    assert box.behind
     assert transport.written[1:] == [b"12345" * 3]
