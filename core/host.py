@@ -128,7 +128,7 @@ class HostTemperature:
             there = ", ".join(temperature_sensors()) or "none"
             raise SensorError(f"this machine shows no temperature sensor {self._sensor}; there are {there}")
         celsius = readings[self._sensor]
-        if not _is_plausible(celsius):
+        if celsius is None or not _is_plausible(celsius):
             raise SensorError(f"no believable temperature: {self._sensor} shows {celsius}")
         return float(celsius)
 
