@@ -17,7 +17,7 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ..core.field_path import ABSENT
 from ..core.middleware import Message, Severity
@@ -38,7 +38,8 @@ _QUEUE_SIZE = 10
 _START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
-_TYPE_SEARCH_PERIOD_S = 0.5
+_LOOK_PERIOD_S = 0.5
+"""How often it looks whom a subscription cannot hear."""
 
 
 class Ros2Middleware:
@@ -64,7 +65,7 @@ class Ros2Middleware:
         self._publishers: Dict[str, Tuple[Any, Any]] = {}
         self._subscriptions: List[_Subscription] = []
         self._timers: List[_Timer] = []
-        self._type_search: Optional[Any] = None
+        self._look_timer: Optional[Any] = None
         self._parameters: Dict[str, Parameter] = {}
         self._on_change: Callable[[Mapping[str, Any]], None]
         self._closed = False
@@ -111,7 +112,6 @@ class Ros2Middleware:
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
             cls = messages.message_class(type_name)
-            # rclpy's default event handlers only log, and its executor looks at each of them for every message.
             publisher = self.node.create_publisher(
                 cls, _native_name(topic), _QUEUE_SIZE, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
             )
@@ -137,8 +137,10 @@ class Ros2Middleware:
                 self._start(subscription, type_name)
             else:
                 subscription.is_waiting = True
-                self._begin_type_search()
             self._subscriptions.append(subscription)
+            if self._look_timer is None:
+                steady = Clock(clock_type=ClockType.STEADY_TIME)
+                self._look_timer = self.node.create_timer(_LOOK_PERIOD_S, self._look_for_publishers, clock=steady)
         return subscription
 
     def unsubscribe(self, subscription: Any) -> None:
@@ -231,12 +233,8 @@ class Ros2Middleware:
             reason = " ".join(str(error).split())
             raise ConfigError(f"found {name!r}, allowed is the name of a topic: {reason}") from None
 
-    def _start(self, subscription: _Subscription, type_name: str, reliability: str = "RELIABLE") -> None:
-        """Begins to receive.
-
-        Reliable, until a publisher turns up that is not (sensor-data QoS): a best-effort subscription hears both kinds,
-        but loses messages on a bad network. DDS tells of such a publisher when it is found.
-        """
+    def _start(self, subscription: _Subscription, type_name: str) -> None:
+        """Begins to receive: reliably, unless there is a best-effort publisher already."""
         cls = messages.message_class(type_name)
         field = subscription.field
         get = _arrival if field is None else messages.field_getter(subscription.topic, type_name, field)
@@ -252,19 +250,17 @@ class Ros2Middleware:
                     except Exception as error:
                         log_failure(error)
 
-        def on_incompatible_qos(event: Any) -> None:
-            with lock:
-                if subscription.active and event.last_policy_kind == QoSPolicyKind.RELIABILITY:
-                    self.log(Severity.DEBUG, f"{subscription.topic} has a best-effort publisher: listening likewise")
-                    self._stop(subscription)
-                    self._start(subscription, type_name, "BEST_EFFORT")
-
-        events = SubscriptionEventCallbacks(
-            incompatible_qos=on_incompatible_qos if reliability == "RELIABLE" else None, use_default_callbacks=False
-        )
-        qos = QoSProfile(depth=_QUEUE_SIZE, reliability=ReliabilityPolicy[reliability])
+        subscription.type_name = type_name
+        subscription.is_best_effort = self._has_best_effort_publisher(subscription.topic)
+        reliability = ReliabilityPolicy.BEST_EFFORT if subscription.is_best_effort else ReliabilityPolicy.RELIABLE
+        # rclpy's default event handlers only log, and its executor looks at each of them for every message.
         subscription.native = self.node.create_subscription(
-            cls, subscription.native_name, deliver, qos, event_callbacks=events, raw=field is None
+            cls,
+            subscription.native_name,
+            deliver,
+            QoSProfile(depth=_QUEUE_SIZE, reliability=reliability),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=field is None,
         )
 
     def _stop(self, subscription: _Subscription) -> None:
@@ -277,26 +273,36 @@ class Ros2Middleware:
         types = dict(self.node.get_topic_names_and_types()).get(topic, [])
         return types[0] if types else ""
 
-    def _begin_type_search(self) -> None:
-        if self._type_search is None:
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._type_search = self.node.create_timer(_TYPE_SEARCH_PERIOD_S, self._search_types, clock=steady)
+    def _has_best_effort_publisher(self, topic: str) -> bool:
+        publishers = self.node.get_publishers_info_by_topic(topic)
+        return any(publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for publisher in publishers)
 
-    def _search_types(self) -> None:
-        """Starts the subscriptions whose type was left out and is known by now."""
+    def _look_for_publishers(self) -> None:
+        """Starts subscriptions whose type is known by now, and makes those best effort that somebody needs so.
+
+        A best-effort subscription hears both kinds of publishers, but loses messages on a bad network; so a
+        subscription is reliable until a publisher turns up that is not (sensor-data QoS). DDS would tell of that by an
+        event, at the price of one more thing to look at for every message of the node.
+        """
         with self._lock:
-            waiting = [subscription for subscription in self._subscriptions if subscription.is_waiting]
-            for subscription in waiting:
-                type_name = self._type_of(subscription.topic)
-                if type_name:
-                    subscription.is_waiting = False
-                    try:
-                        self._start(subscription, type_name)
-                    except ConfigError as error:
-                        self.log(Severity.ERROR, str(error))
-            if not any(subscription.is_waiting for subscription in waiting) and self._type_search is not None:
-                self.node.destroy_timer(self._type_search)
-                self._type_search = None
+            for subscription in self._subscriptions:
+                topic = subscription.topic
+                if subscription.is_waiting:
+                    self._start_if_type_is_known(subscription)
+                elif subscription.native is not None and not subscription.is_best_effort:
+                    unheard = self.node.count_publishers(topic) > subscription.native.get_publisher_count()
+                    if unheard and self._has_best_effort_publisher(topic):
+                        self._stop(subscription)
+                        self._start(subscription, subscription.type_name)
+
+    def _start_if_type_is_known(self, subscription: _Subscription) -> None:
+        type_name = self._type_of(subscription.topic)
+        if type_name:
+            subscription.is_waiting = False
+            try:
+                self._start(subscription, type_name)
+            except ConfigError as error:
+                self.log(Severity.ERROR, str(error))
 
     def _declare(self, parameter: Parameter) -> None:
         descriptor = ParameterDescriptor(
@@ -367,8 +373,10 @@ class _Subscription:
         self.callback = callback
         self.field = field
         self.active = True
+        self.type_name = ""
         self.is_waiting = False
         """Whether the type is still to be found out."""
+        self.is_best_effort = False
         self.native: Optional[Any] = None
 
 
