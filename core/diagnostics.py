@@ -6,6 +6,7 @@ from typing import Dict, Iterable
 
 from .middleware import Message
 from .model import Status, Transition
+from .wording import datum_text
 
 STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
 ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"
@@ -32,7 +33,7 @@ def alert_message(transition: Transition, node: str) -> Message:
     values: Dict[str, str] = {
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
-        "value": "" if transition.value is None else str(transition.value),
+        "value": _datum_text(transition.value),
         "statistic": transition.statistic,
         "bound": "" if transition.bound is None else str(transition.bound),
         "now_s": str(transition.now_s),
@@ -41,3 +42,10 @@ def alert_message(transition: Transition, node: str) -> Message:
     }
     status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values)
     return status_message(status, node)
+
+
+def _datum_text(value: object) -> str:
+    """Writes a judged number in full and a bad datum, which may be anything, shortened."""
+    if value is None:
+        return ""
+    return repr(value) if isinstance(value, float) else datum_text(value)

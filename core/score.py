@@ -36,6 +36,8 @@ def _side_score(
     if warn is None:
         return 100.0
     zero = worst if error is None else error
+    if zero is not None and value < warn <= zero:
+        return 0.0
     points: List[Tuple[float, float]] = [(warn, 50.0)]
     if zero is not None and zero < warn:
         points.insert(0, (zero, 0.0))
