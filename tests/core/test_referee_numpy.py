@@ -1,0 +1,85 @@
+"""numpy computes the same windows: a relative error below 1e-9 after a million samples.
+
+The error of the mean is relative to the largest value of the window (a mean near 0 has no digits of its own), that of
+the standard deviation to itself.
+"""
+
+from __future__ import annotations
+
+from typing import Callable, Dict
+
+import pytest
+
+numpy = pytest.importorskip("numpy", reason="numpy is the referee")
+
+from robot_health_monitor.core.statistics import Window  # noqa: E402  the referee comes first
+
+SAMPLES = 1_000_000
+ALLOWED = 1e-9
+
+Series = Callable[["numpy.random.Generator"], "numpy.ndarray"]
+
+
+def around_a_billion(chance: numpy.random.Generator) -> numpy.ndarray:
+    return 1e9 + chance.standard_normal(SAMPLES)
+
+
+def slow_drift(chance: numpy.random.Generator) -> numpy.ndarray:
+    return numpy.linspace(0.0, 1e9, SAMPLES) + chance.standard_normal(SAMPLES)
+
+
+def jumps_of_scale(chance: numpy.random.Generator) -> numpy.ndarray:
+    scales = 10.0 ** chance.integers(-9, 10, SAMPLES // 10_000)
+    return numpy.repeat(scales, 10_000) * (5.0 + chance.standard_normal(SAMPLES))
+
+
+def outliers(chance: numpy.random.Generator) -> numpy.ndarray:
+    values = 20.0 + chance.standard_normal(SAMPLES)
+    values[10_000::100_000] = 1e300
+    values[60_000::100_000] = -1e12
+    return values
+
+
+def nearly_constant(chance: numpy.random.Generator) -> numpy.ndarray:
+    values = numpy.full(SAMPLES, 12.6)
+    values[::997] += 1e-6
+    return values
+
+
+SERIES: Dict[str, Series] = {
+    each.__name__: each for each in (around_a_billion, slow_drift, jumps_of_scale, outliers, nearly_constant)
+}
+
+
+@pytest.mark.parametrize("name", SERIES)
+def test_statistics_after_a_million_samples_are_those_of_numpy(name: str) -> None:
+    seed = int(numpy.random.SeedSequence().entropy % 2**32)
+    chance = numpy.random.default_rng(seed)
+    values = SERIES[name](chance)
+    # The first half is limited by samples at first, the second by time.
+    steps_s = numpy.where(numpy.arange(SAMPLES) % 20_000 < 10_000, 0.001, 0.05)
+    times = numpy.cumsum(steps_s)
+    window_s, window_samples = 60.0, 2000
+    window = Window(window_s, window_samples)
+    checked = set(chance.integers(0, SAMPLES, 300)) | set(range(0, SAMPLES, 9_973)) | {SAMPLES - 1}
+
+    for index, (value, now_s) in enumerate(zip(values.tolist(), times.tolist())):
+        window.add(value, now_s)
+        if index % 7 == 0:
+            window.stddev()  # as a signal judged by it does: being read must change nothing
+        if index in checked:
+            first = max(numpy.searchsorted(times, now_s - window_s), index + 1 - window_samples)
+            kept = values[first : index + 1]
+            found = window.statistics()
+            where = f"seed {seed}, sample {index}"
+            assert len(window) == len(kept), where
+            assert (found["min"], found["max"], found["last"]) == (kept.min(), kept.max(), value), where
+            reference = kept.astype(numpy.longdouble)
+            assert abs(found["mean"] - reference.mean()) <= ALLOWED * numpy.abs(kept).max(), where
+            deviation = float(reference.std())
+            if abs(kept).max() < 1e150:  # beyond, squares are no doubles
+                assert abs(found["stddev"] - deviation) <= ALLOWED * deviation, where
+            if len(kept) > 1:
+                span_s = now_s - times[first]
+                assert found["rate"] == pytest.approx((value - kept[0]) / span_s, rel=ALLOWED), where
+                assert found["frequency_hz"] == pytest.approx((len(kept) - 1) / span_s, rel=ALLOWED), where
