@@ -6,6 +6,7 @@ the key's path and, where a file was read, file and line.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .parameters import ConfigError, Parameter, Path, describe, read_parameters, require_mapping
+from .wording import bound_text
 from .yaml_file import PathLike, read_yaml
 
 STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
@@ -129,12 +131,15 @@ class Condition:
     number: float
     """What its value is compared with, in its unit."""
 
+    def __str__(self) -> str:
+        comparison = {"is": "is", "is_not": "is not"}.get(self.comparison, f"is {self.comparison}")
+        return f"{self.signal} {comparison} {bound_text(self.number)}"
+
     def holds(self, value: float) -> bool:
         """Says whether it is true for this value of the other signal."""
-        if self.comparison == "is":
-            return value == self.number
-        if self.comparison == "is_not":
-            return value != self.number
+        if self.comparison in ("is", "is_not"):
+            # Float32 brings 0.1 as 0.1000000015
+            return math.isclose(value, self.number, rel_tol=1e-6) is (self.comparison == "is")
         return value < self.number if self.comparison == "below" else value > self.number
 
 
