@@ -296,12 +296,12 @@ class Link:
 
     def _say_subscribe(self, topic: str) -> None:
         type_name = self._topics[topic]
-        if not type_name:
-            self._untyped.add(topic)  # a server does not know the type of a topic that nobody publishes yet
+        if not type_name and self._compression != "cbor":
+            # Only this project's server waits for a topic whose type nobody knows yet; others refuse it.
+            self._untyped.add(topic)
             return
         self._untyped.discard(topic)
-        compression = "cbor" if self._compression == "cbor" else "none"
-        self.send(protocol.Subscribe(topic, type_name, _subscription_id(topic), compression=compression))
+        self.send(protocol.Subscribe(topic, type_name, _subscription_id(topic), compression=self._compression))
 
     def _receive(self, data: protocol.Wire, now_s: float) -> None:
         try:

@@ -211,8 +211,8 @@ class Server:
                 if options is None:
                     return
                 feed = self._feeds.setdefault(topic, _Feed(await self._new_topic(topic, type_name)))
-            elif options is not None and type_name and canonical(type_name) != canonical(feed.topic.type_name):
-                raise ProtocolError(f"{topic} is of type {feed.topic.type_name}, not {type_name}", "subscribe")
+            elif options is not None:
+                _require_same_type(topic, feed.topic.type_name, type_name)
             async with feed.lock:
                 if self._feeds.get(topic) is feed:
                     await self._set_options(feed, session, options)
@@ -369,12 +369,9 @@ class Server:
 
     async def _new_topic(self, name: str, type_name: str) -> Topic:
         known = await self.topic_type(name)
-        if known and type_name and canonical(known) != canonical(type_name):
-            raise ProtocolError(f"{name} is of type {known}, not {type_name}", "subscribe")
+        _require_same_type(name, known, type_name)
         type_name = known or type_name
-        if not type_name:
-            raise ProtocolError(f"{name} is not there yet, so its type is needed", "subscribe")
-        text = await self._node.call(self._definition, type_name)
+        text = await self._node.call(self._definition, type_name) if type_name else ""
         return Topic(name, type_name, self.frame_maker, serializer(type_name, text), self.log)
 
     async def _set_options(self, feed: _Feed, session: Session, options: Optional[Options]) -> None:
@@ -438,3 +435,9 @@ class Server:
 
     def _definition(self, type_name: str) -> str:
         return self._middleware.message_definition(type_name) or full_text(type_name)
+
+
+def _require_same_type(topic: str, known: str, asked: str) -> None:
+    """Raises ProtocolError when both types are told and differ."""
+    if known and asked and canonical(known) != canonical(asked):
+        raise ProtocolError(f"{topic} is of type {known}, not {asked}", "subscribe")

@@ -92,23 +92,6 @@ def test_every_operation_of_the_facts_has_an_example() -> None:
     facts = {"advertise", "unadvertise", "publish", "subscribe", "unsubscribe", "call_service", "advertise_service"}
     facts |= {"unadvertise_service", "service_response", "send_action_goal", "cancel_action_goal", "advertise_action"}
     facts |= {"action_feedback", "action_result", "set_level", "auth"}
-        "advertise",
-        "unadvertise",
-        "publish",
-        "subscribe",
-        "unsubscribe",
-        "call_service",
-        "advertise_service",
-        "unadvertise_service",
-        "service_response",
-        "send_action_goal",
-        "cancel_action_goal",
-        "advertise_action",
-        "action_feedback",
-        "action_result",
-        "set_level",
-        "auth",
-    ]
     assert facts <= {fields["op"] for fields in EXAMPLES} == set(protocol.OPERATIONS)
 
 

@@ -1,0 +1,16 @@
+"""The client over a real socket gives the same verdicts as the reference."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from equivalence import Equivalence
+
+
+class TestRosbridge(Equivalence):
+    @pytest.fixture
+    def harness(self) -> Any:
+        from rosbridge_harness import RosbridgeHarness
+
+        return RosbridgeHarness()
