@@ -182,12 +182,20 @@ def flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[Tuple[str, An
 
 
 def unflatten(values: Mapping[str, Any]) -> Dict[str, Any]:
-    """Nests dotted names: the inverse of `flatten`."""
+    """Nests dotted names: the inverse of `flatten`.
+
+    Raises:
+        ConfigError: a name is both a value and the beginning of another name.
+    """
     tree: Dict[str, Any] = {}
     for name, value in values.items():
         *parents, leaf = name.split(".")
         branch = tree
         for parent in parents:
             branch = branch.setdefault(parent, {})
+            if not isinstance(branch, dict):
+                break
+        if not isinstance(branch, dict) or leaf in branch:
+            raise ConfigError("found a value and names below it, allowed is one of them", tuple(name.split(".")))
         branch[leaf] = value
     return tree

@@ -43,7 +43,10 @@ def read_yaml(file: PathLike) -> YamlFile:
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
     except UnicodeDecodeError as error:
-        raise ConfigError(f"is not a text in UTF-8: byte {error.start} is 0x{error.object[error.start]:02x}", file=name) from None
+        found = f"byte {error.start} is 0x{error.object[error.start]:02x}"
+        raise ConfigError(f"is not a text in UTF-8: {found}", file=name) from None
+    except ValueError as error:  # a name with a null byte
+        raise ConfigError(f"cannot be read: {error}", file=repr(name)) from None
 
     lines: Dict[Path, int] = {}
     loader = yaml.SafeLoader("")
