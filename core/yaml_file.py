@@ -59,7 +59,8 @@ def read_yaml(file: PathLike) -> YamlFile:
         tree = loader.construct_document(root)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        raise ConfigError(f"is not valid YAML: {error.problem}", file=name, line=mark and mark.line + 1) from None
+        line = mark.line + 1 if mark else None
+        raise ConfigError(f"is not valid YAML: {error.problem}", file=name, line=line) from None
     except yaml.YAMLError as error:
         raise ConfigError(f"is not valid YAML: {str(error).splitlines()[0]}", file=name) from None
     except RecursionError:
