@@ -57,7 +57,8 @@ def service_class(type_name: str) -> Any:
 
 def to_mapping(message: Any) -> Dict[str, Any]:
     """Returns a native message as a mapping: octets as ints, byte arrays as base64 text, NaN as it is."""
-    return {name: read(getattr(message, name)) for name, read in _readers(type(message))}
+    native_class: Any = type(message)
+    return {name: read(getattr(message, name)) for name, read in _readers(native_class)}
 
 
 def to_native(native_class: Any, mapping: Message) -> Any:
