@@ -6,6 +6,7 @@ the key's path and, where a file was read, file and line.
 
 from __future__ import annotations
 
+import difflib
 import math
 import os
 import re
@@ -14,7 +15,7 @@ from types import MappingProxyType
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .parameters import ConfigError, Parameter, Path, describe, read_parameters, require_mapping
-from .wording import bound_text
+from .wording import bound_text, number_text
 from .yaml_file import PathLike, read_yaml
 
 STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
@@ -55,7 +56,9 @@ SIGNAL_PARAMETERS = (
     Parameter("warn_above", float, None, "WARN above this value, in the statistic's unit"),
     Parameter("error_below", float, None, "ERROR below this value, in the statistic's unit"),
     Parameter("error_above", float, None, "ERROR above this value, in the statistic's unit"),
-    Parameter("hysteresis", float, 0.0, "how far back on the healthy side a bound clears, in the statistic's unit", 0.0),
+    Parameter(
+        "hysteresis", float, 0.0, "how far back on the healthy side a bound clears, in the statistic's unit", 0.0
+    ),
     Parameter("for_s", float, 0.0, "how long a bound must be crossed before it fires, in s", 0.0),
     Parameter("keep_firing_for_s", float, 0.0, "how long it must be back before it clears, in s", 0.0),
     Parameter("error_for_s", float, None, "for_s of the ERROR bounds, in s; left out: for_s", 0.0),
@@ -259,6 +262,11 @@ def _find_section(tree: Mapping[str, Any], node: str) -> Section:
     with_signals = [section for section in found.values() if "signals" in section.tree]
     if len(with_signals) == 1:
         return with_signals[0]
+    if isinstance(tree.get(node), Mapping):
+        for key in tree[node]:
+            if difflib.get_close_matches(str(key), ["ros__parameters"]):
+                raise ConfigError("unknown key; did you mean ros__parameters, with two underscores?", (node, str(key)))
+        raise ConfigError("found no ros__parameters, allowed is that key above the parameters", (node,))
     there = ", ".join(tree) or "nothing"
     raise ConfigError(f"found {there}, allowed is one node with ros__parameters.signals, usually {node}")
 
@@ -303,6 +311,12 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
     for key in ("for_s", "keep_firing_for_s"):
         if values[f"error_{key}"] is None:
             values[f"error_{key}"] = values[key]
+    if values["flap_low"] > values["flap_high"]:
+        raise ConfigError(
+            f"found flap_low {bound_text(values['flap_low'])} and flap_high {bound_text(values['flap_high'])},"
+            " allowed is flap_low at most flap_high: flapping would end before it begins",
+            (*path, "flap_low" if "flap_low" in tree else "flap_high"),
+        )
     signal = SignalConfig(name=name, **values)
     _check_order(signal, path)
     _check_unit(signal, path)
@@ -326,10 +340,10 @@ def _check_order(signal: SignalConfig, path: Path) -> None:
     def refuse_above(low: str, high: str, why: str) -> None:
         low_value, high_value = getattr(signal, low), getattr(signal, high)
         if low_value is not None and high_value is not None and low_value > high_value:
-            raise ConfigError(f"found {low_value:g}, allowed is at most {high} ({high_value:g}): {why}", (*path, low))
+            allowed = f"at most {high} ({bound_text(high_value)}): {why}"
+            raise ConfigError(f"found {bound_text(low_value)}, allowed is {allowed}", (*path, low))
 
     refuse_above("valid_min", "valid_max", "no value would be valid")
-    refuse_above("flap_low", "flap_high", "flapping would end before it begins")
     refuse_above("error_below", "warn_below", "a value falls below the WARN bound first")
     refuse_above("warn_above", "error_above", "a value rises above the WARN bound first")
     lows = [name for name in ("warn_below", "error_below") if getattr(signal, name) is not None]
@@ -340,7 +354,8 @@ def _check_order(signal: SignalConfig, path: Path) -> None:
             room = getattr(signal, high) - getattr(signal, low)
             if signal.hysteresis > room:
                 raise ConfigError(
-                    f"found {signal.hysteresis:g}, allowed is at most {room:g}: {low} would clear above {high}",
+                    f"found {bound_text(signal.hysteresis)}, allowed is at most {number_text(room)}:"
+                    f" {low} would clear above {high}",
                     (*path, "hysteresis"),
                 )
     if signal.statistic not in ("last", "mean", "min", "max"):
@@ -352,8 +367,8 @@ def _check_order(signal: SignalConfig, path: Path) -> None:
             signal.valid_min is not None and clears_at < signal.valid_min
         ):
             raise ConfigError(
-                f"found {signal.hysteresis:g}, allowed is less: {name} would clear at {clears_at:g},"
-                " which is no valid value",
+                f"found {bound_text(signal.hysteresis)}, allowed is less:"
+                f" {name} would clear at {number_text(clears_at)}, which is no valid value",
                 (*path, "hysteresis"),
             )
 
@@ -362,9 +377,11 @@ def _check_range(
     name: str, found: float, low: Optional[float], high: Optional[float], low_name: str, high_name: str, path: Path
 ) -> None:
     if low is not None and found < low:
-        raise ConfigError(f"found {found:g}, allowed is {low:g} ({low_name}) or more", (*path, name))
+        allowed = f"{bound_text(low)} ({low_name}) or more"
+        raise ConfigError(f"found {bound_text(found)}, allowed is {allowed}", (*path, name))
     if high is not None and found > high:
-        raise ConfigError(f"found {found:g}, allowed is {high:g} ({high_name}) or less", (*path, name))
+        allowed = f"{bound_text(high)} ({high_name}) or less"
+        raise ConfigError(f"found {bound_text(found)}, allowed is {allowed}", (*path, name))
 
 
 def _check_unit(signal: SignalConfig, path: Path) -> None:
@@ -378,7 +395,7 @@ def _check_unit(signal: SignalConfig, path: Path) -> None:
             _check_range(name, value, low, high, *unit, path)
     if signal.unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
         raise ConfigError(
-            f"found '%' with valid_max {signal.valid_max:g}, allowed is valid_max 100 for a percentage;"
+            f"found '%' with valid_max {bound_text(signal.valid_max)}, allowed is valid_max 100 for a percentage;"
             " a fraction from 0 to 1 has the unit ''",
             (*path, "unit"),
         )

@@ -67,11 +67,11 @@ class Parameter:
             return "a list of numbers"
         noun = "a whole number" if self.kind is int else "a number"
         if self.minimum is not None and self.maximum is not None:
-            return f"{noun} from {self.minimum:g} to {self.maximum:g}"
+            return f"{noun} from {self.minimum:.15g} to {self.maximum:.15g}"
         if self.minimum is not None:
-            return f"{noun}, {self.minimum:g} or more"
+            return f"{noun}, {self.minimum:.15g} or more"
         if self.maximum is not None:
-            return f"{noun}, {self.maximum:g} or less"
+            return f"{noun}, {self.maximum:.15g} or less"
         return noun
 
     def read(self, found: object, path: Path = ()) -> Any:
@@ -84,8 +84,16 @@ class Parameter:
         """
         value = self._as_list(found) if self.kind is list else self._as_kind(found)
         if value is None:
-            raise ConfigError(f"found {describe(found)}, allowed is {self.allowed}", path)
+            raise ConfigError(f"found {describe(found)}, allowed is {self.allowed}{self._hint(found)}", path)
         return value
+
+    def _hint(self, found: object) -> str:
+        if self.kind not in (int, float) or not isinstance(found, str):
+            return ""
+        try:
+            return f"; YAML takes this for a text, write {float(found)!r}"
+        except ValueError:
+            return ""
 
     def _as_list(self, found: object) -> Optional[Tuple[float, ...]]:
         if isinstance(found, (str, bytes, Mapping)) or not isinstance(found, Iterable):

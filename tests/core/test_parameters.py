@@ -55,7 +55,9 @@ def test_what_is_allowed_is_taken_as_its_kind(parameter: Parameter, found: objec
 @pytest.mark.parametrize(
     ("parameter", "found", "problem"),
     [
-        (NUMBER, "20", "found '20', allowed is a number"),
+        (NUMBER, "twenty", "found 'twenty', allowed is a number"),
+        (NUMBER, "20", "found '20', allowed is a number; YAML takes this for a text, write 20.0"),
+        (NUMBER, "1e3", "found '1e3', allowed is a number; YAML takes this for a text, write 1000.0"),
         (NUMBER, True, "found true, allowed is a number"),
         (NUMBER, None, "found nothing, allowed is a number"),
         (NUMBER, [20.0], "found [20.0], allowed is a number"),

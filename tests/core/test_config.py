@@ -1,0 +1,385 @@
+"""Configurations that load, and the one line that each of the others is refused with."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any, Dict, Mapping
+
+import pytest
+import yaml
+
+from robot_health_monitor.core import ConfigError, load_config
+from robot_health_monitor.core.config import (
+    CONDITIONS,
+    DEFAULT_SIGNALS,
+    SIGNAL_PARAMETERS,
+    MonitorConfig,
+    SignalConfig,
+    described_parameters,
+    read_signal,
+)
+
+CONFIG = Path(__file__).parents[2] / "config"
+
+
+def signal(**settings: Any) -> SignalConfig:
+    return read_signal("battery_level", settings)
+
+
+def refusal(**settings: Any) -> str:
+    with pytest.raises(ConfigError) as raised:
+        load_config({"signals": {"battery_level": settings}})
+    text = str(raised.value)
+    prefix = "signals.battery_level."
+    assert text.startswith(prefix) and len(text.splitlines()) == 1
+    return text[len(prefix) :]
+
+
+# --- what loads -----------------------------------------------------------------------------------------------------
+
+
+def test_the_files_thresholds_are_the_defaults() -> None:
+    assert load_config(CONFIG / "thresholds.yaml") == load_config({"signals": DEFAULT_SIGNALS})
+
+
+def test_the_defaults_are_those_of_the_exercise() -> None:
+    """Battery below 20 %: WARN. Temperature above 80 degrees C: WARN."""
+    signals = load_config({"signals": DEFAULT_SIGNALS}).signals
+    assert list(signals) == ["battery_level", "temperature", "cpu_usage"]
+    assert (signals["battery_level"].warn_below, signals["temperature"].warn_above) == (20.0, 80.0)
+
+
+def test_a_signal_needs_nothing() -> None:
+    assert signal() == SignalConfig(
+        name="battery_level",
+        topic="battery_level",
+        type="",
+        field="data",
+        scale=1.0,
+        unit="",
+        placeholders=(),
+        valid_min=None,
+        valid_max=None,
+        invalid_for_s=0.0,
+        window_s=60.0,
+        window_samples=6000,
+        statistic="last",
+        warn_below=None,
+        warn_above=None,
+        error_below=None,
+        error_above=None,
+        hysteresis=0.0,
+        for_s=0.0,
+        keep_firing_for_s=0.0,
+        error_for_s=0.0,
+        error_keep_firing_for_s=0.0,
+        latch=False,
+        flap_detection=False,
+        flap_high=50.0,
+        flap_low=25.0,
+        stale_after_s=5.0,
+        startup_grace_s=10.0,
+        repeat_s=0.0,
+        only_if=None,
+        latch_release_if=None,
+    )
+
+
+def test_every_parameter_of_a_signal_has_a_field_and_every_field_a_parameter() -> None:
+    fields = {field.name for field in dataclasses.fields(SignalConfig)}
+    assert fields == {"name", *(parameter.name for parameter in SIGNAL_PARAMETERS), *CONDITIONS}
+
+
+def test_durations_of_error_are_those_of_warn_unless_they_are_given() -> None:
+    both = signal(for_s=3.0, keep_firing_for_s=4.0)
+    assert (both.error_for_s, both.error_keep_firing_for_s) == (3.0, 4.0)
+    own = signal(for_s=3.0, keep_firing_for_s=4.0, error_for_s=0.0, error_keep_firing_for_s=1.0)
+    assert (own.error_for_s, own.error_keep_firing_for_s) == (0.0, 1.0)
+
+
+def test_a_configuration_cannot_be_changed() -> None:
+    config = load_config({"signals": {"a": {}}})
+    with pytest.raises(AttributeError):
+        config.signals["a"].warn_below = 5.0  # type: ignore[misc]
+    with pytest.raises(TypeError):
+        config.signals["b"] = config.signals["a"]  # type: ignore[index]
+
+
+def test_bounds_are_those_that_are_set() -> None:
+    assert signal(warn_below=20, error_below=0.0).bounds == {"warn_below": 20.0, "error_below": 0.0}
+
+
+TREE = {"signals": {"a": {"warn_below": 5.0}}, "robot_name": "atlas", "publish_rate": 2}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        TREE,
+        {"alert_system": {"ros__parameters": TREE}},
+        {"/robot1/alert_system": {"ros__parameters": TREE}},
+        {"robot1": {"alert_system": {"ros__parameters": TREE}}},
+        {"/**": {"ros__parameters": TREE}},
+        {"my_monitor": {"ros__parameters": TREE}, "aggregator": {"ros__parameters": {"window_s": 5.0}}},
+    ],
+    ids=["parameters", "file", "namespace", "nested namespace", "any node", "another name"],
+)
+def test_the_parameters_or_a_whole_files_mapping_or_a_file_are_the_same(
+    source: Mapping[str, Any], tmp_path: Path
+) -> None:
+    expected = MonitorConfig({"a": read_signal("a", {"warn_below": 5.0})}, "atlas", 2.0)
+    assert load_config(source) == expected
+    if source is not TREE:
+        path = tmp_path / "robot.yaml"
+        path.write_text(yaml.safe_dump(source))
+        assert load_config(path) == load_config(str(path)) == expected
+
+
+def test_the_nodes_own_section_wins_over_others_with_signals() -> None:
+    sections = {name: {"ros__parameters": {"signals": {name: {}}}} for name in ("a", "alert_system", "b")}
+    assert list(load_config(sections).signals) == ["alert_system"]
+    assert list(load_config(sections, node="b").signals) == ["b"]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"warn_below": 20, "error_below": 20},
+        {"warn_above": 80, "error_above": 80},
+        {"warn_below": 20.0, "warn_above": 20.0},
+        {"warn_below": 20.0, "warn_above": 22.0, "hysteresis": 2.0},
+        {"valid_min": 5.0, "valid_max": 5.0},
+        {"valid_min": 0.0, "warn_below": 0.0, "valid_max": 100.0, "warn_above": 100.0, "unit": "%"},
+        {"valid_max": 100.0, "warn_below": 98.0, "hysteresis": 2.0},
+        {"flap_high": 30.0, "flap_low": 30.0},
+        {"unit": "degC", "valid_min": -273.15},
+        {"unit": "%", "statistic": "rate", "warn_below": -200.0, "warn_above": 200.0},
+        {"unit": "furlong", "warn_below": -1e300},
+        {"valid_max": 10.0, "statistic": "stddev", "warn_above": 50.0},
+    ],
+)
+def test_what_is_just_possible_loads(settings: Dict[str, Any]) -> None:
+    signal(**settings)
+
+
+def test_a_middleware_is_told_every_parameter_by_its_dotted_name_with_its_description() -> None:
+    described = {each.name: each for each in described_parameters(load_config({"signals": {"a": {}, "b": {}}}))}
+    assert {"publish_rate", "signals.a.warn_below", "signals.b.only_if.signal", "log_level"} <= described.keys()
+    assert all(each.description for each in described.values())
+
+
+# --- what does not --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        (
+            {"warn_below": 20, "error_below": 30},
+            "error_below: found 30, allowed is at most warn_below (20): a value falls below the WARN bound first",
+        ),
+        (
+            {"warn_above": 80, "error_above": 70},
+            "warn_above: found 80, allowed is at most error_above (70): a value rises above the WARN bound first",
+        ),
+        (
+            {"warn_below": 80, "warn_above": 20},
+            "warn_below: found 80, allowed is at most warn_above (20): no value would be healthy",
+        ),
+        (
+            {"error_below": 80, "warn_above": 20},
+            "error_below: found 80, allowed is at most warn_above (20): no value would be healthy",
+        ),
+        (
+            {"valid_min": 5, "valid_max": 4},
+            "valid_min: found 5, allowed is at most valid_max (4): no value would be valid",
+        ),
+        (
+            {"warn_below": 20, "warn_above": 21, "hysteresis": 2},
+            "hysteresis: found 2, allowed is at most 1: warn_below would clear above warn_above",
+        ),
+        (
+            {"flap_low": 60},
+            "flap_low: found flap_low 60 and flap_high 50, allowed is flap_low at most flap_high:"
+            " flapping would end before it begins",
+        ),
+        (
+            {"flap_high": 10},
+            "flap_high: found flap_low 25 and flap_high 10, allowed is flap_low at most flap_high:"
+            " flapping would end before it begins",
+        ),
+        ({"valid_max": 100, "warn_above": 120}, "warn_above: found 120, allowed is 100 (valid_max) or less"),
+        (
+            {"valid_max": 100, "warn_above": 100.0000001},
+            "warn_above: found 100.0000001, allowed is 100 (valid_max) or less",
+        ),
+        ({"valid_min": 0, "error_below": -5}, "error_below: found -5, allowed is 0 (valid_min) or more"),
+        (
+            {"valid_max": 100, "warn_below": 99, "hysteresis": 2},
+            "hysteresis: found 2, allowed is less: warn_below would clear at 101, which is no valid value",
+        ),
+        (
+            {"valid_min": 0, "warn_above": 1, "hysteresis": 2},
+            "hysteresis: found 2, allowed is less: warn_above would clear at -1, which is no valid value",
+        ),
+        ({"scale": 0}, "scale: found 0, allowed is any other number"),
+    ],
+)
+def test_bounds_that_contradict_each_other_are_refused(settings: Dict[str, Any], problem: str) -> None:
+    assert refusal(**settings) == problem
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"unit": "%", "warn_below": 120}, "warn_below: found 120, allowed is 100 (most of '%') or less"),
+        ({"unit": "%", "valid_min": -1}, "valid_min: found -1, allowed is 0 (least of '%') or more"),
+        (
+            {"unit": "%", "valid_max": 1.0},
+            "unit: found '%' with valid_max 1, allowed is valid_max 100 for a percentage;"
+            " a fraction from 0 to 1 has the unit ''",
+        ),
+        ({"unit": "degC", "warn_below": -300}, "warn_below: found -300, allowed is -273.15 (least of 'degC') or more"),
+        ({"unit": "K", "valid_min": -40}, "valid_min: found -40, allowed is 0 (least of 'K') or more"),
+        ({"unit": "Hz", "warn_below": -1}, "warn_below: found -1, allowed is 0 (least of 'Hz') or more"),
+    ],
+)
+def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], problem: str) -> None:
+    assert refusal(**settings) == problem
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"warn_below": "low"}, "warn_below: found 'low', allowed is a number"),
+        ({"warn_below": math.nan}, "warn_below: found nan, allowed is a number"),
+        ({"warn_above": math.inf}, "warn_above: found inf, allowed is a number"),
+        ({"warn_below": True}, "warn_below: found true, allowed is a number"),
+        ({"warn_below": None}, "warn_below: found nothing, allowed is a number"),
+        ({"for_s": -1}, "for_s: found -1, allowed is a number, 0 or more"),
+        ({"window_s": 0}, "window_s: found 0, allowed is a number, 0.001 or more"),
+        ({"window_samples": 1.5}, "window_samples: found 1.5, allowed is a whole number from 1 to 1000000"),
+        ({"flap_high": 101}, "flap_high: found 101, allowed is a number from 0 to 100"),
+        ({"latch": "yes"}, "latch: found 'yes', allowed is true or false"),
+        ({"unit": 5}, "unit: found 5, allowed is a text of printable characters"),
+        (
+            {"statistic": "median"},
+            "statistic: found 'median', allowed is one of last, mean, min, max, stddev, rate, frequency_hz",
+        ),
+    ],
+)
+def test_wrong_kinds_and_ranges_are_refused(settings: Dict[str, Any], problem: str) -> None:
+    assert refusal(**settings) == problem
+
+
+def test_an_unknown_key_is_refused_with_a_hint() -> None:
+    assert refusal(warn_bellow=20).startswith("warn_bellow: unknown key; did you mean warn_below? allowed are topic, ")
+
+
+@pytest.mark.parametrize(
+    ("condition", "problem"),
+    [
+        ({"is": 0}, "only_if.signal: is missing, allowed is the name of another signal"),
+        ({"signal": "link"}, "only_if: found no comparison, allowed is one of is, is_not, below, above"),
+        (
+            {"signal": "link", "is": 1, "above": 2},
+            "only_if: found is and above, allowed is one of is, is_not, below, above",
+        ),
+        (
+            {"signal": "battery_level", "is": 1},
+            "only_if.signal: found 'battery_level', allowed is another signal: link",
+        ),
+        ({"signal": "charging", "is": 1}, "only_if.signal: found 'charging', allowed is another signal: link"),
+        ("charging", "only_if: found 'charging', allowed is a mapping of keys to values"),
+    ],
+)
+def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, problem: str) -> None:
+    assert refusal(only_if=condition) == problem
+
+
+@pytest.mark.parametrize(
+    ("source", "problem"),
+    [
+        ({}, "signals: is missing, allowed is a mapping of signal names to what is known of each"),
+        ({"signals": {}}, "signals: found no signal, allowed is at least one"),
+        ({"signals": None}, "signals: found nothing, allowed is a mapping of keys to values"),
+        ({"signals": {"a": None}}, "signals.a: found nothing, allowed is a mapping of keys to values"),
+        ({"signals": {1: {}}}, "signals: found the key 1, allowed are keys that are texts (quote it)"),
+        (
+            {"signals": {"2nd": {}}},
+            "signals.2nd: is no signal name, allowed are letters, digits and _, not beginning with a digit",
+        ),
+        (
+            {"signals": {"a\n": {}}},
+            "signals.a\n: is no signal name, allowed are letters, digits and _, not beginning with a digit",
+        ),
+        (
+            {"a": {"ros__parameters": {"signals": {}}}, "b": {"ros__parameters": {"signals": {}}}},
+            "found a, b, allowed is one node with ros__parameters.signals, usually alert_system",
+        ),
+        ({"alert_system": {"ros__parameters": None}}, "alert_system.ros__parameters: found nothing, allowed is a"),
+        (None, "found nothing, allowed is a mapping of keys to values"),
+        (5, "found 5, allowed is a mapping of keys to values"),
+    ],
+)
+def test_what_is_no_configuration_at_all_is_refused(source: Any, problem: str) -> None:
+    with pytest.raises(ConfigError) as raised:
+        load_config(source)
+    assert str(raised.value).startswith(problem)
+
+
+HEAD = "# a comment\nalert_system:\n  ros__parameters:\n    signals:\n      battery_level:\n        unit: '%'\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            HEAD + "        warn_below: twenty\n",
+            "7: alert_system.ros__parameters.signals.battery_level.warn_below: found 'twenty', allowed is a number",
+        ),
+        (
+            HEAD + "        warn_bellow: 20\n",
+            "7: alert_system.ros__parameters.signals.battery_level.warn_bellow: unknown key; did you mean warn_below?",
+        ),
+        (
+            HEAD + "        warn_below: 20\n        error_below: 30\n",
+            "8: alert_system.ros__parameters.signals.battery_level.error_below: found 30, allowed is at most",
+        ),
+        (
+            HEAD + "        unit: '%'\n",
+            "7: alert_system.ros__parameters.signals.battery_level.unit: is given twice, first in line 6",
+        ),
+        (
+            HEAD.replace("signals:", "signal:"),
+            "4: alert_system.ros__parameters.signal: unknown key; did you mean signals?",
+        ),
+        (
+            HEAD.replace("ros__parameters", "ros_parameters"),
+            "3: alert_system.ros_parameters: unknown key; did you mean ros__parameters, with two underscores?",
+        ),
+        (
+            "alert_system:\n  signals: {a: {}}\n",
+            "1: alert_system: found no ros__parameters, allowed is that key above the parameters",
+        ),
+        (
+            HEAD + "      temperature:\n",
+            "7: alert_system.ros__parameters.signals.temperature: found nothing, allowed is",
+        ),
+        (HEAD + "        only_if: {signal: link}\n", "7: alert_system.ros__parameters.signals.battery_level.only_if:"),
+        (
+            HEAD + "        warn_below: 1e1\n",
+            "7: alert_system.ros__parameters.signals.battery_level.warn_below: found '1e1', allowed is a number;"
+            " YAML takes this for a text, write 10.0",
+        ),
+    ],
+)
+def test_a_mistake_in_a_file_is_named_with_file_line_and_key(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as raised:
+        load_config(path)
+    assert str(raised.value).startswith(f"{path}:{said}")
+    assert len(str(raised.value).splitlines()) == 1
