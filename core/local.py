@@ -47,7 +47,8 @@ class LocalBus:
         self._subscriptions: Dict[str, List[_LocalSubscription]] = {}
         self._services: Dict[str, Callable[[Message], Message]] = {}
         self._service_types: Dict[str, str] = {}
-        self._nodes: List[LocalMiddleware] = []
+        self.nodes: List[LocalMiddleware] = []
+        """The nodes that are not closed."""
         self._timers: List[Tuple[float, int, _LocalTimer]] = []
         self._order = itertools.count()
 
@@ -70,7 +71,7 @@ class LocalBus:
         namespace = namespace.strip("/")
         full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
         node = LocalMiddleware(self, full_name, parameters or {}, remap or {})
-        self._nodes.append(node)
+        self.nodes.append(node)
         return node
 
     def graph(self) -> Graph:
@@ -81,7 +82,7 @@ class LocalBus:
                 tuple(subscription.topic for subscription in node._subscriptions),
                 tuple(node._services),
             )
-            for node in self._nodes
+            for node in self.nodes
         }
         used = {topic for node in nodes.values() for topic in (*node.publishes, *node.subscribes)}
         topics = {topic: type_name for topic, type_name in self.types.items() if topic in used}
@@ -293,8 +294,8 @@ class LocalMiddleware:
         for service in self._services:
             self._bus._services.pop(service, None)
             self._bus._service_types.pop(service, None)
-        if self in self._bus._nodes:
-            self._bus._nodes.remove(self)
+        if self in self._bus.nodes:
+            self._bus.nodes.remove(self)
         self._services.clear()
         self._advertised.clear()
 

@@ -17,6 +17,13 @@ FINE, ALERTS_FOUND, WRONG = 0, 1, 2
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+_LIBRARIES = {
+    "yaml": "PyYAML is not installed, which reads configuration files",
+    "aiohttp": "aiohttp is not installed, which connects to rosbridge servers",
+    "cbor2": "cbor2 is not installed, which reads messages of rosbridge servers",
+}
+
+
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Runs the command line.
 
@@ -54,6 +61,11 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
 
             alerts_found = run(arguments, interrupts)
             return ALERTS_FOUND if alerts_found else FINE
+        if arguments.command == "connect":
+            from .connect_command import connect
+
+            alerts_found = connect(arguments, interrupts)
+            return ALERTS_FOUND if alerts_found else FINE
         if arguments.command == "sources":
             from .sources_command import show_sources
 
@@ -63,9 +75,10 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
 
         return FINE if check(arguments.files) else WRONG
     except ModuleNotFoundError as error:
-        if error.name != "yaml":
+        purpose = _LIBRARIES.get(error.name or "")
+        if purpose is None:
             raise
-        print("robot-health: PyYAML is not installed, which reads configuration files", file=sys.stderr)
+        print(f"robot-health: {purpose}", file=sys.stderr)
         return WRONG
     except ConfigError as error:
         print(str(error).replace("\n", "\\n"), file=sys.stderr)  # one line, whatever a file's name holds

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from typing import Any, NoReturn, Optional, Sequence
+
+_TOKEN_VARIABLE = "ROBOT_HEALTH_TOKEN"
+"""Environment variable for the token, which on the command line everybody on the machine can see."""
 
 
 def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
@@ -37,11 +41,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="robot-health",
         description="Watches the health of a robot: battery, temperature, CPU and any other signal.",
-        epilog="Exit codes: 0 fine, 1 the run found alerts (run --duration), 2 usage or configuration.",
+        epilog="Exit codes: 0 fine, 1 there were alerts (with --duration), 2 usage or configuration.",
     )
     parser.add_argument("--version", action=_ShowVersion, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_run(commands)
+    _add_connect(commands)
     _add_check(commands)
     _add_sources(commands)
     return parser
@@ -54,7 +59,6 @@ def _add_run(commands: Any) -> None:
         description="Runs battery_sensor, aggregator and alert_system in this one process, without ROS. "
         "A terminal shows a live table, a pipe plain lines.",
     )
-    command.add_argument("--thresholds", metavar="FILE", help="configuration (default: the one that is installed)")
     command.add_argument("--robot", metavar="NAME", default="", help="the robot's name (default: this host's)")
     command.add_argument(
         "--source",
@@ -62,6 +66,37 @@ def _add_run(commands: Any) -> None:
         default="",
         help="where the metrics come from (default: as configured)",
     )
+    command.add_argument(
+        "--port", type=_port, help="port of the rosbridge server (default: 9090 if it is free; 0: a free one)"
+    )
+    command.add_argument("--host", default="127.0.0.1", help="its address; others than 127.0.0.1 need a token")
+    command.add_argument(
+        "--token", default=_token(), help=f"what its clients have to show (default: ${_TOKEN_VARIABLE})"
+    )
+    command.add_argument(
+        "--origin", action="append", default=[], metavar="URL", help="web page that may connect to it (may be repeated)"
+    )
+    _add_what_all_monitors_take(command)
+
+
+def _add_connect(commands: Any) -> None:
+    command = commands.add_parser(
+        "connect",
+        help="monitor robots over rosbridge, without ROS",
+        description="Watches robots through their rosbridge servers. Each has a link that comes back by itself; "
+        "while it is down, that is one alert and the robot's signals keep quiet. Nothing is published on the robots.",
+    )
+    command.add_argument(
+        "urls", metavar="URL", nargs="+", help="ws://host:port, wss://host:port, or NAME=ws://... to call the robot so"
+    )
+    command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the robots' topics")
+    command.add_argument("--token", default=_token(), help=f"shown to the servers (default: ${_TOKEN_VARIABLE})")
+    command.add_argument("--ca", metavar="FILE", help="trust the certificate authorities in FILE, for wss://")
+    _add_what_all_monitors_take(command)
+
+
+def _add_what_all_monitors_take(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--thresholds", metavar="FILE", help="configuration (default: the one that is installed)")
     command.add_argument(
         "--duration",
         metavar="SECONDS",
@@ -94,6 +129,16 @@ def _add_sources(commands: Any) -> None:
         "value now, and what is missing. A terminal shows a table, a pipe plain lines.",
     )
     command.add_argument("--json", action="store_true", help="one JSON object per source")
+
+
+def _token() -> str:
+    return os.environ.get(_TOKEN_VARIABLE, "")
+
+
+def _port(text: str) -> int:
+    if not text.isdigit() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"found {text!r}, allowed is a whole number from 0 to 65535")
+    return int(text)
 
 
 def _positive_seconds(text: str) -> float:

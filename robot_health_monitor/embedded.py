@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from .core.config import Section, sections
 from .core.local import LocalBus, LogLine
 from .core.middleware import Middleware
 from .core.model import Transition
+from .core.monitor import Monitor
 from .core.nodes import Aggregator, AlertSystem, BatterySensor
 from .core.parameters import ConfigError
 from .core.sensing import METRICS
 from .core.yaml_file import YamlFile
-from .lines import Event
 
 _HEALTH_KEEPS_S = 3.0
 
@@ -49,7 +49,7 @@ class EmbeddedMonitor:
         self.alert_system: AlertSystem
         self._nodes: List[Any] = []
         self._file = file
-        self._sections = {} if file is None else _sections_of_nodes(file)
+        self._sections = {} if file is None else sections_of_nodes(file)
         self.unused_sections = sorted(self._sections.keys() - {"alert_system", "aggregator", "battery_sensor"})
         """Names of nodes in the file that are not among those that run here."""
         self._robot = robot
@@ -61,6 +61,20 @@ class EmbeddedMonitor:
         listener = self.bus.node("terminal")
         listener.subscribe("system_health", "std_msgs/Float32", self._take_health, field="data")
         self._nodes.append(listener)
+
+    @property
+    def monitors(self) -> Sequence[Monitor]:
+        """The one monitor that there is."""
+        return (self.alert_system.monitor,)
+
+    @property
+    def now_s(self) -> float:
+        """The time of the bus, in seconds."""
+        return self.bus.now_s
+
+    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """Returns the parameters that were given, nested, by the full name of their node."""
+        return {node.name: node.given_parameters() for node in self.bus.nodes}
 
     @property
     def system_health(self) -> Optional[float]:
@@ -106,23 +120,6 @@ class EmbeddedMonitor:
         return parameters
 
 
-class Output(Protocol):
-    """Where the monitor shows itself."""
-
-    def attach(self, loop: asyncio.AbstractEventLoop, monitor: EmbeddedMonitor) -> None:
-        """Makes ready for what may happen between two calls of `show`, such as a window that changes its size."""
-
-    def show(self, events: Sequence[Event], monitor: EmbeddedMonitor) -> None:
-        """Shows what has happened since the last call, and the state now.
-
-        Raises:
-            BrokenPipeError: nobody looks any more.
-        """
-
-    def close(self) -> None:
-        """Leaves the output as others expect it."""
-
-
 def clock() -> Callable[[], float]:
     """Returns a clock that starts with the seconds since 1970 and then runs as the monotonic one does.
 
@@ -154,7 +151,7 @@ async def run_timers(
             pass  # the next timer is due
 
 
-def _sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
+def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
     """Returns the sections of a file by the node that they are for.
 
     Raises:

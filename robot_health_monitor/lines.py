@@ -56,9 +56,10 @@ class Events:
 class PlainOutput:
     """Writes every event as a plain line."""
 
-    def __init__(self, stream: TextIO) -> None:
-        """Writes to `stream`."""
+    def __init__(self, stream: TextIO, name_robots: bool = False) -> None:
+        """Writes to `stream`, with the robot's name before each transition if there may be several."""
         self._stream = stream
+        self._name_robots = name_robots
 
     def attach(self, loop: object, monitor: object) -> None:
         """Does nothing: nothing happens to a line that is written."""
@@ -70,7 +71,7 @@ class PlainOutput:
             BrokenPipeError: nobody reads them any more, even if there are none: whoever ran `| head` is not kept
                 waiting for the next one.
         """
-        _write(self._stream, [plain_line(event) for event in events])
+        _write(self._stream, [plain_line(event, name_robots=self._name_robots) for event in events])
 
     def close(self) -> None:
         """Does nothing: every line has been written."""
@@ -103,11 +104,12 @@ class JsonOutput:
         """Does nothing: every line has been written."""
 
 
-def plain_line(event: Event, time_format: str = "%Y-%m-%d %H:%M:%S") -> str:
+def plain_line(event: Event, time_format: str = "%Y-%m-%d %H:%M:%S", *, name_robots: bool = False) -> str:
     """Writes an event as people read it, with the local time before it; the event's time is in seconds since 1970."""
     time_text = datetime.fromtimestamp(event.now_s).strftime(time_format)
     if isinstance(event, Transition):
-        return f"{time_text} {event.text}"
+        robot = f"{event.robot}: " if name_robots else ""
+        return f"{time_text} {robot}{event.text}"
     return f"{time_text} [{event.severity.name}] {event.node.rpartition('/')[2]}: {event.text}"
 
 

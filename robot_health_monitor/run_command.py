@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import os
-import sys
 from typing import TYPE_CHECKING
 
 from .core.middleware import Severity
 from .core.yaml_file import read_yaml
-from .embedded import EmbeddedMonitor, Output, clock, run_timers
+from .embedded import EmbeddedMonitor, clock, run_timers
 from .installed_files import find_installed
-from .lines import Events, JsonOutput, PlainOutput
+from .lines import Events
+from .outputs import choose_output
+from .serving import start_server
 
 if TYPE_CHECKING:
     from .__main__ import Interrupts
@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         Whether it ran to the end of its duration and found alerts.
 
     Raises:
-        ConfigError: the configuration cannot be used.
+        ConfigError: the configuration cannot be used, or the port that was asked for.
         BrokenPipeError: nobody reads the output any more.
     """
     file = arguments.thresholds or find_installed("config/thresholds.yaml")
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         on_log=events.on_log,
         on_transition=events.on_transition,
     )
-    output = _choose_output(arguments.json)
+    output = choose_output(arguments.json)
 
     async def run_until_stopped() -> bool:
         """Returns whether it came to its end without an interrupt."""
@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         stop = asyncio.Event()
         interrupts.on_interrupt = lambda: loop.call_soon_threadsafe(stop.set)
         output.attach(loop, monitor)
+        server = await start_server(monitor, arguments)
         try:
             timers = asyncio.ensure_future(
                 run_timers(monitor.bus, now_s, stop, lambda: output.show(events.take(), monitor))
@@ -57,6 +58,8 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
             return not interrupted
         finally:
             interrupts.on_interrupt = bool  # does nothing: the end is under way
+            if server is not None:
+                await server.close()
 
     try:
         to_the_end = asyncio.run(run_until_stopped())
@@ -65,16 +68,3 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         output.close()
         monitor.close()
     return to_the_end and events.alerts > 0
-
-
-def _choose_output(as_json: bool) -> Output:
-    if as_json:
-        return JsonOutput(sys.stdout, sys.stderr)
-    if not sys.stdout.isatty() or os.environ.get("TERM") in (None, "", "dumb", "unknown"):
-        return PlainOutput(sys.stdout)
-    try:
-        from .live_view import LiveView
-    except ModuleNotFoundError:
-        sys.stderr.write("rich is not installed, which draws the live table (pip install rich): plain lines instead\n")
-        return PlainOutput(sys.stdout)
-    return LiveView(sys.stdout)

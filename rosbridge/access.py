@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from typing import Mapping, Sequence
 from urllib.parse import urlsplit
 
+from robot_health_monitor.core.middleware import resolve_name
+
 from .protocol import Auth
 
 LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
@@ -66,6 +68,21 @@ class Access:
         text = f"{self.token}{auth.client}{auth.dest}{auth.rand}{int(auth.t)}{auth.level}{int(auth.end)}"
         expected = hashlib.sha512(text.encode("utf-8")).hexdigest()
         return hmac.compare_digest(auth.mac.encode("utf-8"), expected.encode("ascii"))
+
+
+def monitor_access(
+    alert_system: str, topics: Sequence[str], *, token: str = "", origins: Sequence[str] = LOCAL_PAGES
+) -> Access:
+    """Returns what clients of a health monitor may do: send samples of its signals, and call `reset` and `reload`.
+
+    Args:
+        alert_system: the fully qualified name of the alert node.
+        topics: the topics of its signals, as the node names them.
+        token: what a client has to show; empty: nothing.
+        origins: from whose pages a browser may connect.
+    """
+    publish = sorted({resolve_name(topic, alert_system) for topic in topics if topic})
+    return Access(publish, (f"{alert_system}/reset", f"{alert_system}/reload"), (), origins, token)
 
 
 def allowed(name: str, patterns: Sequence[str]) -> bool:
