@@ -48,4 +48,6 @@ def rows(target: Target, measure_s: float = MEASURE_S) -> Iterator[Row]:
             yield Row(f"{target.name}, {what}", name, f"{megabytes:.1f} {unit}", ratio, required, remark)
     for name, share in percent.items():
         required = CPU_AT_MOST_PERCENT if name.startswith("health_monitor") else None
-        yield Row(f"{target.name}, CPU", name, f"{share:.2f} %", share / CPU_AT_MOST_PERCENT, required, "to 1 % of a core")
+        yield Row(
+            f"{target.name}, CPU", name, f"{share:.2f} %", share / CPU_AT_MOST_PERCENT, required, "to 1 % of a core"
+        )

@@ -56,7 +56,7 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
         # a dot stands before every name but the first, and nowhere else
         if part is None or (part["name"] is not None and (part["dot"] is None) != (position == 0)):
             raise ValueError(
-                f"but {path[position:]!r} is neither a name nor an index such as [0] nor a key such as [\"motor\"]"
+                f'but {path[position:]!r} is neither a name nor an index such as [0] nor a key such as ["motor"]'
             )
         if part["name"] is not None:
             steps.append(part["name"])

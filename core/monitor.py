@@ -85,9 +85,7 @@ class Monitor:
         if not self._now_s <= now_s <= _LARGEST:
             now_s = self._take_odd_time(now_s)
         self._now_s = now_s
-        ticked = [
-            signal.tick(now_s) for name, signal in self._signals.items() if name == LINK or not self._link_down
-        ]
+        ticked = [signal.tick(now_s) for name, signal in self._signals.items() if name == LINK or not self._link_down]
         for follower in self._all_followers:
             ticked.append(follower.follow(self.fresh_value, now_s))
         return [transition for transition in ticked if transition is not None]

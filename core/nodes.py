@@ -47,7 +47,11 @@ AGGREGATOR_PARAMETERS = (
     Parameter("window_s", float, 60.0, "length of the window for statistics, in s", 0.001),
     Parameter("stale_after_s", float, 5.0, "an input is missing after this long without a sample, in s", 0.001),
     Parameter(
-        "method", str, "mean", "mean: average of the values; score: of 0 to 100 by thresholds", choices=("mean", "score")
+        "method",
+        str,
+        "mean",
+        "mean: average of the values; score: of 0 to 100 by thresholds",
+        choices=("mean", "score"),
     ),
 )
 """What aggregator can be told."""

@@ -80,9 +80,7 @@ class RuleConfig(NamedTuple):
     def of(cls, signal: SignalConfig, level: Level) -> RuleConfig:
         """Returns what `signal` says about its WARN or its ERROR rule."""
         if level is Level.WARN:
-            return cls(
-                signal.warn_below, signal.warn_above, signal.hysteresis, signal.for_s, signal.keep_firing_for_s
-            )
+            return cls(signal.warn_below, signal.warn_above, signal.hysteresis, signal.for_s, signal.keep_firing_for_s)
         return cls(
             signal.error_below,
             signal.error_above,

@@ -85,7 +85,12 @@ def draw(target: Path) -> None:
         axes.axhline(bound + settings["hysteresis"], color=colour, linewidth=0.8, linestyle=(0, (4, 3)))
         axes.text(END_S - 0.5, bound - 1.2, f"{name}: {bound:g} %", color=colour, ha="right", va="center")
         axes.text(
-            END_S - 0.5, bound + settings["hysteresis"] + 1.0, "clears (hysteresis 2 %)", color=colour, ha="right", va="center"
+            END_S - 0.5,
+            bound + settings["hysteresis"] + 1.0,
+            "clears (hysteresis 2 %)",
+            color=colour,
+            ha="right",
+            va="center",
         )
     axes.annotate(
         "sag: 4 s,\nless than for_s", (22.5, 17.5), (10.0, 15.0), arrowprops={"arrowstyle": "-", "lw": 0.7}, ha="center"

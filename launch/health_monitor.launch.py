@@ -73,9 +73,11 @@ def node(executable, **options):
         namespace=LaunchConfiguration("robot_name"),
         # As an argument, not among the parameters: there launch only warns of a file that does not exist, and goes on.
         ros_arguments=[
-            "--log-level", LaunchConfiguration("log_level"),
-            "--params-file", LaunchConfiguration("thresholds"),
-        ],  # fmt: skip
+            "--log-level",
+            LaunchConfiguration("log_level"),
+            "--params-file",
+            LaunchConfiguration("thresholds"),
+        ],
         parameters=[
             {
                 # As texts even where they look like numbers: a robot may be called 7.

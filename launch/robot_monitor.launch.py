@@ -46,9 +46,11 @@ def node(executable, name, **options):
         executable=executable,
         name=name,
         ros_arguments=[
-            "--log-level", LaunchConfiguration("log_level"),
-            "--params-file", LaunchConfiguration("config"),
-        ],  # fmt: skip
+            "--log-level",
+            LaunchConfiguration("log_level"),
+            "--params-file",
+            LaunchConfiguration("config"),
+        ],
         parameters=[{"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)}],
         output="screen",
         emulate_tty=True,

@@ -1,0 +1,1 @@
+"""The monitor over rclpy: the port, the conversion of messages, and the executables."""

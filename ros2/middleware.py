@@ -113,7 +113,10 @@ class Ros2Middleware:
         if resolved not in self._publishers:
             cls = messages.message_class(type_name)
             publisher = self.node.create_publisher(
-                cls, _native_name(topic), _QUEUE_SIZE, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
+                cls,
+                _native_name(topic),
+                _QUEUE_SIZE,
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             )
             self._publishers[resolved] = publisher, cls
 
@@ -215,7 +218,8 @@ class Ros2Middleware:
             self.node.destroy_node()
 
     def _ros_time_s(self) -> float:
-        return self._ros_clock.now().nanoseconds / 1e9
+        nanoseconds: int = self._ros_clock.now().nanoseconds
+        return nanoseconds / 1e9
 
     def _on_time_jump(self, jump: TimeJump) -> None:
         """Restarts every period when simulated time went back, and when it began: until then it is 0."""
@@ -228,10 +232,11 @@ class Ros2Middleware:
 
     def _resolve(self, name: str) -> str:
         try:
-            return self.node.resolve_topic_name(_native_name(name))
+            resolved: str = self.node.resolve_topic_name(_native_name(name))
         except (RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"found {name!r}, allowed is the name of a topic: {reason}") from None
+        return resolved
 
     def _start(self, subscription: _Subscription, type_name: str) -> None:
         """Begins to receive: reliably, unless there is a best-effort publisher already."""
@@ -313,11 +318,11 @@ class Ros2Middleware:
         )
         if parameter.minimum is not None and parameter.maximum is not None:
             if parameter.kind is int:
-                low, high = int(parameter.minimum), int(parameter.maximum)
-                descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+                whole = IntegerRange(from_value=int(parameter.minimum), to_value=int(parameter.maximum))
+                descriptor.integer_range = [whole]
             else:
-                low, high = float(parameter.minimum), float(parameter.maximum)
-                descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+                real = FloatingPointRange(from_value=float(parameter.minimum), to_value=float(parameter.maximum))
+                descriptor.floating_point_range = [real]
         if self.node.has_parameter(parameter.name):
             self.node.set_descriptor(parameter.name, descriptor)
         else:

@@ -34,7 +34,7 @@ def default_text(default: Any) -> str:
     return f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
 
 
-@pytest.mark.parametrize("name, parameter", [pytest.param(*pair, id=pair[0]) for pair in every_parameter()])
+@pytest.mark.parametrize(("name", "parameter"), [pytest.param(*pair, id=pair[0]) for pair in every_parameter()])
 def test_a_table_of_the_readme_lists_the_parameter_with_its_default_and_meaning(
     name: str, parameter: Parameter
 ) -> None:
