@@ -1,0 +1,67 @@
+"""Conversions of ROS 1 messages that the conformance suite does not reach. Values are what the .msg files allow."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict
+
+import pytest
+
+pytest.importorskip("rospy")
+
+from robot_health_monitor.ros1.messages import message_class, to_mapping, to_native
+
+
+@pytest.mark.parametrize(
+    ("type_name", "mapping"),
+    [
+        ("std_msgs/Int8", {"data": -128}),
+        ("std_msgs/UInt8", {"data": 255}),
+        ("std_msgs/Byte", {"data": -1}),
+        ("std_msgs/Char", {"data": 200}),
+        ("std_msgs/UInt64", {"data": 2**64 - 1}),
+        ("std_msgs/Float64", {"data": -0.1}),
+        ("std_msgs/String", {"data": "21 \N{DEGREE SIGN}C"}),
+        ("std_msgs/Time", {"data": {"secs": 4294967295, "nsecs": 999999999}}),
+        ("std_msgs/Duration", {"data": {"secs": -1, "nsecs": 500000000}}),
+        ("std_msgs/UInt8MultiArray", {"layout": {"dim": [], "data_offset": 0}, "data": "AP8="}),
+        ("std_msgs/Int8MultiArray", {"layout": {"dim": [], "data_offset": 0}, "data": [-128, 127]}),
+        ("std_msgs/Empty", {}),
+    ],
+)
+def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping: Dict[str, Any]) -> None:
+    from io import BytesIO
+
+    cls = message_class(type_name)
+    wire = BytesIO()
+    to_native(cls, mapping).serialize(wire)
+    assert to_mapping(cls().deserialize(wire.getvalue())) == mapping
+
+
+@pytest.mark.parametrize(
+    ("type_name", "mapping", "reason"),
+    [
+        ("std_msgs/Int8", {"data": 128}, "Int8.data: found 128, needed is a whole number from -128 to 127"),
+        ("std_msgs/UInt8", {"data": -1}, "UInt8.data: found -1, needed is a whole number from 0 to 255"),
+        ("std_msgs/Int8", {"data": 1.0}, "Int8.data: found 1.0, needed is a whole number"),
+        ("std_msgs/Int8", {"data": True}, "Int8.data: found true, needed is a whole number"),
+        ("std_msgs/Bool", {"data": 1}, "Bool.data: found 1, needed is true or false"),
+        ("std_msgs/String", {"data": 1}, "String.data: found 1, needed is a text"),
+        ("std_msgs/Time", {"data": {"seconds": 1}}, "Time.data: .*no field seconds; there are secs, nsecs"),
+        ("std_msgs/Time", {"data": 1}, "Time.data: found 1, needed is a mapping"),
+        ("std_msgs/UInt8MultiArray", {"data": "no base64!"}, "UInt8MultiArray.data: found a text that is no base64"),
+        ("std_msgs/Float32MultiArray", {"data": 1.0}, "Float32MultiArray.data: found 1.0, needed is a list"),
+        ("sensor_msgs/Imu", {"orientation_covariance": [0.0]}, "found 1 elements, needed are 9"),
+        ("sensor_msgs/Imu", {"orientation": {"q": 0.0}}, "Imu.orientation: Quaternion has no field q; there are x, y"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_the_field(type_name: str, mapping: Dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        to_native(message_class(type_name), mapping)
+
+
+@pytest.mark.parametrize("number", [1e39, 10**400], ids=["float", "int"])
+def test_a_number_too_large_for_32_bits_becomes_infinity(number: Any) -> None:
+    cls = message_class("std_msgs/Float32")
+    assert to_native(cls, {"data": number}).data == math.inf
+    assert to_native(cls, {"data": -number}).data == -math.inf

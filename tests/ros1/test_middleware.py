@@ -1,0 +1,116 @@
+"""What the port over rospy does beyond the port's promises: names, parameters and types as ROS 1 has them."""
+
+from __future__ import annotations
+
+from typing import Any, Iterator, List
+
+import pytest
+from port_conformance import FLOAT32, TRIGGER, Recorder, RefusingNode
+
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.parameters import ConfigError
+
+
+@pytest.fixture
+def ros(ros_process: Any) -> Iterator[Any]:
+    from ros1_harness import Ros1Harness
+
+    harness = Ros1Harness()
+    yield harness
+    harness.close()
+
+
+def errors(ros: Any) -> List[str]:
+    return [line.text for line in ros.log_lines() if line.severity == Severity.ERROR]
+
+
+def test_a_logical_node_is_named_below_the_namespace_of_its_process(ros: Any) -> None:
+    from robot_health_monitor.ros1.middleware import Ros1Middleware
+
+    assert Ros1Middleware().name == "/tests"
+    assert Ros1Middleware("alert_system").name == "/alert_system"
+
+
+def test_private_parameters_go_over_those_of_the_file(ros: Any, parameters: Any) -> None:
+    given = {"publish_rate": 1.0, "signals": {"fan": {"warn_below": 900.0, "unit": "rpm"}}}
+    node = ros.node("alert_system", parameters=given)
+    parameters("/alert_system/publish_rate", 5.0)
+    parameters("/alert_system/signals/fan/warn_below", 800.0)
+    parameters("/alert_system/robot_name", "robot1")
+    assert node.given_parameters() == {
+        "publish_rate": 5.0,
+        "robot_name": "robot1",
+        "signals": {"fan": {"warn_below": 800.0, "unit": "rpm"}},
+    }
+
+
+@pytest.mark.parametrize("name", ["/alert_system", "/alert_system/ros__parameters"])
+def test_parameters_that_are_no_mapping_are_refused(ros: Any, parameters: Any, name: str) -> None:
+    parameters(name, 7)
+    with pytest.raises(ConfigError, match="found 7"):
+        ros.node("alert_system").given_parameters()
+
+
+def test_a_refused_change_does_not_count_although_the_parameter_server_has_it(ros: Any, parameters: Any) -> None:
+    node = ros.node("alert_system", parameters={"publish_rate": 2.0})
+    refusing = RefusingNode(node)
+    parameters("/alert_system/ros__parameters/publish_rate", 1000.0)
+    response = ros.call("/alert_system/reload", TRIGGER)
+    assert response["success"] is False
+    assert response["message"].startswith("publish_rate: found 1000")
+    assert node.given_parameters() == {"publish_rate": 2.0}
+    assert refusing.trees == []
+
+
+def test_a_closed_node_is_gone_from_the_master(ros: Any) -> None:
+    node = ros.node("alert_system")
+    node.advertise("out", FLOAT32)
+    node.subscribe("in", FLOAT32, Recorder(), field="data")
+    node.advertise_service("~reset", TRIGGER, lambda request: {})
+    node.close()
+    names = {name for kind in ros._master.getSystemState() for name, _ in kind}
+    assert not names & {"/in", "/out", "/alert_system/reset"}
+
+
+def test_one_topic_has_one_type_in_a_process(ros: Any) -> None:
+    """Rospy would go on without a word, and give the second subscriber messages of the first one's type."""
+    first, second = ros.node("aggregator"), ros.node("alert_system")
+    first.subscribe("in", FLOAT32, Recorder(), field="data")
+    first.advertise("out", FLOAT32)
+    with pytest.raises(ConfigError, match=r"/in.*Float32"):
+        second.subscribe("in", "std_msgs/Int32", Recorder(), field="data")
+    with pytest.raises(ConfigError, match=r"/out.*Float32"):
+        second.advertise("out", "std_msgs/Int32")
+
+
+def test_a_topic_whose_type_was_left_out_can_be_subscribed_to_with_its_type(ros: Any) -> None:
+    """The aggregator and an alert_system whose signals have no type share a process when they are composed."""
+    untyped, typed, again = Recorder(), Recorder(), Recorder()
+    ros.node("alert_system").subscribe("in", "", untyped, field="data")
+    ros.node("aggregator").subscribe("in", FLOAT32, typed, field="data")
+    ros.node("other").subscribe("in", "", again, field="data")
+    ros.publish("/in", FLOAT32, {"data": 2.5})
+    ros.wait_until(lambda: untyped.values == typed.values == again.values == [2.5])
+
+
+def test_a_publisher_of_another_type_is_one_error_line(ros: Any) -> None:
+    untyped, typed = Recorder(), Recorder()
+    node = ros.node("alert_system")
+    node.subscribe("in", "", untyped, field="data")
+    node.subscribe("in", FLOAT32, typed, field="data")
+    ros.publish("/in", "std_msgs/Int32", {"data": 3})
+    ros.publish("/in", "std_msgs/Int32", {"data": 4})
+    ros.wait_until(lambda: untyped.values == [3, 4])
+    ros.wait_until(lambda: bool(errors(ros)))
+    assert errors(ros) == ["/in: somebody publishes std_msgs/Int32, wanted is std_msgs/Float32"]
+    assert typed.values == []
+
+
+def test_log_lines_about_a_failed_callback_are_one_line_each(ros: Any) -> None:
+    def fail(value: Any, now_s: float) -> None:
+        raise RuntimeError("first\nsecond")
+
+    ros.node("alert_system").subscribe("in", FLOAT32, fail, field="data")
+    ros.publish("/in", FLOAT32, {"data": 1.0})
+    ros.wait_until(lambda: bool(errors(ros)))
+    assert errors(ros) == ["RuntimeError in a callback: first second"]
