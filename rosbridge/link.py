@@ -222,7 +222,7 @@ class Link:
     async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
         options: Dict[str, Any] = {} if self._ssl_context is None else {"ssl": self._ssl_context}
         url = self.url.replace("wss:", "https:", 1).replace("ws:", "http:", 1)
-        socket: aiohttp.ClientWebSocketResponse = await session.ws_connect(
+        socket: aiohttp.ClientWebSocketResponse[Any] = await session.ws_connect(
             url,
             protocols=[CBOR_SUBPROTOCOL],
             heartbeat=self._heartbeat_s,
