@@ -133,9 +133,9 @@ def _make(folder: Path, python: str, system_packages: bool) -> None:
         )
         if done.returncode == 0 and ask(str(folder / "bin" / "python"), "import pip") is not None:
             return
-        reason = reason or _last_line(done.stdout)
+        reason = reason or ("ensurepip is missing" if "ensurepip" in done.stdout else _last_line(done.stdout))
         shutil.rmtree(folder, ignore_errors=True)
-    raise Unavailable(f"{python} cannot make a virtual environment (install python3-venv): {reason}")
+    raise Unavailable(f"{python} cannot make a virtual environment ({reason}); python3-venv may help")
 
 
 def install_with_apt(packages: Iterable[str]) -> None:
@@ -197,7 +197,7 @@ def prepare_run() -> None:
         subprocess.run([sys.executable, "-m", "venv", "--without-pip", "--system-site-packages", str(folder)])
         if ask(str(folder / "bin" / "python"), "import yaml") is None:
             shutil.rmtree(folder, ignore_errors=True)
-            raise Unavailable(f"{problem}\nInstall python3-venv, or at least python3-yaml, and try again.") from None
+            raise Unavailable(f"{problem}, or at least python3-yaml") from None
 
 
 if __name__ == "__main__":
