@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import fractions
 import math
 import random
@@ -253,7 +254,7 @@ def repr_or_type(value: object) -> str:
     return type(value).__name__ if isinstance(value, Mute) else repr(value)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
 @given(configs, st.lists(calls, max_size=40))
 def test_no_call_raises_and_transitions_chain_up_to_the_report(config: MonitorConfig, sequence: List[Call]) -> None:
     played(config, sequence)
@@ -313,3 +314,63 @@ def test_a_million_random_calls_raise_nothing() -> None:
     except Exception as error:
         pytest.fail(f"seed {seed}: {error!r}")
     assert seen > 10_000, f"seed {seed}"
+
+
+# --- whole numbers, which may come as int or as float ---------------------------------------------------------------
+
+plain_values = st.one_of(st.integers(0, 100), st.sampled_from((0, 1, 19, 20, 21, 22, 80, 81, 10**6)))
+plain_calls: st.SearchStrategy[Call] = st.one_of(
+    st.tuples(st.just("observe"), st.sampled_from((0.0, 0.5, 1.0)), st.sampled_from(("a", "b")), plain_values),
+    st.tuples(st.just("observe"), st.sampled_from((0.0, 0.5, 1.0)), st.just("a"), st.sampled_from((15, 50))),
+    st.tuples(st.just("observe"), st.just(0.5), st.just("link"), st.sampled_from((0, 1))),
+    st.tuples(st.just("tick"), st.sampled_from((0.5, 1.0, 6.0, -3.0))),
+    st.tuples(st.just("reset")),
+    st.tuples(st.just("configure"), configs),
+)
+plain_trees = st.fixed_dictionaries(
+    {"warn_below": st.just(20.0)},
+    optional={
+        "error_below": st.just(10.0),
+        "warn_above": st.just(80.0),
+        "hysteresis": st.just(2.0),
+        "for_s": st.sampled_from((0.0, 1.0)),
+        "keep_firing_for_s": st.sampled_from((0.0, 2.0)),
+        "latch": st.booleans(),
+        "flap_detection": st.booleans(),
+        "flap_high": st.sampled_from((10.0, 50.0)),
+        "flap_low": st.sampled_from((0.0, 5.0)),
+        "repeat_s": st.sampled_from((0.0, 3.0)),
+        "valid_max": st.just(1000.0),
+        "window_samples": st.sampled_from((2, 5, 6000)),
+        "window_s": st.sampled_from((2.0, 60.0)),
+        "unit": st.sampled_from(("", "V")),
+        "only_if": st.just({"signal": "b", "is": 1.0}),
+        "statistic": st.sampled_from(STATISTICS),
+    },
+)
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.lists(plain_trees, min_size=2, max_size=2), st.lists(plain_calls, max_size=60))
+def test_a_whole_number_is_judged_alike_as_int_and_as_float(
+    trees: List[Mapping[str, Any]], sequence: List[Call]
+) -> None:
+    """Floats take a short way through the code where nothing can follow from them; nothing else does."""
+    config = loadable(("a", "b"), trees, "atlas")
+    assert config is not None
+    players = {kind: Player(config) for kind in (int, float)}
+    for call in sequence:
+        seen = {}
+        for kind, player in players.items():
+            converted = (*call[:3], kind(call[3])) if call[0] == "observe" else call
+            transitions = player.play(converted)
+            report = player.monitor.report(player.now_s)
+            seen[kind] = (
+                [
+                    dataclasses.replace(each, value=float(each.value) if each.value is not None else None)
+                    for each in transitions
+                ],
+                report,
+                player.monitor.notices,
+            )
+        assert seen[int] == seen[float]
