@@ -8,7 +8,7 @@ from __future__ import annotations
 import signal
 import sys
 import tempfile
-from typing import TYPE_CHECKING, Any, Callable, List, Sequence
+from typing import TYPE_CHECKING, Any, Callable, List, Sequence, Tuple
 
 if TYPE_CHECKING:
     from .parameter_files import ParameterFiles
@@ -130,27 +130,40 @@ def _start(names: Sequence[str], middlewares: List[Any], files: ParameterFiles) 
 def _spin(middlewares: Sequence[Any]) -> None:
     """Runs all nodes in this thread until rclpy's context is shut down."""
     import rclpy
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.executors import ExternalShutdownException
 
     from ..core.middleware import Severity
 
     log = middlewares[0].log
-    executor: Any = None
-    if any(middleware.executor == "events" for middleware in middlewares):
+    executor, spin = _make_executor(any(middleware.executor == "events" for middleware in middlewares), log)
+    for middleware in middlewares:
+        executor.add_node(middleware.node)
+    while rclpy.ok():
+        try:
+            spin()
+        except ExternalShutdownException:
+            return
+        except Exception as error:  # of rclpy itself, such as a client that left before it got its response
+            if rclpy.ok():
+                log(Severity.ERROR, " ".join(str(error).split()))
+
+
+def _make_executor(events: bool, log: Callable[..., None]) -> Tuple[Any, Callable[[], None]]:
+    """Returns an executor and how to spin it."""
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.task import Future
+
+    from ..core.middleware import Severity
+
+    executor: Any = SingleThreadedExecutor()
+    if events:
         try:
             from rclpy.experimental import EventsExecutor
         except ImportError:
             log(Severity.WARN, "this rclpy has no EventsExecutor: going on with executor: single")
         else:
             executor = EventsExecutor()
-    executor = executor or SingleThreadedExecutor()
-    for middleware in middlewares:
-        executor.add_node(middleware.node)
-    while rclpy.ok():
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            return
-        except Exception as error:  # of rclpy itself, such as a client that left before it got its response
-            if rclpy.ok():
-                log(Severity.ERROR, " ".join(str(error).split()))
+            # Its spin() waits without a limit, which the builds of rclpy for pip do not do: they never get round to
+            # anything. An hour they do wait.
+            return executor, lambda: executor.spin_until_future_complete(Future(), 3600.0)
+    return executor, executor.spin
