@@ -60,7 +60,7 @@ class RosbridgeClient:
             token=token,
             ssl_context=ssl_context,
             heartbeat_s=heartbeat_s,
-            on_change=lambda up: self.on_link(up),
+            on_change=self._note_link,
             on_problem=lambda text: self.on_log(LogLine(self.clock(), "rosbridge", Severity.WARN, text)),
         )
         self.loop: Optional[asyncio.AbstractEventLoop] = None
@@ -106,6 +106,11 @@ class RosbridgeClient:
         """Leaves out a node that has closed."""
         if node in self._nodes:
             self._nodes.remove(node)
+
+    def _note_link(self, up: bool) -> None:
+        if up:
+            self.on_log(LogLine(self.clock(), "rosbridge", Severity.INFO, f"connected to {self.url}"))
+        self.on_link(up)
 
     def run_in_loop(self, function: Callable[[], None]) -> None:
         """Has a function called in the loop soon; before `run`, and after the loop's end, not at all."""

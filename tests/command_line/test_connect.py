@@ -1,0 +1,152 @@
+"""`robot-health connect` watches real `robot-health run` processes over real sockets."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+from pathlib import Path
+from typing import Callable, List
+
+import pytest
+from line_process import LineProcess
+
+pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
+
+Start = Callable[..., LineProcess]
+
+THRESHOLDS = """
+alert_system:
+  ros__parameters:
+    signals:
+      battery_level: {unit: "%", warn_below: 20.0, stale_after_s: 1.0}
+      temperature: {unit: degC, stale_after_s: 1.0}
+"""
+
+
+def start_robot(robot_health: Start, calm: Path, port: int = 0, *arguments: str) -> LineProcess:
+    return robot_health("run", "--thresholds", calm, "--port", port, *arguments)
+
+
+def port_of(robot: LineProcess) -> int:
+    found = re.search(r"serving on ws://127\.0\.0\.1:(\d+)", robot.wait_for_text("serving on"))
+    assert found is not None
+    return int(found[1])
+
+
+@pytest.fixture
+def thresholds(tmp_path: Path) -> Path:
+    file = tmp_path / "watch.yaml"
+    file.write_text(THRESHOLDS)
+    return file
+
+
+def alerts(process: LineProcess) -> List[str]:
+    """Returns the transitions among the lines until now, without their times."""
+    lines = [line.text[20:] for line in process.lines if not re.search(r"\[[A-Z]+\]", line.text)]
+    return [re.sub(r" \(was .*", "", line) for line in lines]
+
+
+def test_a_robot_that_is_killed_and_comes_back_is_one_alert_and_its_end(
+    robot_health: Start, calm: Path, thresholds: Path
+) -> None:
+    robot = start_robot(robot_health, calm)
+    port = port_of(robot)
+    watcher = robot_health("connect", f"atlas=ws://127.0.0.1:{port}", "--thresholds", thresholds)
+    watcher.wait_for_text("atlas: connected to")
+    os.kill(robot.pid, signal.SIGKILL)
+    watcher.wait_for_text("link ERROR")
+    again = start_robot(robot_health, calm, port)
+    again.wait_for_text("serving on")
+    watcher.wait_for_text("link OK")
+    watcher.signal()
+    assert watcher.wait() == 0
+    assert not watcher.errors
+    assert alerts(watcher) == ["link ERROR: down", "link OK: up"]
+
+
+def test_each_of_several_robots_has_its_own_link_and_name(robot_health: Start, calm: Path, thresholds: Path) -> None:
+    robots = [start_robot(robot_health, calm) for _ in range(2)]
+    ports = [port_of(robot) for robot in robots]
+    urls = [f"{name}=ws://127.0.0.1:{port}" for name, port in zip(("husky", "carter"), ports)]
+    watcher = robot_health("connect", *urls, "--thresholds", thresholds, "--json")
+    watcher.wait_for_texts("husky: connected to", "carter: connected to")
+    robots[1].signal()
+    first = json.loads(watcher.wait_for_line(lambda line: line.startswith("{")))
+    assert (first["robot"], first["signal"], first["to_level"]) == ("carter", "link", "ERROR")
+    robots[0].signal()
+    second = json.loads(watcher.wait_for_line(lambda line: line.startswith("{")))
+    assert (second["robot"], second["signal"], second["to_level"]) == ("husky", "link", "ERROR")
+    assert first["fingerprint"] != second["fingerprint"]
+
+
+def test_alerts_of_the_robots_signals_are_judged_here(robot_health: Start, restless: Path, tmp_path: Path) -> None:
+    port = port_of(robot_health("run", "--thresholds", restless, "--port", 0))
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        "alert_system:\n  ros__parameters:\n    signals:\n      battery_level: {unit: '%', error_below: 50.0}\n"
+    )
+    watcher = robot_health("connect", f"atlas=ws://127.0.0.1:{port}", "--thresholds", mine)
+    assert "is below 50 %" in watcher.wait_for_text("battery_level ERROR: ")
+    watcher.wait_for_text("battery_level OK: ")
+
+
+def test_a_robot_that_is_not_there_is_one_alert_with_the_reason_in_the_log(
+    robot_health: Start, thresholds: Path
+) -> None:
+    watcher = robot_health("connect", "atlas=ws://127.0.0.1:1", "--thresholds", thresholds, "--duration", 3)
+    assert watcher.wait() == 1
+    assert alerts(watcher) == ["link ERROR: down"]
+    reasons = [line.text for line in watcher.lines if "is down: " in line.text]
+    assert len(reasons) == 1
+    assert "the robot can be reached, but no server listens there" in reasons[0]
+
+
+def test_a_wrong_token_is_called_this_sides_fault(robot_health: Start, calm: Path, thresholds: Path) -> None:
+    robot = robot_health("run", "--thresholds", calm, "--port", 0, ROBOT_HEALTH_TOKEN="s3cret")
+    url = f"ws://127.0.0.1:{port_of(robot)}"
+    watcher = robot_health("connect", url, "--thresholds", thresholds, "--token", "guessed")
+    assert "own fault: the server refuses this client (401)" in watcher.wait_for_text("is down: ")
+    right = robot_health("connect", url, "--thresholds", thresholds, "--token", "s3cret", "--duration", 3)
+    assert right.wait() == 0
+    assert alerts(right) == []
+
+
+@pytest.mark.parametrize(
+    ("urls", "problem"),
+    [
+        (["robot:9090"], "found the address 'robot:9090', allowed is ws://host:port, wss://host:port or NAME=ws://..."),
+        (["http://robot:9090"], "found the address 'http://robot:9090'"),
+        (["ws://"], "found the address 'ws://'"),
+        (["ws://robot:99999"], "found the address 'ws://robot:99999'"),
+        (["a=ws://one:9090", "a=ws://two:9090"], "found two robots called a"),
+    ],
+)
+def test_a_wrong_address_is_one_line_and_code_2(robot_health: Start, urls: List[str], problem: str) -> None:
+    process = robot_health("connect", *urls)
+    assert process.wait() == 2
+    assert len(process.errors) == 1 and process.errors[0].startswith(problem)
+
+
+def test_a_wrong_configuration_is_named_with_file_and_line(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.yaml"
+    file.write_text(THRESHOLDS.replace("warn_below", "warn_belw"))
+    process = robot_health("connect", "ws://127.0.0.1:1", "--thresholds", file)
+    assert process.wait() == 2
+    assert process.errors[0].startswith(f"{file}:5: ") and "warn_belw" in process.errors[0]
+
+
+def test_a_port_that_was_asked_for_and_is_taken_ends_the_run(robot_health: Start, calm: Path) -> None:
+    port = port_of(start_robot(robot_health, calm))
+    second = start_robot(robot_health, calm, port)
+    assert second.wait() == 2
+    assert f"port {port} of 127.0.0.1 cannot be had" in second.errors[0]
+
+
+def test_an_address_that_others_can_reach_needs_a_token(robot_health: Start, calm: Path) -> None:
+    process = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0")
+    assert process.wait() == 2
+    assert "without protection" in process.errors[0]
+    served = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0", "--token", "s3cret")
+    served.wait_for_text("serving on ws://0.0.0.0:")
