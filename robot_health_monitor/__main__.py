@@ -54,7 +54,10 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
     from .arguments import parse
     from .core.parameters import ConfigError
 
-    arguments = parse(argv)
+    try:
+        arguments = parse(argv)
+    except SystemExit as end:  # help, the version, or wrong usage; what it wrote is still to be flushed
+        return int(end.code or FINE)
     try:
         if arguments.command == "run":
             from .run_command import run

@@ -92,6 +92,17 @@ def test_an_interrupt_while_it_starts_ends_it_with_code_0_too(robot_health: Star
     assert not process.lines
 
 
+def test_a_storm_of_interrupts_while_it_starts_ends_it_as_cleanly_as_one(robot_health: Start, tmp_path: Path) -> None:
+    fifo = tmp_path / "thresholds.yaml"
+    os.mkfifo(fifo)
+    process = robot_health("run", "--thresholds", fifo)
+    with open(fifo, "w"):
+        while process.is_running:
+            process.signal(signal.SIGTERM)
+    assert process.wait() == 0
+    assert not process.lines
+
+
 def test_a_storm_of_interrupts_ends_it_as_cleanly_as_one(robot_health: Start, calm: Path) -> None:
     process = robot_health("run", "--thresholds", calm)
     process.wait_for_text("started at 20 Hz")
@@ -152,6 +163,19 @@ def test_it_ends_when_whoever_reads_has_seen_enough(
         process.stdout.close()  # as `| head -1` does
         assert process.wait(30.0) == 0
         assert process.stderr.read() == b""
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["run", "--log-level", "DEBUG"]])
+def test_a_reader_that_has_left_before_the_first_line_is_no_error(
+    command: List[str], environment: Dict[str, str], arguments: Any
+) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [*command, *arguments], stdout=writer, stderr=subprocess.PIPE, env=environment, timeout=30.0, check=False
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 @pytest.mark.parametrize("arguments", [["--log-level", "FATAL"], ["--json"]])
