@@ -1,7 +1,7 @@
 """The front command: measures, then prints one table.
 
     python3 -m benchmarks                   everything that can run here
-    python3 -m benchmarks observe           one part of it: observe, messages, footprint
+    python3 -m benchmarks observe           one part of it: observe, messages, signals, footprint
 
 It sets up what it needs under .venv/, as `make test` does. Exit code 1 when a requirement is missed.
 """
@@ -45,6 +45,13 @@ def messages(machine: Machine) -> Iterator[Row]:
     yield from on_every_middleware(machine, message_cost.rows, "one message at 1 kHz")
 
 
+def signals(machine: Machine) -> Iterator[Row]:
+    """What many signals cost, and one whose messages are only counted."""
+    from benchmarks import signals_cost
+
+    yield from on_every_middleware(machine, signals_cost.rows, "many signals, and arrivals of one")
+
+
 def footprint(machine: Machine) -> Iterator[Row]:
     """What running costs."""
     from benchmarks import footprint
@@ -65,7 +72,7 @@ def on_every_middleware(machine: Machine, measure: Callable[[Any], Iterable[Row]
             yield Row(f"{name}, {what}", "", remark=str(problem))
 
 
-PARTS = {"observe": observe, "messages": messages, "footprint": footprint}
+PARTS = {"observe": observe, "messages": messages, "signals": signals, "footprint": footprint}
 
 
 def main() -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import sys
 import time
-from typing import Callable, Iterator
+from typing import Callable, Iterator, List
 
 
 def battery_levels() -> Iterator[float]:
@@ -15,16 +15,21 @@ def battery_levels() -> Iterator[float]:
         yield min(99.0, max(30.0, 60.0 + noise.gauss(0.0, 5.0)))
 
 
-def serve(connected: Callable[[str], bool], publish: Callable[[str], None]) -> None:
-    """For every line `TOPIC RATE_HZ SECONDS` publishes so and writes how many messages it sent, until the end.
+def topics_below(name: str, count: int) -> List[str]:
+    """Returns the topics of a contestant: its name, or as many below it."""
+    return [name] if count == 1 else [f"{name}/t{number}" for number in range(count)]
+
+
+def serve(connected: Callable[[str], bool], publish: Callable[[str, int], None]) -> None:
+    """For every line `NAME RATE_HZ SECONDS` publishes so and writes how many messages it sent, until the end.
 
     Args:
-        connected: says whether somebody listens on a topic.
-        publish: sends the next message.
+        connected: says whether somebody listens to what a contestant listens to.
+        publish: sends a message to a contestant; takes its number.
     """
     for line in sys.stdin:
-        topic, rate_hz, seconds = line.split()
-        while not connected(topic):
+        name, rate_hz, seconds = line.split()
+        while not connected(name):
             time.sleep(0.05)
         wanted = round(float(rate_hz) * float(seconds))
         begin_s = time.monotonic()
@@ -32,5 +37,5 @@ def serve(connected: Callable[[str], bool], publish: Callable[[str], None]) -> N
             early_s = begin_s + number / float(rate_hz) - time.monotonic()
             if early_s > 0.0:
                 time.sleep(early_s)
-            publish(topic)
+            publish(name, number)
         print(wanted, flush=True)

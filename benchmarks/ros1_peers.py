@@ -1,7 +1,7 @@
-"""What the nodes are compared with on ROS 1, and what feeds them: `python -m benchmarks.ros1_peers ROLE`.
+"""What the nodes are compared with on ROS 1, and what feeds them: `python -m benchmarks.ros1_peers ROLE TOPICS`.
 
-`empty`: a node that does nothing. `subscriber`: counts the messages on `/bare`, as few lines as that takes.
-`publisher`: does what `pacing.serve` is told on standard input.
+`empty`: a node that does nothing. `subscriber`: counts the messages on `/bare`, or on as many topics below it, as few
+lines as that takes. `publisher`: does what `pacing.serve` is told on standard input.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ import sys
 import rospy
 from std_msgs.msg import Float32
 
-from benchmarks.pacing import battery_levels, serve
+from benchmarks.pacing import battery_levels, serve, topics_below
 
 
-def empty() -> None:
+def empty(topics: int) -> None:
     """Does nothing until it is interrupted."""
     rospy.spin()
 
 
-def subscriber() -> None:
+def subscriber(topics: int) -> None:
     """Counts."""
     received = 0
 
@@ -27,22 +27,26 @@ def subscriber() -> None:
         nonlocal received
         received += 1
 
-    rospy.Subscriber("/bare", Float32, count, tcp_nodelay=True)
+    for topic in topics_below("/bare", topics):
+        rospy.Subscriber(topic, Float32, count, tcp_nodelay=True)
     rospy.spin()
 
 
-def publisher() -> None:
+def publisher(topics: int) -> None:
     """Publishes as it is told."""
     publishers = {
-        topic: rospy.Publisher(topic, Float32, queue_size=1000, tcp_nodelay=True) for topic in ("/bare", "/watched")
+        name: [
+            rospy.Publisher(topic, Float32, queue_size=1000, tcp_nodelay=True) for topic in topics_below(name, topics)
+        ]
+        for name in ("/bare", "/watched")
     }
     levels = battery_levels()
     serve(
-        connected=lambda topic: publishers[topic].get_num_connections() > 0,
-        publish=lambda topic: publishers[topic].publish(next(levels)),
+        connected=lambda name: all(publisher.get_num_connections() > 0 for publisher in publishers[name]),
+        publish=lambda name, number: publishers[name][number % topics].publish(next(levels)),
     )
 
 
 if __name__ == "__main__":
     rospy.init_node(f"peer_{sys.argv[1]}", anonymous=True)
-    {"empty": empty, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]]()
+    {"empty": empty, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]](int(sys.argv[2]))

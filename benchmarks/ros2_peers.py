@@ -1,4 +1,4 @@
-"""What the nodes are compared with on ROS 2, and what feeds them: `python -m benchmarks.ros2_peers ROLE`.
+"""What the nodes are compared with on ROS 2, and what feeds them: `python -m benchmarks.ros2_peers ROLE TOPICS`.
 
 The roles are those of `ros1_peers`. Both `empty` and `subscriber` spin as most nodes do, with rclpy's
 SingleThreadedExecutor.
@@ -12,15 +12,15 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from benchmarks.pacing import battery_levels, serve
+from benchmarks.pacing import battery_levels, serve, topics_below
 
 
-def empty(node: Node) -> None:
+def empty(node: Node, topics: int) -> None:
     """Does nothing until it is interrupted."""
     rclpy.spin(node)
 
 
-def subscriber(node: Node) -> None:
+def subscriber(node: Node, topics: int) -> None:
     """Counts."""
     from std_msgs.msg import Float32
 
@@ -30,28 +30,36 @@ def subscriber(node: Node) -> None:
         nonlocal received
         received += 1
 
-    node.create_subscription(Float32, "/bare", count, 10)
+    for topic in topics_below("/bare", topics):
+        node.create_subscription(Float32, topic, count, 10)
     rclpy.spin(node)
 
 
-def publisher(node: Node) -> None:
+def publisher(node: Node, topics: int) -> None:
     """Publishes as it is told."""
     from std_msgs.msg import Float32
 
-    publishers = {topic: node.create_publisher(Float32, topic, 10) for topic in ("/bare", "/watched")}
+    publishers = {
+        name: [node.create_publisher(Float32, topic, 10) for topic in topics_below(name, topics)]
+        for name in ("/bare", "/watched")
+    }
     levels = battery_levels()
     message = Float32()
 
-    def publish(topic: str) -> None:
+    def publish(name: str, number: int) -> None:
         message.data = next(levels)
-        publishers[topic].publish(message)
+        publishers[name][number % topics].publish(message)
 
-    serve(connected=lambda topic: publishers[topic].get_subscription_count() > 0, publish=publish)
+    def connected(name: str) -> bool:
+        return all(publisher.get_subscription_count() > 0 for publisher in publishers[name])
+
+    serve(connected, publish)
 
 
 if __name__ == "__main__":
     rclpy.init()
     try:
-        {"empty": empty, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]](Node(f"peer_{sys.argv[1]}"))
+        role = {"empty": empty, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]]
+        role(Node(f"peer_{sys.argv[1]}"), int(sys.argv[2]))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -16,7 +16,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Iterator, List
+from typing import Dict, Iterator, List, Optional
 
 import psutil
 
@@ -102,18 +102,36 @@ class Target:
     package: str
     """`ros1` or `ros2`."""
 
-    def node(self, executable: str, namespace: str, remap: str = "") -> Process:
-        """Starts one of this project's executables."""
-        code = f"import sys; from robot_health_monitor.{self.package}.main import {executable} as main; sys.exit(main())"
+    def node(self, executable: str, namespace: str, remap: str = "", parameters: Optional[Path] = None) -> Process:
+        """Starts one of this project's executables.
+
+        Args:
+            executable: its name.
+            namespace: its namespace.
+            remap: a name that it is to use in place of another, `old:=new`; empty: none.
+            parameters: a file with its configuration.
+        """
+        code = (
+            f"import sys; from robot_health_monitor.{self.package}.main import {executable} as main; sys.exit(main())"
+        )
         arguments = [f"__ns:=/{namespace}", remap]
         if self.package == "ros2":
             arguments = [word for argument in arguments if argument for word in ("-r", argument)]
             arguments.insert(0, "--ros-args")
+            if parameters is not None:
+                arguments += ["--params-file", str(parameters)]
+        elif parameters is not None:
+            load = ["rosparam", "load", str(parameters), f"/{namespace}"]
+            subprocess.run(load, env=self.variables, check=True, stdout=subprocess.DEVNULL)
         return Process([self.python, "-c", code, *filter(None, arguments)], self.variables)
 
-    def peer(self, role: str) -> Process:
-        """Starts one of the peers."""
-        return Process([self.python, "-m", f"benchmarks.{self.package}_peers", role], self.variables)
+    def peer(self, role: str, topics: int = 1) -> Process:
+        """Starts one of the peers, with as many topics."""
+        return Process([self.python, "-m", f"benchmarks.{self.package}_peers", role, str(topics)], self.variables)
+
+    def tool(self, *command: str) -> Process:
+        """Starts a tool of the middleware."""
+        return Process(list(command), self.variables)
 
 
 @contextlib.contextmanager

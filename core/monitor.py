@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Dict, List, Optional
 
 from .config import CONDITIONS, MonitorConfig, read_signal
-from .model import Level, Report, Sample, Transition
+from .model import Level, Report, Sample, Status, Transition
 from .signal_monitor import LINK, SignalMonitor
 
 _LARGEST = 1.7976931348623157e308
@@ -101,6 +101,13 @@ class Monitor:
         statuses = {name: signal.status(now_s) for name, signal in signals.items()}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
+
+    def status(self, signal: str, now_s: float) -> Optional[Status]:
+        """Returns what `report` says of one signal; None for one that nothing is known of."""
+        known = self._signals.get(signal)
+        if known is None:
+            return None
+        return known.status(now_s if self._now_s <= now_s <= _LARGEST else self._now_s)
 
     def fresh_value(self, signal: str) -> Optional[float]:
         """Returns the value of a signal's latest sample; None while there is none, it is bad or it is stale."""

@@ -68,7 +68,10 @@ _SEVERITY_OF_LEVEL = {
 
 
 class AlertSystem:
-    """Judges every configured signal; logs and publishes each transition once, and its whole state every second."""
+    """Judges every configured signal; logs and publishes each transition once, and its whole state every second.
+
+    A transition brings the status of its signal to /diagnostics at once.
+    """
 
     def __init__(self, middleware: Middleware, on_transition: Optional[Callable[[Transition], None]] = None) -> None:
         """Starts watching.
@@ -154,7 +157,11 @@ class AlertSystem:
             if self._on_transition is not None:
                 self._on_transition(transition)
         if transitions:
-            self._report(now_s)
+            # Only what changed: when a hundred signals come back one by one, a hundred whole reports would be too many.
+            changed = dict.fromkeys(transition.signal for transition in transitions)
+            statuses = [self.monitor.status(signal, now_s) for signal in changed]
+            known = [status for status in statuses if status is not None]
+            self._middleware.publish(DIAGNOSTICS, array_message(known, self._node))
 
     def _reset(self, request: Message) -> Message:
         transitions = self.monitor.reset()
