@@ -10,7 +10,7 @@ import difflib
 import math
 import os
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
@@ -30,8 +30,11 @@ NODE_PARAMETERS = (
     Parameter(
         "log_level", str, "INFO", "least severe log lines to write", choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL")
     ),
+    Parameter("rosbridge_port", int, 0, "port on which alert_system serves rosbridge clients; 0: none", 0, 65535),
+    Parameter("rosbridge_address", str, "127.0.0.1", "address of that server; any other one needs a token"),
+    Parameter("rosbridge_token", str, "", "what its clients have to show; empty: nothing"),
 )
-"""What every node can be told."""
+"""What every node can be told; a launch file of ROS 2 tells all nodes of a process the same."""
 
 MONITOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -198,6 +201,12 @@ class MonitorConfig:
     """`hardware_id` of everything published; empty: the node takes the host's name."""
     publish_rate: float = 1.0
     """Rate of /diagnostics, in Hz."""
+    rosbridge_port: int = 0
+    """Port of the rosbridge server that the ROS nodes run; 0: none."""
+    rosbridge_address: str = "127.0.0.1"
+    """Its address."""
+    rosbridge_token: str = ""
+    """What its clients have to show; empty: nothing."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -290,7 +299,8 @@ def _load_section(section: Section) -> MonitorConfig:
                     f"found {describe(condition.signal)}, allowed is another signal: {', '.join(others)}",
                     (*signals_path, name, key, "signal"),
                 )
-    return MonitorConfig(read, values["robot_name"], values["publish_rate"])
+    settings = {field.name: values[field.name] for field in fields(MonitorConfig) if field.name in values}
+    return MonitorConfig(read, **settings)
 
 
 def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:

@@ -172,7 +172,8 @@ class AlertSystem:
     def _reconfigure(self, tree: Mapping[str, Any]) -> None:
         old = self.monitor.config
         config = _read_monitor_config(tree)
-        _refuse_new_name(old.robot_name, config.robot_name)
+        for name in ("robot_name", "rosbridge_port", "rosbridge_address", "rosbridge_token"):
+            _refuse_new(name, getattr(old, name), getattr(config, name))
         self._follow_topics(config)
         if config.publish_rate != old.publish_rate:
             self._report_timer.cancel()
@@ -236,7 +237,7 @@ class Aggregator:
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> None:
         values = read_parameters(tree, AGGREGATOR_PARAMETERS)
-        _refuse_new_name(self._values["robot_name"], values["robot_name"])
+        _refuse_new("robot_name", self._values["robot_name"], values["robot_name"])
         self._thresholds = _read_thresholds(values)
         self._monitor.configure(_window_config(values))
         if values["publish_rate"] != self._values["publish_rate"]:
@@ -304,7 +305,7 @@ class BatterySensor:
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> None:
         values = _read_sensor(tree)
-        _refuse_new_name(self._values["robot_name"], values["robot_name"])
+        _refuse_new("robot_name", self._values["robot_name"], values["robot_name"])
         sources = sensing.read_sources(tree)
         for metric in sources.keys() & self._sources.keys():
             old, new = (sensing.section_of(of, metric) for of in (self._tree, tree))
@@ -323,9 +324,9 @@ def _base_name(middleware: Middleware) -> str:
     return middleware.name.rpartition("/")[2]
 
 
-def _refuse_new_name(old: str, new: str) -> None:
+def _refuse_new(name: str, old: object, new: object) -> None:
     if new != old:
-        raise ConfigError("can only be given at the start", ("robot_name",))
+        raise ConfigError("can only be given at the start", (name,))
 
 
 def _read_monitor_config(tree: Mapping[str, Any]) -> MonitorConfig:

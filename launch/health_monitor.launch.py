@@ -55,6 +55,19 @@ def generate_launch_description():
                 choices=BOOLEANS,
                 description="true: a node that ends is started again after 2 s.",
             ),
+            DeclareLaunchArgument(
+                "rosbridge_port",
+                default_value="0",
+                description="Port on which alert_system serves rosbridge clients; 0: none.",
+            ),
+            DeclareLaunchArgument(
+                "rosbridge_address",
+                default_value="127.0.0.1",
+                description="Its address; any other one needs rosbridge_token.",
+            ),
+            DeclareLaunchArgument(
+                "rosbridge_token", default_value="", description="What its clients have to show; empty: nothing."
+            ),
             *[
                 node(name, name=name, condition=UnlessCondition(LaunchConfiguration("composed")))
                 for name in ("battery_sensor", "aggregator", "alert_system")
@@ -84,6 +97,9 @@ def node(executable, **options):
                 "robot_name": ParameterValue(LaunchConfiguration("robot_name"), value_type=str),
                 "thresholds": ParameterValue(LaunchConfiguration("thresholds"), value_type=str),
                 "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
+                "rosbridge_port": ParameterValue(LaunchConfiguration("rosbridge_port"), value_type=int),
+                "rosbridge_address": ParameterValue(LaunchConfiguration("rosbridge_address"), value_type=str),
+                "rosbridge_token": ParameterValue(LaunchConfiguration("rosbridge_token"), value_type=str),
             }
         ],
         respawn=LaunchConfiguration("respawn"),

@@ -13,6 +13,7 @@ import time
 from typing import TYPE_CHECKING, Any, Callable, List, Sequence
 
 if TYPE_CHECKING:
+    from ..core.config import MonitorConfig
     from .middleware import Ros1Middleware
 
 # What takes its time to import is imported by the functions, when a signal can no longer end in a traceback.
@@ -116,6 +117,37 @@ def _start(names: Sequence[str], nodes: List[Any]) -> None:
         if name == "alert_system":
             _check_file(middleware)
         nodes.append(classes[name](middleware))
+        if name == "alert_system":
+            nodes[:0] = _serve(nodes[-1].monitor.config, middleware)  # closed first
+
+
+def _serve(config: MonitorConfig, alert_system: Ros1Middleware) -> List[Any]:
+    """Starts the rosbridge server that the alert node may ask for; returns what to close.
+
+    Raises:
+        ConfigError: its port cannot be had, or a library is missing.
+    """
+    from ..core.parameters import ConfigError
+
+    if not config.rosbridge_port:
+        return []
+    try:
+        from ..rosbridge.server_thread import ServerThread
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"needs {error.name}, which is not installed", ("rosbridge_port",)) from None
+    from .served_middleware import Ros1ServedMiddleware
+
+    served = Ros1ServedMiddleware("rosbridge")
+    server = ServerThread(
+        served,
+        alert_system.name,
+        [signal.topic for signal in config.signals.values()],
+        alert_system.given_parameters(),
+        host=config.rosbridge_address,
+        port=config.rosbridge_port,
+        token=config.rosbridge_token,
+    )
+    return [server, served]
 
 
 def _check_file(middleware: Ros1Middleware) -> None:

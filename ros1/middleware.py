@@ -49,7 +49,7 @@ class Ros1Middleware:
         self._clock: Callable[[], float] = rospy.get_time if self._simulated else time.monotonic
         self._lock = threading.RLock()
         self._publishers: Dict[str, Tuple[Any, Any]] = {}
-        self._subscriptions: List[_Subscription] = []
+        self._subscriptions: List[Subscription] = []
         self._services: List[Any] = []
         self._timers: List[_Timer] = []
         self._given: Optional[Mapping[str, Any]] = None
@@ -110,10 +110,10 @@ class Ros1Middleware:
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
-    ) -> _Subscription:
+    ) -> Subscription:
         resolved = self._resolve(topic)
         cls, get = self._choose_reader(rospy.resolve_name(resolved), type_name, field)
-        subscription = _Subscription()
+        subscription = Subscription()
 
         def deliver(native: Any) -> None:
             with lock:
@@ -224,19 +224,22 @@ class Ros1Middleware:
         return text
 
 
-class _Subscription:
+class Subscription:
     """A rospy subscriber and whether its messages are still wanted: some may be on their way when it ends."""
 
     def __init__(self) -> None:
+        """Makes one without a subscriber."""
         self.active = True
         self.topic = ""
         self._subscriber: Any = None
 
     def bind(self, subscriber: Any) -> None:
+        """Takes the subscriber, whose callback this object is given to."""
         self._subscriber = subscriber
         self.topic = subscriber.resolved_name
 
     def end(self) -> None:
+        """Leaves the topic."""
         self.active = False
         self._subscriber.unregister()
 

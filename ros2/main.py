@@ -11,6 +11,8 @@ import tempfile
 from typing import TYPE_CHECKING, Any, Callable, List, Sequence, Tuple
 
 if TYPE_CHECKING:
+    from ..core.config import MonitorConfig
+    from .middleware import Ros2Middleware
     from .parameter_files import ParameterFiles
 
 # What takes its time to import is imported by the functions, when a signal can no longer end in a traceback.
@@ -120,11 +122,44 @@ def _start(names: Sequence[str], middlewares: List[Any], files: ParameterFiles) 
     classes = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
     for name in names:
         middlewares.append(Ros2Middleware(name))
-    for name, middleware in zip(names, middlewares):
+    for name, middleware in tuple(zip(names, middlewares)):
         try:
-            classes[name](middleware)
+            node = classes[name](middleware)
+            if name == "alert_system":
+                middlewares.extend(_serve(node.monitor.config, middleware))
         except ConfigError as error:
             raise files.located(error, middleware.name) from None
+
+
+def _serve(config: MonitorConfig, alert_system: Ros2Middleware) -> List[Any]:
+    """Starts the rosbridge server that the alert node may ask for; returns the middleware that it serves.
+
+    Raises:
+        ConfigError: its port cannot be had, or a library is missing.
+    """
+    from ..core.parameters import ConfigError
+
+    if not config.rosbridge_port:
+        return []
+    try:
+        from ..rosbridge.server_thread import ServerThread
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"needs {error.name}, which is not installed", ("rosbridge_port",)) from None
+    from .served_middleware import Ros2ServedMiddleware
+
+    # Without the process' arguments, since `__node:=` among them is for alert_system.
+    served = Ros2ServedMiddleware("rosbridge", namespace=alert_system.node.get_namespace(), use_global_arguments=False)
+    server = ServerThread(
+        served,
+        alert_system.name,
+        [signal.topic for signal in config.signals.values()],
+        alert_system.given_parameters(),
+        host=config.rosbridge_address,
+        port=config.rosbridge_port,
+        token=config.rosbridge_token,
+    )
+    served.on_close = server.close
+    return [served]
 
 
 def _spin(middlewares: Sequence[Any]) -> None:

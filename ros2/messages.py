@@ -123,7 +123,7 @@ def field_getter(topic: str, type_name: str, field: str) -> Getter:
 
 def is_stamped(native_class: Any) -> bool:
     """Says whether messages of this class have a header, and so a stamp."""
-    return _field_types(native_class).get("header") == _FieldType("std_msgs/Header", False, None, None)
+    return field_types(native_class).get("header") == _FieldType("std_msgs/Header", False, None, None)
 
 
 class _FieldType(NamedTuple):
@@ -155,7 +155,8 @@ def _find_class(type_name: str, kind: str, mark: str) -> Any:
     return found
 
 
-def _type_name(native_class: Any) -> str:
+def type_name(native_class: Any) -> str:
+    """Returns the type of a message class, `std_msgs/Float32`."""
     return f"{native_class.__module__.partition('.')[0]}/{native_class.__name__}"
 
 
@@ -169,18 +170,19 @@ def _field_type(text: str) -> _FieldType:
 
 
 @functools.lru_cache(maxsize=None)
-def _field_types(native_class: Any) -> Mapping[str, _FieldType]:
+def field_types(native_class: Any) -> Mapping[str, _FieldType]:
+    """Returns the type of every field of a message class, by name."""
     return {name: _field_type(text) for name, text in native_class.get_fields_and_field_types().items()}
 
 
 def _bind(native_class: Any, path: Sequence[Step]) -> List[Getter]:
     """Returns what to call in turn to read `path`; raises ValueError with the reason when there is no such field."""
     steps: List[Getter] = []
-    above = _type_name(native_class)
+    above = type_name(native_class)
     found = _FieldType(above, False, None, None)
     for step in path:
         if isinstance(step, str):
-            types = {} if found.is_array or not found.message else _field_types(found.message)
+            types = {} if found.is_array or not found.message else field_types(found.message)
             name = step if step in types else _ROS1_NAMES.get(step, step)
             if name not in types:
                 there = f"has {', '.join(types)}" if types else "is a plain value or a list, without fields"
@@ -200,14 +202,14 @@ def _bind(native_class: Any, path: Sequence[Step]) -> List[Getter]:
                 steps.append(_element_getter(above, found, step.key))
             found = _FieldType(found.element, False, None, None)
         above = step if isinstance(step, str) else f"an element of {above}"
-    if isinstance(path[-1], Keyed) and "key" in _field_types(found.message):
+    if isinstance(path[-1], Keyed) and "key" in field_types(found.message):
         return [*steps, operator.attrgetter("value"), number_of_text]
     read = _reader(found)
     return steps if read is _as_it_is else [*steps, read]
 
 
 def _element_getter(above: str, array: _FieldType, key: str) -> Getter:
-    field = key_field(_field_types(array.message)) if array.message else None
+    field = key_field(field_types(array.message)) if array.message else None
     if field is None:
         raise ValueError(f"the elements of {above} have neither name nor key")
     name_of = operator.attrgetter(field)
@@ -229,7 +231,7 @@ def _python_number(value: Any) -> Any:
 
 @functools.lru_cache(maxsize=None)
 def _readers(native_class: Any) -> Tuple[Tuple[str, Getter], ...]:
-    return tuple((name, _reader(field_type)) for name, field_type in _field_types(native_class).items())
+    return tuple((name, _reader(field_type)) for name, field_type in field_types(native_class).items())
 
 
 def _reader(field_type: _FieldType) -> Getter:
@@ -253,7 +255,7 @@ def _bytes_as_text(values: Any) -> str:
 
 @functools.lru_cache(maxsize=None)
 def _writers(native_class: Any) -> Mapping[str, Callable[[Any], Any]]:
-    return {name: _writer(field_type) for name, field_type in _field_types(native_class).items()}
+    return {name: _writer(field_type) for name, field_type in field_types(native_class).items()}
 
 
 def _writer(field_type: _FieldType) -> Callable[[Any], Any]:

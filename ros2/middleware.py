@@ -63,7 +63,7 @@ class Ros2Middleware:
         self._timer_clock = self._ros_clock if self._simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._lock = threading.RLock()
         self._publishers: Dict[str, Tuple[Any, Any]] = {}
-        self._subscriptions: List[_Subscription] = []
+        self._subscriptions: List[Subscription] = []
         self._timers: List[_Timer] = []
         self._look_timer: Optional[Any] = None
         self._parameters: Dict[str, Parameter] = {}
@@ -132,8 +132,8 @@ class Ros2Middleware:
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
-    ) -> _Subscription:
-        subscription = _Subscription(self._resolve(topic), _native_name(topic), callback, field)
+    ) -> Subscription:
+        subscription = Subscription(self._resolve(topic), _native_name(topic), callback, field)
         type_name = type_name or self._type_of(subscription.topic)
         with self._lock:
             if type_name:
@@ -238,7 +238,7 @@ class Ros2Middleware:
             raise ConfigError(f"found {name!r}, allowed is the name of a topic: {reason}") from None
         return resolved
 
-    def _start(self, subscription: _Subscription, type_name: str) -> None:
+    def _start(self, subscription: Subscription, type_name: str) -> None:
         """Begins to receive: reliably, unless there is a best-effort publisher already."""
         cls = messages.message_class(type_name)
         field = subscription.field
@@ -268,7 +268,7 @@ class Ros2Middleware:
             raw=field is None,
         )
 
-    def _stop(self, subscription: _Subscription) -> None:
+    def _stop(self, subscription: Subscription) -> None:
         if subscription.native is not None:
             self.node.destroy_subscription(subscription.native)
             subscription.native = None
@@ -300,7 +300,7 @@ class Ros2Middleware:
                         self._stop(subscription)
                         self._start(subscription, subscription.type_name)
 
-    def _start_if_type_is_known(self, subscription: _Subscription) -> None:
+    def _start_if_type_is_known(self, subscription: Subscription) -> None:
         type_name = self._type_of(subscription.topic)
         if type_name:
             subscription.is_waiting = False
@@ -367,12 +367,13 @@ class Ros2Middleware:
         return text
 
 
-class _Subscription:
+class Subscription:
     """What to do with a topic's messages, and rclpy's subscription, which changes with the QoS that is needed."""
 
     def __init__(
         self, topic: str, native_name: str, callback: Callable[[Any, float], None], field: Optional[str]
     ) -> None:
+        """Makes one that does not receive yet."""
         self.topic = topic
         self.native_name = native_name
         self.callback = callback
