@@ -308,7 +308,7 @@ def _float(found: Any) -> float:
     try:
         return float(found)
     except OverflowError:
-        return math.copysign(math.inf, found)
+        return math.inf if found > 0 else -math.inf
 
 
 def _float32(found: Any) -> float:

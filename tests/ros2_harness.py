@@ -91,19 +91,21 @@ class Ros2Harness:
         namespace: str = "",
         parameters: Optional[Mapping[str, Any]] = None,
         remap: Optional[Mapping[str, str]] = None,
-        sim_time: bool = True,
+        sim_time: Optional[bool] = True,
     ) -> Ros2Middleware:
         arguments = ["--ros-args"]
         for old, new in (remap or {}).items():
             arguments += ["-r", f"{old}:={new}"]
         overrides = [Parameter(key, value=value) for key, value in flatten(parameters or {})]
+        if sim_time is not None:
+            overrides.append(Parameter("use_sim_time", value=sim_time))
         node = Ros2Middleware(
             name,
             self._inside.context,
             namespace=namespace,
             cli_args=arguments,
             use_global_arguments=False,
-            parameter_overrides=[*overrides, Parameter("use_sim_time", value=sim_time)],
+            parameter_overrides=overrides,
         )
         self._nodes.append(node)
         self._inside.executor.add_node(node.node)

@@ -1,0 +1,85 @@
+"""Conversions of ROS 2 messages that the conformance suite does not reach. Values are what the .msg files allow."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from robot_health_monitor.ros2.messages import field_getter, message_class, to_mapping, to_native
+
+
+@pytest.mark.parametrize(
+    ("type_name", "mapping"),
+    [
+        ("std_msgs/Int8", {"data": -128}),
+        ("std_msgs/UInt8", {"data": 255}),
+        ("std_msgs/Byte", {"data": 255}),
+        ("std_msgs/Char", {"data": 200}),
+        ("std_msgs/UInt64", {"data": 2**64 - 1}),
+        ("std_msgs/Float64", {"data": -0.1}),
+        ("std_msgs/String", {"data": "21 \N{DEGREE SIGN}C"}),
+        ("std_msgs/UInt8MultiArray", {"layout": {"dim": [], "data_offset": 0}, "data": "AP8="}),
+        ("std_msgs/ByteMultiArray", {"layout": {"dim": [], "data_offset": 0}, "data": "AP8="}),
+        ("std_msgs/Int8MultiArray", {"layout": {"dim": [], "data_offset": 0}, "data": [-128, 127]}),
+        ("std_msgs/Empty", {}),
+    ],
+)
+def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping: Dict[str, Any]) -> None:
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    cls = message_class(type_name)
+    wire = serialize_message(to_native(cls, mapping))
+    read = to_mapping(deserialize_message(wire, cls))
+    read.pop("structure_needs_at_least_one_member", None)
+    assert read == mapping
+
+
+@pytest.mark.parametrize(
+    ("type_name", "mapping", "reason"),
+    [
+        ("std_msgs/Int8", {"data": 128}, "Int8.data: found 128, needed is a whole number from -128 to 127"),
+        ("std_msgs/UInt8", {"data": -1}, "UInt8.data: found -1, needed is a whole number from 0 to 255"),
+        ("std_msgs/Byte", {"data": 256}, "Byte.data: found 256, needed is a whole number from 0 to 255"),
+        ("std_msgs/Int8", {"data": 1.0}, "Int8.data: found 1.0, needed is a whole number"),
+        ("std_msgs/Int8", {"data": True}, "Int8.data: found true, needed is a whole number"),
+        ("std_msgs/Bool", {"data": 1}, "Bool.data: found 1, needed is true or false"),
+        ("std_msgs/String", {"data": 1}, "String.data: found 1, needed is a text"),
+        ("std_msgs/Header", {"stamp": {"seconds": 1}}, "Header.stamp: Time has no field seconds; there are sec, nanosec"),
+        ("std_msgs/Header", {"stamp": 1}, "Header.stamp: found 1, needed is a mapping"),
+        ("std_msgs/UInt8MultiArray", {"data": "no base64!"}, "UInt8MultiArray.data: found a text that is no base64"),
+        ("std_msgs/Float32MultiArray", {"data": 1.0}, "Float32MultiArray.data: found 1.0, needed is a list"),
+        ("sensor_msgs/Imu", {"orientation_covariance": [0.0]}, "found 1 elements, needed are 9"),
+        ("sensor_msgs/Imu", {"orientation": {"q": 0.0}}, "Imu.orientation: Quaternion has no field q; there are x, y"),
+        (
+            "rcl_interfaces/ParameterDescriptor",
+            {"integer_range": [{}, {}]},
+            "integer_range: found 2 elements, allowed are at most 1",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_the_field(type_name: str, mapping: Dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        to_native(message_class(type_name), mapping)
+
+
+def test_numbers_too_large_for_32_bits_become_infinity() -> None:
+    cls = message_class("std_msgs/Float32")
+    assert to_native(cls, {"data": 1e39}).data == math.inf
+    assert to_native(cls, {"data": -(10**400)}).data == -math.inf
+    assert to_native(cls, {"data": 3.4028234663852886e38}).data == 3.4028234663852886e38
+
+
+def test_a_number_in_an_array_of_fixed_size_is_a_number_of_python() -> None:
+    cls = message_class("sensor_msgs/CameraInfo")
+    get = field_getter("/in", "sensor_msgs/CameraInfo", "k[4]")
+    assert type(get(to_native(cls, {"k": [float(i) for i in range(9)]}))) is float
+
+
+def test_stamps_are_read_in_either_spelling() -> None:
+    message = to_native(message_class("std_msgs/Header"), {"stamp": {"sec": 7, "nanosec": 8}})
+    assert field_getter("/in", "std_msgs/Header", "stamp.secs")(message) == 7
+    assert field_getter("/in", "std_msgs/Header", "stamp.nanosec")(message) == 8
