@@ -63,6 +63,11 @@ class FlapDetector:
         """Weighted state change, 0 to 100 %."""
         return 100.0 * (_OLDER_SUMS[self._changes >> _HALF] + _NEWER_SUMS[self._changes & _NEWER]) / _TOTAL
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether there was no change, so that the same level again makes no difference."""
+        return not self._changes
+
     def add(self, level: Level) -> None:
         """Takes the level after a good sample."""
         self._changes = (self._changes << 1 | (level is not self._last)) & _ALL

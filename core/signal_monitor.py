@@ -27,7 +27,7 @@ _LARGEST = 1.7976931348623157e308
 _OK, _WARN, _ERROR, _STALE = Level
 _INACTIVE = State.INACTIVE
 _LEVEL_OF_RULE = (_WARN, _ERROR)
-_INVALID_BOUNDS = {"below": None, "above": None, "hysteresis": 0.0, "keep_firing_for_s": 0.0}
+_WITHOUT_BOUNDS = RuleConfig(below=None, above=None, hysteresis=0.0, for_s=0.0, keep_firing_for_s=0.0)
 
 
 class SignalMonitor:
@@ -45,7 +45,7 @@ class SignalMonitor:
         self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode("utf-8", "replace")).hexdigest()[:16]
         self._window = Window(config.window_s, config.window_samples)
         self._rules = [Rule(RuleConfig.of(config, level)) for level in _LEVEL_OF_RULE]
-        self._invalid = Rule(RuleConfig(for_s=config.invalid_for_s, **_INVALID_BOUNDS))
+        self._invalid = Rule(_WITHOUT_BOUNDS._replace(for_s=config.invalid_for_s))
         self._flaps = FlapDetector(config.flap_high, config.flap_low)
         self._latched = Level.OK
         self._good_samples = 0
@@ -72,6 +72,14 @@ class SignalMonitor:
 
     def observe(self, value: object, now_s: float, stamp_s: Optional[float] = None) -> Optional[Transition]:
         """Takes a sample that arrived at `now_s` (seconds, not before the call before)."""
+        if type(value) is float and self._calm_min < value <= self._calm_max:
+            self._latest = self._judged = value
+            self._stamp_s = stamp_s
+            self._last_seen_s = now_s
+            self._good_samples += 1
+            self._window.note(value, now_s)
+            return None
+        self._calm_max = -math.inf
         number = value if type(value) is float else _as_float(value)
         came = number
         if self._converts:
@@ -89,6 +97,7 @@ class SignalMonitor:
             if not self._ordinary_min < number <= self._ordinary_max or self._suspicion.watching:
                 self._suspicion.see_good(came, number)
             self._window.add(number, now_s)
+            judged: Optional[float]
             if self._statistic is None:
                 judged = self._judged = number
             else:
@@ -108,6 +117,8 @@ class SignalMonitor:
         if good and self._detect_flaps:
             self._flaps.add(level)
         if level is self.level and level is self._announced:
+            if level is _OK and self._calm_min < number <= self._healthy_max and self._is_at_rest:
+                self._calm_max = self._healthy_max
             return None
         return self._settle(level, now_s)
 
@@ -119,7 +130,7 @@ class SignalMonitor:
                 due_s = self._last_seen_s + self._allowed_silence_s
                 self._advance(due_s)
                 self._stale = True
-                self._frozen_since_s = due_s
+                self._freeze(due_s)
             else:
                 self._advance(now_s)
         level = self._true_level()
@@ -157,7 +168,7 @@ class SignalMonitor:
     def inhibit(self, now_s: float) -> None:
         """Stands still from `now_s` on: the robot cannot be reached."""
         if self._frozen_since_s is None:
-            self._frozen_since_s = now_s
+            self._freeze(now_s)
 
     def release(self, now_s: float) -> None:
         """Goes on after `inhibit`: the robot can be reached again, and its silence counts from now."""
@@ -198,7 +209,7 @@ class SignalMonitor:
             rule.configure(RuleConfig.of(config, level))
             if rule not in self._active_rules:
                 rule.clear()
-        self._invalid.configure(RuleConfig(for_s=config.invalid_for_s, **_INVALID_BOUNDS))
+        self._invalid.configure(_WITHOUT_BOUNDS._replace(for_s=config.invalid_for_s))
         self._judged = STATISTIC_OF_WINDOW[config.statistic](self._window)
         if self._stale and not self._is_silent(now_s):
             self._stale = False
@@ -258,6 +269,7 @@ class SignalMonitor:
         self._ordinary_min = self._suspicion.ordinary_min
         self._ordinary_max = self._suspicion.ordinary_max
         self._detect_flaps = config.flap_detection
+        self._take_healthy_values(config)
         if not config.latch:
             self._latched = Level.OK
         if config.only_if is None:
@@ -274,6 +286,25 @@ class SignalMonitor:
         """Whether there has been a sample, good or bad."""
         return self._good_samples + self._bad_samples > 0
 
+    def _take_healthy_values(self, config: SignalConfig) -> None:
+        """Finds the values from which nothing can follow while everything is at rest: most samples of a healthy robot.
+
+        They are good, ordinary, and beyond no bound. `observe` has a short way for them, which begins with the first of
+        them that finds everything at rest, and ends with anything else than such a sample.
+        """
+        lows = (self._valid_min, self._ordinary_min, config.warn_below, config.error_below)
+        highs = (self._valid_max, self._ordinary_max, config.warn_above, config.error_above)
+        self._calm_min = max(low for low in lows if low is not None)
+        self._healthy_max = min(high for high in highs if high is not None)
+        if self._statistic is not None or self._converts:
+            self._healthy_max = -math.inf
+        self._calm_max = -math.inf
+
+    @property
+    def _is_at_rest(self) -> bool:
+        warn, error = self._rules
+        return warn.is_at_rest and error.is_at_rest and self._flaps.is_at_rest and not self._suspicion.watching
+
     @property
     def _allowed_silence_s(self) -> float:
         return self.config.stale_after_s if self._seen else self.config.startup_grace_s
@@ -287,6 +318,10 @@ class SignalMonitor:
         for rule in self._rules:
             rule.advance(now_s)
         self._invalid.advance(now_s)
+
+    def _freeze(self, since_s: float) -> None:
+        self._frozen_since_s = since_s
+        self._calm_max = -math.inf
 
     def _thaw(self, now_s: float) -> None:
         assert self._frozen_since_s is not None
@@ -372,8 +407,8 @@ class SignalMonitor:
         for rule in (error, warn):
             if rule.state is State.PENDING or rule.held_back:
                 return rule
-        rule = self._announced_rule if self._announced is not Level.OK else None
-        return rule if rule is not None and rule.bound in self.config.bounds.values() else None
+        announced = self._announced_rule if self._announced is not Level.OK else None
+        return announced if announced is not None and announced.bound in self.config.bounds.values() else None
 
     def _reason(self, level: Level, now_s: float) -> str:
         if self.config.name == LINK and level is not Level.STALE:

@@ -142,6 +142,11 @@ class Rule:
         """Whether the value last judged was beyond a bound, and `only_if` forbids the rule to say so."""
         return self._crossed and not self._allowed
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether it is inactive and stays so as long as no value is beyond a bound."""
+        return self.state is _INACTIVE and not self._crossed
+
     def judge(self, value: float, now_s: float) -> None:
         """Looks at the condition with a new value, then advances.
 
