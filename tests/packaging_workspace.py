@@ -158,6 +158,12 @@ def need_ros1() -> None:
             pytest.skip(f"no ROS 1 to build for: {tool} is not installed")
 
 
+def need_pytest_of_ros1() -> None:
+    """Skips the test where the Python of ROS 1 has no pytest, with which catkin runs the tests."""
+    if subprocess.run(["/usr/bin/python3", "-c", "import pytest"], capture_output=True).returncode:
+        pytest.skip("/usr/bin/python3 has no pytest (Debian's package python3-pytest)")
+
+
 def source_modules() -> Sequence[str]:
     """Returns the package's files as they must be after an installation, relative to its folder."""
     files = [path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]

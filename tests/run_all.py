@@ -58,6 +58,7 @@ ROS1_PACKAGES = [
     "python3-catkin",
     "python3-diagnostic-msgs",
     "python3-diagnostic-updater",
+    "python3-pytest",
     "python3-rosbag",
     "python3-rostest",
     "python3-sensor-msgs",

@@ -84,6 +84,7 @@ def test_rosrun_starts_the_composed_node(workspace: Workspace) -> None:
 @pytest.mark.parametrize(("body", "fails"), [("assert True", False), ("assert False", True)])
 def test_colcon_test_runs_the_tests_and_fails_when_they_do(workspace: Workspace, body: str, fails: bool) -> None:
     need_ros1()
+    need_pytest_of_ros1()
     workspace.replace_tests(body)
     workspace.colcon("build", "1")
     workspace.colcon("test", "1", "--return-code-on-test-failure", fails=fails)
@@ -96,6 +97,7 @@ def test_catkin_make_run_tests_runs_the_tests_and_fails_when_they_do(
     workspace: Workspace, body: str, fails: bool
 ) -> None:
     need_ros1()
+    need_pytest_of_ros1()
     workspace.replace_tests(body)
     workspace.catkin_make("run_tests")
     assert "1 tests" in workspace.shell("catkin_test_results build/test_results", fails=fails)
