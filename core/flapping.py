@@ -72,5 +72,6 @@ class FlapDetector:
         """Takes the level after a good sample."""
         self._changes = (self._changes << 1 | (level is not self._last)) & _ALL
         self._last = level
-        self.flapping = self.percent >= (self._low if self.flapping else self._high)
+        percent = self.percent if self._changes else 0.0
+        self.flapping = percent >= (self._low if self.flapping else self._high)
         self.told = self.told and self.flapping

@@ -79,6 +79,9 @@ class SignalMonitor:
             self._good_samples += 1
             self._window.note(value, now_s)
             return None
+        return self._judge(value, now_s, stamp_s)
+
+    def _judge(self, value: object, now_s: float, stamp_s: Optional[float]) -> Optional[Transition]:
         self._calm_max = -math.inf
         number = value if type(value) is float else _as_float(value)
         came = number

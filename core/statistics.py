@@ -73,7 +73,8 @@ class Window:
         self._restart_sums(0.0)
 
     def __len__(self) -> int:
-        self._work_in()
+        if self._noted:
+            self._work_in()
         return len(self._values)
 
     def note(self, value: float, now_s: float) -> None:
@@ -146,17 +147,20 @@ class Window:
 
     def min(self) -> Optional[float]:
         """The smallest value."""
-        self._work_in()
+        if self._noted:
+            self._work_in()
         return self._minima[0] if self._minima else None
 
     def max(self) -> Optional[float]:
         """The largest value."""
-        self._work_in()
+        if self._noted:
+            self._work_in()
         return self._maxima[0] if self._maxima else None
 
     def mean(self) -> Optional[float]:
         """The arithmetic mean."""
-        self._work_in()
+        if self._noted:
+            self._work_in()
         if not self._values:
             return None
         if self._minima[0] == self._maxima[0]:
@@ -167,7 +171,8 @@ class Window:
 
     def stddev(self) -> Optional[float]:
         """The population standard deviation."""
-        self._work_in()
+        if self._noted:
+            self._work_in()
         if not self._values:
             return None
         if self._minima[0] == self._maxima[0]:
@@ -177,12 +182,14 @@ class Window:
 
     def rate(self) -> Optional[float]:
         """Change per second from the oldest to the newest sample."""
-        self._work_in()
+        if self._noted:
+            self._work_in()
         return self._per_second(self._values[-1] - self._values[0]) if self._values else None
 
     def frequency_hz(self) -> Optional[float]:
         """Arrivals per second from the oldest to the newest sample."""
-        self._work_in()
+        if self._noted:
+            self._work_in()
         return self._per_second(len(self._values) - 1.0) if self._values else None
 
     def statistics(self) -> Dict[str, float]:
@@ -191,11 +198,10 @@ class Window:
         return {name: value for name, value in found.items() if value is not None}
 
     def _work_in(self) -> None:
-        if self._noted:
-            noted = iter(self._noted)
-            self._noted = []
-            for value, now_s in zip(noted, noted):
-                self.add(value, now_s)
+        noted = iter(self._noted)
+        self._noted = []
+        for value, now_s in zip(noted, noted):
+            self.add(value, now_s)
 
     def _per_second(self, amount: float) -> Optional[float]:
         span_s = self._times[-1] - self._times[0]

@@ -51,7 +51,8 @@ CALLS: Sequence[Tuple[str, Sequence[float]]] = (
 
 def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type) -> List[Any]:
     def config(**changed: float) -> Any:
-        return load_config({"signals": {"level": {"warn_below": 20.0, "flap_low": 0.0, **signal, **changed}, "charging": {}}})
+        level = {"warn_below": 20.0, "flap_low": 0.0, **signal, **changed}
+        return load_config({"signals": {"level": level, "charging": {}}})
 
     monitor = Monitor(config(), "robot1")
     now_s = 100.0
