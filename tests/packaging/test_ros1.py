@@ -13,6 +13,7 @@ from packaging_workspace import (
     Workspace,
     check_share,
     installed_modules,
+    need_pytest_of_ros1,
     need_ros1,
     source_modules,
     version,
