@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 # What takes its time to import is imported by the functions, when a signal can no longer end in a traceback.
 
 _POLL_S = 0.2
+_PATIENCE_S = 4.0
 
 
 def battery_sensor() -> int:
@@ -42,28 +43,41 @@ def health_monitor() -> int:
 
 
 class _Interrupt:
-    """SIGINT and SIGTERM: KeyboardInterrupt once, wherever the main thread is, and remembered.
+    """SIGINT and SIGTERM. Until rospy runs they are a KeyboardInterrupt wherever the main thread is; then they wait.
 
-    rospy's own handlers shut down within the handler; when the signal comes while rospy talks to the master, that
-    waits forever for the lock which the interrupted call holds. And rospy swallows a KeyboardInterrupt in places.
+    rospy must not be interrupted: a call to the master that was cut off makes the next one fail, and the node stays
+    registered. Its own handlers are no better: they shut down within the handler, and wait forever for the lock of a
+    call that they interrupted. Only when the end is still not there `_PATIENCE_S` later, something hangs and is
+    interrupted after all.
     """
 
     def __init__(self) -> None:
-        self.came = False
+        self.ros_is_running = False
+        self._came = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
+        signal.signal(signal.SIGALRM, self._lose_patience)
 
-    def _handle(self, number: int, frame: Any) -> None:
-        if not self.came:
-            self.came = True
+    def check(self) -> None:
+        """Raises KeyboardInterrupt if a signal has come."""
+        if self._came:
             raise KeyboardInterrupt
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        """Waits for a signal (then raises KeyboardInterrupt) or until `predicate()` is true."""
-        while not self.came:
-            if predicate():
-                return
+        """Waits until `predicate()` is true, or raises KeyboardInterrupt when a signal comes."""
+        while not predicate():
+            self.check()
             time.sleep(_POLL_S)
+        self.check()
+
+    def _handle(self, number: int, frame: Any) -> None:
+        if not self._came:
+            self._came = True
+            signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S)
+            if not self.ros_is_running:
+                raise KeyboardInterrupt
+
+    def _lose_patience(self, number: int, frame: Any) -> None:
         raise KeyboardInterrupt
 
 
@@ -73,10 +87,6 @@ def _run(process: str, names: Sequence[str]) -> int:
     try:
         return _run_until(interrupt, process, names)
     except KeyboardInterrupt:
-        return 0
-    except Exception:
-        if not interrupt.came:  # rospy reports an interrupted start in several ways
-            raise
         return 0
 
 
@@ -89,10 +99,11 @@ def _run_until(interrupt: _Interrupt, process: str, names: Sequence[str]) -> int
     try:
         _flush_lines()
         _wait_for_master(process, interrupt)
+        interrupt.ros_is_running = True
         rospy.init_node(process, disable_signals=True)
         rospy.on_shutdown(lambda: [node.close() for node in nodes])
         _set_log_level()
-        _start(names, nodes)
+        _start(names, nodes, interrupt)
         interrupt.wait_until(rospy.is_shutdown)
     except ConfigError as error:
         sys.stderr.write(f"{process}: {error}\n")
@@ -102,17 +113,19 @@ def _run_until(interrupt: _Interrupt, process: str, names: Sequence[str]) -> int
     return 0
 
 
-def _start(names: Sequence[str], nodes: List[Any]) -> None:
+def _start(names: Sequence[str], nodes: List[Any], interrupt: _Interrupt) -> None:
     """Starts the nodes; appends them to `nodes`.
 
     Raises:
         ConfigError: the configuration of one of them cannot be used.
+        KeyboardInterrupt: a signal has come.
     """
     from ..core.nodes import Aggregator, AlertSystem, BatterySensor
     from .middleware import Ros1Middleware
 
     classes = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
     for name in names:
+        interrupt.check()
         middleware = Ros1Middleware(name if len(names) > 1 else "")
         if name == "alert_system":
             _check_file(middleware)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import functools
+import itertools
 import threading
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
@@ -12,7 +14,7 @@ import roslib.message
 import rospy
 import yaml
 from port_conformance import START_S, LogLine, ServiceFailed, poll_until
-from rosgraph_msgs.msg import Log
+from rosgraph_msgs.msg import Clock, Log
 
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.ros1.middleware import Ros1Middleware
@@ -37,13 +39,12 @@ class Ros1Harness:
         self._subscribers: List[Any] = []
         self._pause = threading.Event()
         self._master = rosgraph.Master(rospy.get_name())
-        self._log: List[LogLine] = []
-        self._subscribers.append(rospy.Subscriber("/rosout", Log, self._keep))
+        _for_all_tests()
         self._wait_for_connections("/rosout")
-        marker = LogLine(Severity.INFO, f"test {id(self)} begins")
+        marker = LogLine(Severity.INFO, f"test {next(_numbers)} begins")
         rospy.loginfo(marker.text)
-        self.wait_until(lambda: marker in self._log)
-        del self._log[:]
+        self.wait_until(lambda: marker in _log)
+        self._first_line = len(_log)
         self.set_time(START_S)
 
     def node(
@@ -108,11 +109,12 @@ class Ros1Harness:
 
     def set_time(self, now_s: float) -> None:
         now = genpy.Time.from_sec(now_s)
-        self.publish("/clock", "rosgraph_msgs/Clock", {"clock": {"secs": now.secs, "nsecs": now.nsecs}})
+        self._wait_for_connections("/clock")
+        _for_all_tests().publish(now)
         self.wait_until(lambda: rospy.get_rostime() == now and self._have_timers_seen(now_s))
 
     def log_lines(self) -> Sequence[LogLine]:
-        return list(self._log)
+        return _log[self._first_line :]
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
         poll_until(predicate, lambda: self._pause.wait(0.002))
@@ -131,9 +133,6 @@ class Ros1Harness:
         timers = [timer for node in self._nodes for timer in node._timers]
         return all(timer._last_s == now_s or timer._cancelled.is_set() for timer in timers)
 
-    def _keep(self, line: Log) -> None:
-        self._log.append(LogLine(_SEVERITIES[line.level], line.msg))
-
     def _remap(self, node_name: str, remap: Mapping[str, str]) -> None:
         """Does what `old:=new` on the command line of the node does."""
         rospy.names.reload_mappings(["node", *(f"{old}:={new}" for old, new in remap.items())])
@@ -141,17 +140,28 @@ class Ros1Harness:
 
     def _wait_for_connections(self, topic: str) -> None:
         """Waits until this process is connected with everybody on `topic` whom the master knows, in both directions."""
-        publishers, subscribers, _ = self._master.getSystemState()
-        expected_out = len(dict(publishers).get(topic, ())) and len(dict(subscribers).get(topic, ()))
-        expected_in = len(dict(subscribers).get(topic, ())) and len(dict(publishers).get(topic, ()))
         manager = rospy.topics.get_topic_manager()
         outgoing, incoming = manager.get_publisher_impl(topic), manager.get_subscriber_impl(topic)
-        self.wait_until(
-            lambda: (
-                (outgoing is None or outgoing.get_num_connections() >= expected_out)
-                and (incoming is None or incoming.get_num_connections() >= expected_in)
+
+        def are_there() -> bool:
+            publishers, subscribers, _ = self._master.getSystemState()
+            sources, sinks = dict(publishers).get(topic, ()), dict(subscribers).get(topic, ())
+            return (outgoing is None or outgoing.get_num_connections() >= len(sinks)) and (
+                incoming is None or incoming.get_num_connections() >= len(sources)
             )
-        )
+
+        self.wait_until(are_there)
+
+
+_log: List[LogLine] = []
+_numbers = itertools.count(1)
+
+
+@functools.lru_cache(maxsize=None)
+def _for_all_tests() -> Any:
+    """Returns the publisher of /clock, and begins to listen to the log; both stay until the process ends."""
+    rospy.Subscriber("/rosout", Log, lambda line: _log.append(LogLine(_SEVERITIES[line.level], line.msg)))
+    return rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
 
 
 def _as_mapping(native: Any) -> Dict[str, Any]:
