@@ -39,21 +39,34 @@ def health_monitor() -> int:
 
 
 class _Interrupt:
-    """SIGINT and SIGTERM: before rclpy runs they end the process here; then rclpy's handlers shut its context down.
+    """SIGINT and SIGTERM: noted while the nodes are made, then left to rclpy, whose handlers end the spinning.
 
-    rclpy calls this handler from its own, so that there is never a KeyboardInterrupt.
+    From the start rclpy's handlers would shut its context down under nodes that are being made, and an exception would
+    leave its objects half made; they complain of either, each in its own way. rclpy's handlers call this one too, so
+    that there is never a KeyboardInterrupt.
     """
 
     def __init__(self) -> None:
         self.came = False
-        self.ros_is_running: Callable[[], bool] = lambda: False
+        self._is_importing = True
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
 
     def _handle(self, number: int, frame: Any) -> None:
         self.came = True
-        if not self.ros_is_running():
+        if self._is_importing:
             sys.exit(0)
+
+    def note_only(self) -> None:
+        """Ends nothing any more, only remembers."""
+        self._is_importing = False
+
+    def leave_to_rclpy(self) -> bool:
+        """Lets rclpy end the spinning, which no Python code can while it waits; False: a signal has come already."""
+        from rclpy.signals import SignalHandlerOptions, install_signal_handlers
+
+        install_signal_handlers(SignalHandlerOptions.ALL)
+        return not self.came
 
     def ignore(self) -> None:
         """Lets nothing disturb the end: launch and a terminal each send SIGINT at Ctrl-C."""
@@ -69,19 +82,16 @@ def _run(process: str, names: Sequence[str]) -> int:
     from ..core.parameters import ConfigError
     from .parameter_files import ParameterFiles
 
-    interrupt.ros_is_running = rclpy.ok
+    interrupt.note_only()
     middlewares: List[Any] = []
     try:
         files = ParameterFiles(sys.argv)
         _init(files)
         _start(names, middlewares, files)
-        _spin(middlewares)
+        _spin(middlewares, interrupt)
     except ConfigError as error:
         sys.stderr.write(f"{process}: {error}\n")
         return 2
-    except Exception:
-        if not interrupt.came:
-            raise
     finally:
         interrupt.ignore()
         for middleware in middlewares:
@@ -98,11 +108,13 @@ def _init(files: ParameterFiles) -> None:
     """
     import rclpy
     from rclpy.logging import LoggingSeverity, set_logger_level
+    from rclpy.signals import SignalHandlerOptions
 
     set_logger_level("rcl", LoggingSeverity.FATAL)  # it would print a line of its own, which says less
     try:
         with tempfile.TemporaryDirectory() as folder:
-            rclpy.init(args=files.arguments_for_any_namespace(folder))
+            arguments = files.arguments_for_any_namespace(folder)
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:
         raise files.explained(str(error)) from None
     finally:
@@ -162,7 +174,7 @@ def _serve(config: MonitorConfig, alert_system: Ros2Middleware) -> List[Any]:
     return [served]
 
 
-def _spin(middlewares: Sequence[Any]) -> None:
+def _spin(middlewares: Sequence[Any], interrupt: _Interrupt) -> None:
     """Runs all nodes in this thread until rclpy's context is shut down."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
@@ -173,7 +185,7 @@ def _spin(middlewares: Sequence[Any]) -> None:
     executor, spin = _make_executor(any(middleware.executor == "events" for middleware in middlewares), log)
     for middleware in middlewares:
         executor.add_node(middleware.node)
-    while rclpy.ok():
+    while interrupt.leave_to_rclpy() and rclpy.ok():
         try:
             spin()
         except ExternalShutdownException:

@@ -188,6 +188,8 @@ class Ros2Middleware:
         return timer
 
     def log(self, severity: Severity, text: str) -> None:
+        if not self.node.context.ok():
+            return  # rcl would complain that it cannot publish the line
         # One line each: rclpy remembers the severity by the place in the source that it is called from.
         if severity >= Severity.FATAL:
             self._logger.fatal(text)
@@ -362,8 +364,7 @@ class Ros2Middleware:
 
     def _log_failure(self, error: Exception) -> str:
         text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
-        if self.node.context.ok():  # else it is only that nothing can be published any more
-            self.log(Severity.ERROR, text)
+        self.log(Severity.ERROR, text)
         return text
 
 

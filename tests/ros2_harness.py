@@ -5,7 +5,7 @@ from __future__ import annotations
 import array
 import base64
 import threading
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
 
 import rclpy
 from port_conformance import START_S, LogLine, ServiceFailed, poll_until
@@ -125,15 +125,28 @@ class Ros2Harness:
         self.wait_until(lambda: publisher.get_subscription_count() >= self._witness.count_subscribers(topic))
         publisher.publish(fill(cls(), message))
 
+    def publish_to_process(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
+        """Publishes to a process, which is not among the harness' own nodes: waits until it has subscribed."""
+        cls = _message_class(type_name)
+        if topic not in self._publishers:
+            self._publishers[topic] = self._me.create_publisher(cls, topic, 100)
+        self.wait_until(lambda: self._publishers[topic].get_subscription_count() >= 1)
+        self._publishers[topic].publish(fill(cls(), message))
+
+    def services(self) -> Set[str]:
+        """Returns the names of all services that there are."""
+        return {name for name, _ in self._witness.get_service_names_and_types()}
+
     def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
         messages: List[Mapping[str, Any]] = []
         expected = self._witness.count_subscribers(topic) + 1
-        self._me.create_subscription(
+        subscription = self._me.create_subscription(
             _message_class(type_name), topic, lambda native: messages.append(as_mapping(native)), 100
         )
         publishers = [
             publisher for node in self._nodes for publisher in node.node.publishers if publisher.topic_name == topic
         ]
+        self.wait_until(lambda: subscription.get_publisher_count() >= self._witness.count_publishers(topic))
         self.wait_until(lambda: all(publisher.get_subscription_count() >= expected for publisher in publishers))
         return messages
 
@@ -143,9 +156,13 @@ class Ros2Harness:
         return as_mapping(self._call(service, cls, fill(cls.Request(), request or {})))
 
     def propose(self, node: Ros2Middleware, name: str, value: object) -> str:
+        return self.propose_to(node.name, name, value)
+
+    def propose_to(self, node_name: str, name: str, value: object) -> str:
+        """Changes a parameter of the node of this name; returns the reason of a refusal."""
         parameter = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
-        (result,) = self._call(f"{node.name}/set_parameters", SetParameters, request).results
+        (result,) = self._call(f"{node_name}/set_parameters", SetParameters, request).results
         assert result.successful == (not result.reason)
         return str(result.reason)
 
@@ -196,7 +213,7 @@ class Ros2Harness:
             assert gone_round.wait(10.0)
 
     def _call(self, service: str, cls: Any, request: Any) -> Any:
-        if not self._witness.count_services(service):
+        if self._is_of_closed_node(service):
             raise ServiceFailed(f"nobody offers {service}")
         client = self._me.create_client(cls, service)
         self.wait_until(client.service_is_ready)
@@ -204,6 +221,12 @@ class Ros2Harness:
         self.wait_until(answer.done)
         self._me.destroy_client(client)
         return answer.result()
+
+    def _is_of_closed_node(self, service: str) -> bool:
+        if self._witness.count_services(service):
+            return False
+        working = self._inside.executor.get_nodes()
+        return any(node.node not in working for node in self._nodes)
 
     def _keep(self, line: Log) -> None:
         level = line.level if isinstance(line.level, int) else line.level[0]

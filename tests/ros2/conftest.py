@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Dict, Iterator
+import sys
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 import pytest
+from line_process import LineProcess
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def pytest_collection_modifyitems(items: Any) -> None:
@@ -57,3 +62,33 @@ def inside(ros_environment: Dict[str, str]) -> Iterator[Any]:
         yield participant, spinner
     finally:
         spinner.close()
+
+
+@pytest.fixture
+def start(ros_environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+    """Starts an executable of `ros2/main.py` from the source tree; it is ended after the test if it still runs."""
+    processes: List[LineProcess] = []
+
+    def start_executable(
+        function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
+    ) -> LineProcess:
+        code = f"import sys; from robot_health_monitor.ros2.main import {function}; sys.exit({function}())"
+        path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
+        variables = {**ros_environment, "PYTHONPATH": path, **(environment or {})}
+        processes.append(LineProcess([sys.executable, "-c", code, *arguments], variables))
+        return processes[-1]
+
+    yield start_executable
+    for process in processes:
+        process.end()
+
+
+@pytest.fixture
+def ros(inside: Any, outside: Any) -> Iterator[Any]:
+    """The outside world: publishes, listens and calls natively."""
+    from ros2_harness import Ros2Harness
+
+    participant, spinner = inside
+    harness = Ros2Harness(participant, outside, spinner)
+    yield harness
+    harness.close()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, List, Mapping
+from typing import Any, Dict, List, Mapping
 
 import pytest
 from port_conformance import FLOAT32, Recorder, RefusingNode
@@ -10,16 +10,6 @@ from port_conformance import FLOAT32, Recorder, RefusingNode
 from robot_health_monitor.core.config import described_parameters, load_config
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.parameters import ConfigError, Parameter
-
-
-@pytest.fixture
-def ros(inside: Any, outside: Any) -> Iterator[Any]:
-    from ros2_harness import Ros2Harness
-
-    participant, spinner = inside
-    harness = Ros2Harness(participant, outside, spinner)
-    yield harness
-    harness.close()
 
 
 def set_atomically(ros: Any, node: Any, values: Mapping[str, Any]) -> str:

@@ -1,0 +1,281 @@
+"""The executables as a user meets them: processes with topics, parameters, signals and exit codes."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import signal
+from pathlib import Path
+from typing import Any, List, Set
+
+import pytest
+
+FLOAT32 = "std_msgs/Float32"
+TRIGGER = "std_srvs/Trigger"
+ARRAY = "diagnostic_msgs/DiagnosticArray"
+STATUS = "diagnostic_msgs/DiagnosticStatus"
+ROOT = Path(__file__).resolve().parents[2]
+READY = {
+    "battery_sensor": 'sensor "robot" started at 1 Hz',
+    "aggregator": "system_health is the mean of",
+    "alert_system": "watching cpu_usage",
+    "health_monitor": 'sensor "robot" started at 1 Hz',
+}
+
+
+def parameter_file(folder: Path, text: str) -> str:
+    file = folder / "thresholds.yaml"
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+def severe_lines(process: Any) -> List[str]:
+    return [line.text for line in process.lines if "[INFO]" not in line.text and "[WARN]" not in line.text]
+
+
+def warnings_of(process: Any, signal_name: str) -> List[str]:
+    return [line.text for line in process.lines if f"{signal_name} WARN" in line.text]
+
+
+def test_battery_sensor_publishes_its_three_metrics(ros: Any, start: Any) -> None:
+    process = start("battery_sensor", "--ros-args", "-p", "publish_rate:=20.0", "-p", "battery_level.charge_at:=0.0")
+    process.wait_for_text("started at 20 Hz")
+    heard = {name: ros.listen(f"/{name}", FLOAT32) for name in ("battery_level", "temperature", "cpu_usage")}
+    ros.wait_until(lambda: all(len(messages) >= 3 for messages in heard.values()))
+    levels = [message["data"] for message in heard["battery_level"]]
+    assert all(0.0 <= level <= 100.0 for level in levels)
+    assert levels == sorted(levels, reverse=True)
+
+
+def test_system_health_is_the_average_of_the_three(ros: Any, start: Any) -> None:
+    process = start("aggregator", "--ros-args", "-p", "publish_rate:=20.0")
+    process.wait_for_text(READY["aggregator"])
+    heard = ros.listen("/system_health", FLOAT32)
+    ros.publish_to_process("/battery_level", FLOAT32, {"data": 90.0})
+    ros.publish_to_process("/temperature", FLOAT32, {"data": 45.0})
+    ros.publish_to_process("/cpu_usage", FLOAT32, {"data": 30.0})
+    ros.wait_until(lambda: bool(heard))
+    assert heard[0]["data"] == 55.0
+
+
+@pytest.mark.parametrize("executor", ["single", "events"])
+def test_each_crossing_is_one_warning(ros: Any, start: Any, executor: str) -> None:
+    process = start(
+        "alert_system",
+        *("--ros-args", "--params-file", str(ROOT / "config" / "thresholds.yaml"), "-p", f"executor:={executor}"),
+    )
+    process.wait_for_text(READY["alert_system"])
+    alerts = ros.listen("/alerts", STATUS)
+    for percent in (25.0, 20.0, 19.5, 19.0, 18.0, 23.0, 19.0, 19.0):
+        ros.publish_to_process("/battery_level", FLOAT32, {"data": percent})
+    for degrees in (80.0, 80.5, 81.0):
+        ros.publish_to_process("/temperature", FLOAT32, {"data": degrees})
+    ros.wait_until(lambda: len(alerts) >= 4)
+    process.signal()
+    assert process.wait(5.0) == 0
+    assert severe_lines(process) == []
+    assert len(warnings_of(process, "battery_level")) == 2
+    assert len(warnings_of(process, "temperature")) == 1
+    assert "battery_level WARN: 19.5 % is below 20 %" in warnings_of(process, "battery_level")[0]
+    assert sorted((alert["name"], alert["level"]) for alert in alerts) == [
+        ("alert_system: battery_level", b"\x00"),
+        ("alert_system: battery_level", b"\x01"),
+        ("alert_system: battery_level", b"\x01"),
+        ("alert_system: temperature", b"\x01"),
+    ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("executable", list(READY))
+def test_a_signal_ends_it_cleanly(start: Any, executable: str, number: int) -> None:
+    process = start(executable)
+    process.wait_for_text(READY[executable])
+    process.signal(number)
+    assert process.wait(5.0) == 0
+    assert severe_lines(process) == []
+
+
+def test_two_signals_during_the_start_end_it_cleanly(start: Any) -> None:
+    """At Ctrl-C a terminal and launch each send one."""
+    process = start("health_monitor")
+    process.wait_for_text("watching battery_level")
+    process.signal()
+    process.signal()
+    assert process.wait(5.0) == 0
+    assert severe_lines(process) == []
+
+
+def test_a_signal_ends_it_while_simulated_time_stands_still(start: Any) -> None:
+    process = start("health_monitor", "--ros-args", "-p", "use_sim_time:=true")
+    process.wait_for_text(READY["health_monitor"])
+    process.signal()
+    assert process.wait(5.0) == 0
+
+
+@pytest.mark.parametrize("executable", ["alert_system", "health_monitor"])
+@pytest.mark.parametrize("namespace", ["/", "/robot1"])
+def test_a_wrong_file_ends_it_with_file_line_and_key(
+    start: Any, tmp_path: Path, executable: str, namespace: str
+) -> None:
+    file = parameter_file(
+        tmp_path,
+        "alert_system:\n  ros__parameters:\n    signals:\n      battery_level:\n        warn_bellow: 20.0\n",
+    )
+    process = start(executable, "--ros-args", "-r", f"__ns:={namespace}", "--params-file", file)
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert line.startswith(f"{executable}: {file}:5: alert_system.ros__parameters.signals.battery_level.warn_bellow: ")
+    assert "warn_below" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "where_and_what"),
+    [
+        ("alert_system:\n  ros__parameters:\n   a: 1\n    b: 2\n", ":4: is not valid YAML"),
+        ("alert_system:\n  ros__parameters:\n    publish_rate: 1.0\n    publish_rate: 2.0\n", ":4: .*is given twice"),
+        ("alert_system:\n  publish_rate: 1.0\n", ":1: .*found no ros__parameters"),
+        ("/**:\n  publish_rate: 1.0\n", r":2: rcl says: Cannot have a value before ros__parameters\Z"),
+        ("other:\n  ros__parameters:\n    list: [1, a]\n", ":3: rcl says: Sequence should be of same type"),
+        ("alert_system:\n  ros__parameters:\n    signals: {fan: {warn_below: }}\n", ":3: .*found nothing"),
+    ],
+)
+def test_a_file_that_rcl_cannot_read_is_one_line_too(
+    start: Any, tmp_path: Path, text: str, where_and_what: str
+) -> None:
+    file = parameter_file(tmp_path, text)
+    process = start("alert_system", "--ros-args", "--params-file", file)
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert re.match(f"alert_system: {re.escape(file)}{where_and_what}", line), line
+
+
+def test_a_file_that_is_not_there_is_one_line(start: Any, tmp_path: Path) -> None:
+    process = start("aggregator", "--ros-args", "--params-file", str(tmp_path / "none.yaml"))
+    assert process.wait() == 2
+    assert process.errors == [f"aggregator: {tmp_path / 'none.yaml'}: cannot be read: No such file or directory"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (("-p", "publish_rate:=fast"), "publish_rate: found 'fast', allowed is a number"),
+        (("-p", "log_level:=LOUD"), "log_level: found 'LOUD', allowed is one of DEBUG, INFO, WARN, ERROR, FATAL"),
+        (("-p", "executor:=many"), "executor: found 'many', allowed is one of single, events"),
+        (("-r", "nonsense"), "failed to initialize rcl: Couldn't parse remap rule: '-r nonsense'"),
+    ],
+)
+def test_a_wrong_argument_is_one_line(start: Any, arguments: Any, problem: str) -> None:
+    process = start("battery_sensor", "--ros-args", *arguments)
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert line.startswith(f"battery_sensor: {problem}")
+
+
+def test_a_wrong_field_ends_it_before_it_listens(start: Any, tmp_path: Path) -> None:
+    file = parameter_file(
+        tmp_path,
+        "alert_system:\n  ros__parameters:\n    signals:\n      battery_level:\n"
+        "        type: std_msgs/Float32\n        field: percentage\n",
+    )
+    process = start("alert_system", "--ros-args", "--params-file", file)
+    assert process.wait() == 2
+    (line,) = process.errors
+    assert "/battery_level" in line and "std_msgs/Float32" in line and "data" in line
+
+
+@pytest.mark.parametrize("how", [("--log-level", "warn"), ("-p", "log_level:=WARN")])
+def test_the_log_level_is_honoured(start: Any, ros: Any, how: Any) -> None:
+    process = start("alert_system", "--ros-args", *how)
+    ros.wait_until(lambda: ros.services() >= {"/alert_system/reset"})
+    ros.publish_to_process("/battery_level", FLOAT32, {"data": 15.0})
+    process.wait_for_text("battery_level WARN")
+    process.signal()
+    assert process.wait() == 0
+    assert [line.text for line in process.lines if "[INFO]" in line.text] == []
+
+
+def test_names_namespaces_and_topics_can_be_changed_from_outside(start: Any, ros: Any) -> None:
+    remaps = ("__node:=watchdog", "__ns:=/robot1", "battery_level:=power/level", "/diagnostics:=diagnostics")
+    process = start("alert_system", "--ros-args", *itertools.chain.from_iterable(("-r", remap) for remap in remaps))
+    process.wait_for_text(READY["alert_system"])
+    alerts, reports = ros.listen("/robot1/alerts", STATUS), ros.listen("/robot1/diagnostics", ARRAY)
+    ros.publish_to_process("/robot1/power/level", FLOAT32, {"data": 15.0})
+    ros.wait_until(lambda: bool(alerts) and bool(reports))
+    assert alerts[0]["name"] == "watchdog: battery_level"
+    assert ros.call("/robot1/watchdog/reset", TRIGGER)["success"] is True
+
+
+def test_a_section_of_a_file_holds_in_any_namespace(start: Any, ros: Any, tmp_path: Path) -> None:
+    """To ROS 2 itself, `alert_system:` is `/alert_system` only."""
+    file = parameter_file(
+        tmp_path,
+        "alert_system:\n  ros__parameters:\n    signals: {fan: {warn_below: 900.0}}\n"
+        "/robot1/alert_system:\n  ros__parameters:\n    publish_rate: 5.0\n",
+    )
+    process = start("alert_system", "--ros-args", "-r", "__ns:=/robot1", "--params-file", file)
+    process.wait_for_text("watching fan on fan: WARN below 900")
+
+
+def test_the_three_in_one_process_have_the_names_and_sections_they_have_alone(
+    start: Any, ros: Any, tmp_path: Path
+) -> None:
+    file = parameter_file(
+        tmp_path,
+        "battery_sensor: {ros__parameters: {publish_rate: 10.0, battery_level: {discharge_rate: 20.0}}}\n"
+        "aggregator: {ros__parameters: {publish_rate: 5.0}}\n",
+    )
+    process = start("health_monitor", "--ros-args", "--params-file", file)
+    process.wait_for_text('sensor "robot" started at 10 Hz')
+    heard = ros.listen("/system_health", FLOAT32)
+    process.wait_for_text("battery_level WARN")
+    ros.wait_until(lambda: bool(heard))
+    expected = {"/alert_system/reset", *(f"/{node}/set_parameters" for node in list(READY)[:3])}
+    ros.wait_until(lambda: ros.services() >= expected)
+    assert ros.call("/alert_system/reset", TRIGGER)["success"] is True
+
+
+def test_a_bound_can_be_changed_while_it_runs(start: Any, ros: Any) -> None:
+    process = start("alert_system", "--ros-args", "--params-file", str(ROOT / "config" / "thresholds.yaml"))
+    process.wait_for_text(READY["alert_system"])
+    ros.publish_to_process("/battery_level", FLOAT32, {"data": 25.0})
+    name = "signals.battery_level.warn_below"
+    assert ros.propose_to("/alert_system", name, 30.0) == ""
+    ros.publish_to_process("/battery_level", FLOAT32, {"data": 25.0})
+    process.wait_for_text("battery_level WARN: 25 % is below 30 %")
+    assert ros.propose_to("/alert_system", name, 5.0).startswith("signals.battery_level.error_below: found 10")
+    process.wait_for_text("the old parameters stay in force")
+    ros.publish_to_process("/battery_level", FLOAT32, {"data": 33.0})
+    process.wait_for_text("battery_level OK")
+
+
+def test_simulated_time_is_followed(start: Any, ros: Any) -> None:
+    """With a clock that stands still nothing becomes stale; when it jumps, everything does."""
+    process = start("alert_system", "--ros-args", "-p", "use_sim_time:=true")
+    process.wait_for_text(READY["alert_system"])
+    reports = ros.listen("/diagnostics", ARRAY)
+    steps = itertools.count(200)
+
+    def step() -> bool:
+        ros.set_time(next(steps) + 0.5)
+        return bool(reports)
+
+    ros.wait_until(step)
+    stamp = reports[0]["header"]["stamp"]
+    assert stamp["nanosec"] == 500_000_000
+    ros.publish_to_process("/battery_level", FLOAT32, {"data": 50.0})
+    late = itertools.count(10_000, 100)
+
+    def jump() -> bool:
+        ros.set_time(float(next(late)))
+        return any(status["name"] == "alert_system: battery_level" and status["level"] == b"\x03"
+                   for report in reports for status in report["status"])
+
+    ros.wait_until(jump)
+    process.wait_for_text("battery_level STALE")
+
+
+def test_services_and_parameters_are_there_for_every_node(start: Any, ros: Any) -> None:
+    process = start("battery_sensor")
+    process.wait_for_text(READY["battery_sensor"])
+    expected: Set[str] = {f"/battery_sensor/{name}" for name in ("describe_parameters", "get_parameters")}
+    ros.wait_until(lambda: ros.services() >= expected)
