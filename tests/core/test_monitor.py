@@ -735,7 +735,8 @@ def test_a_change_starts_the_time_to_the_next_repetition() -> None:
 
 def test_a_flapping_signal_is_not_repeated() -> None:
     watched = Watched(**FLAPPING, repeat_s=1.0)
-    watched.each_second(*[LOW, FINE] * 10)
+    watched.each_second(*[LOW, FINE] * 10, LOW)
+    assert (watched.level, watched.status().values["flapping"]) == (WARN, "true")
     assert watched.tick(100.0) is None
 
 
