@@ -272,7 +272,7 @@ def _element_writer(field_type: _FieldType) -> Callable[[Any], Any]:
         return _float32
     if element == "float64":
         return _float
-    return lambda found: _instance(found, str, "a text")
+    return _text
 
 
 def _integer(found: Any, element: str) -> int:
@@ -297,6 +297,12 @@ def _float32(found: Any) -> float:
     return number if not abs(number) > _FLOAT32_MAX else math.copysign(math.inf, number)
 
 
+def _text(found: Any) -> str:
+    if not isinstance(found, str):
+        raise ValueError(f"found {describe(found)}, needed is a text")
+    return found
+
+
 def _instance(found: Any, kind: type, needed: str) -> Any:
     if not isinstance(found, kind):
         raise ValueError(f"found {describe(found)}, needed is {needed}")
@@ -313,6 +319,7 @@ def _bytes_from(found: Any) -> Any:
 
 
 def _require_mapping(found: Any) -> Message:
-    if not isinstance(found, Mapping):
+    # A dict is known at once; typing's Mapping takes its time, and a report has a mapping per key-value.
+    if not isinstance(found, dict) and not isinstance(found, Mapping):
         raise ValueError(f"found {describe(found)}, needed is a mapping of fields to values")
     return found
