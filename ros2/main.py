@@ -55,6 +55,7 @@ class _Interrupt:
     def _handle(self, number: int, frame: Any) -> None:
         self.came = True
         if self._is_importing:
+            self.ignore()
             sys.exit(0)
 
     def note_only(self) -> None:
