@@ -7,8 +7,21 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Iterable, Mapping, NamedTuple, Optional
+from typing import Any, Dict, Iterable, Mapping, NamedTuple, NoReturn, Optional, TypeVar
+
+Value = TypeVar("Value")
+
+
+class FrozenDict(Dict[str, Value]):
+    """A dict that refuses to be changed; unlike `MappingProxyType` it can be copied, pickled and written as JSON."""
+
+    def _refuse(self, *args: Any, **kwargs: Any) -> NoReturn:
+        raise TypeError("this mapping cannot be changed")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> Any:
+        return FrozenDict, (dict(self),)
 
 
 class Level(enum.IntEnum):
@@ -79,13 +92,13 @@ class Transition:
     """16 hexadecimal digits that name this alert (robot and signal), the same across restarts and middlewares."""
     text: str
     """The line that people read, without the time."""
-    statistics: Mapping[str, float] = field(default_factory=dict)
+    statistics: Mapping[str, float] = field(default_factory=dict, hash=False)
     """The window's defined statistics at that moment, by name."""
     repeat: bool = False
     """True for a re-announcement of a level that goes on (`repeat_s`)."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "statistics", MappingProxyType(dict(self.statistics)))
+        object.__setattr__(self, "statistics", FrozenDict(self.statistics))
 
     def __str__(self) -> str:
         return f"{self.now_s:.3f} {self.text}"
@@ -107,7 +120,7 @@ class Status:
     """Key-values for people and tools; see docs/rules.md."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+        object.__setattr__(self, "values", FrozenDict(self.values))
 
 
 @dataclass(frozen=True)
@@ -124,4 +137,4 @@ class Report:
     """The robot's name."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "statuses", MappingProxyType(dict(self.statuses)))
+        object.__setattr__(self, "statuses", FrozenDict(self.statuses))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import json
+import pickle
 
 import pytest
 
@@ -85,3 +88,21 @@ def test_equal_transitions_are_equal() -> None:
 
 def test_a_sample_has_no_stamp_unless_it_is_told() -> None:
     assert Sample("battery_level", 19.5, 1.0).stamp_s is None
+
+
+def test_transitions_and_reports_can_be_copied_pickled_and_taken_apart() -> None:
+    seen = transition(statistics={"mean": 1.0})
+    report = Report(Level.OK, {"a": Status("a", Level.OK, "", "", {"value": "1"})}, 0.0, "atlas")
+    for value in (seen, report):
+        assert copy.deepcopy(value) == pickle.loads(pickle.dumps(value)) == value
+    assert dataclasses.asdict(seen)["statistics"] == {"mean": 1.0}
+    assert json.loads(json.dumps(dataclasses.asdict(report)))["statuses"]["a"]["values"] == {"value": "1"}
+    assert len({seen, transition(statistics={"mean": 1.0})}) == 1
+
+
+@pytest.mark.parametrize("change", ["clear", "popitem"])
+def test_no_method_changes_a_mapping_inside_a_value(change: str) -> None:
+    statistics = transition(statistics={"mean": 1.0}).statistics
+    with pytest.raises(TypeError):
+        getattr(statistics, change)()
+    assert statistics == {"mean": 1.0}
