@@ -1,7 +1,7 @@
 """The front command: measures, then prints one table.
 
     python3 -m benchmarks                   everything that can run here
-    python3 -m benchmarks observe           one part of it: observe, messages, signals, footprint
+    python3 -m benchmarks observe           one part of it: observe, messages, signals, footprint, rosbridge
 
 It sets up what it needs under .venv/, as `make test` does. Exit code 1 when a requirement is missed.
 """
@@ -59,6 +59,13 @@ def footprint(machine: Machine) -> Iterator[Row]:
     yield from on_every_middleware(machine, footprint.rows, "memory and CPU")
 
 
+def rosbridge(machine: Machine) -> Iterator[Row]:
+    """What a rosbridge client costs."""
+    from benchmarks import rosbridge_cost
+
+    yield from rosbridge_cost.rows()
+
+
 def on_every_middleware(machine: Machine, measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
     """Yields the rows for ROS 1 and for ROS 2, or one that says why there are none."""
     from benchmarks import targets
@@ -72,7 +79,7 @@ def on_every_middleware(machine: Machine, measure: Callable[[Any], Iterable[Row]
             yield Row(f"{name}, {what}", "", remark=str(problem))
 
 
-PARTS = {"observe": observe, "messages": messages, "signals": signals, "footprint": footprint}
+PARTS = {"observe": observe, "messages": messages, "signals": signals, "footprint": footprint, "rosbridge": rosbridge}
 
 
 def main() -> int:
