@@ -179,6 +179,7 @@ def _wait_for_master(process: str, interrupt: _Interrupt) -> None:
     import rosgraph
 
     if not rosgraph.is_master_online():
+        interrupt.check()  # which may be why
         uri = rosgraph.get_master_uri()
         sys.stderr.write(f"{process}: waiting for the ROS master at {uri} (ROS_MASTER_URI); Ctrl-C ends this\n")
         interrupt.wait_until(rosgraph.is_master_online)

@@ -6,7 +6,7 @@ import itertools
 import re
 import signal
 from pathlib import Path
-from typing import Any, Iterator, List
+from typing import Any, Iterator, List, Set
 
 import pytest
 
@@ -94,6 +94,7 @@ def test_a_signal_ends_it_cleanly(master: Any, start: Any, executable: str, numb
     process.signal(number)
     assert process.wait(5.0) == 0
     assert process.errors == []
+    assert f"/{executable}" not in registered_nodes(master)
 
 
 def test_a_signal_during_the_start_ends_it_cleanly(master: Any, start: Any) -> None:
@@ -104,6 +105,7 @@ def test_a_signal_during_the_start_ends_it_cleanly(master: Any, start: Any) -> N
     process.signal(signal.SIGTERM)
     assert process.wait(5.0) == 0
     assert process.errors == []
+    assert "/health_monitor" not in registered_nodes(master)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -261,7 +263,15 @@ def test_simulated_time_is_followed(start: Any, ros: Any, parameters: Any) -> No
     process.wait_for_text("battery_level STALE")
 
 
-def services(ros: Any) -> set:
+def registered_nodes(master: Any) -> Set[str]:
+    """The nodes that the master knows."""
+    import rosgraph
+
+    state = rosgraph.Master("/tests", master.uri).getSystemState()
+    return {node for kind in state for _, nodes in kind for node in nodes}
+
+
+def services(ros: Any) -> Set[str]:
     return {name for name, _ in ros._master.getSystemState()[2]}
 
 
