@@ -70,7 +70,9 @@ class Robot:
         self.bus = LocalBus()
         self.node = self.bus.node("robot")
         self.node.advertise("/battery_level", FLOAT32)
-        self.server = Server(self.bus.node("rosbridge"), port=0, threads=False, access=access, **options)
+        self.server = Server(
+            self.bus.node("rosbridge", parameters={"rate": 2.5}), port=0, threads=False, access=access, **options
+        )
         self.bus.on_log = self._on_log
         self.log: List[str] = []
 
