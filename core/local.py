@@ -174,9 +174,7 @@ class _LocalSubscription:
 class LocalMiddleware:
     """One node on a `LocalBus`; implements `core.middleware.Middleware`."""
 
-    def __init__(
-        self, bus: LocalBus, name: str, parameters: Mapping[str, Any], remap: Mapping[str, str]
-    ) -> None:
+    def __init__(self, bus: LocalBus, name: str, parameters: Mapping[str, Any], remap: Mapping[str, str]) -> None:
         """Use `LocalBus.node`."""
         self.name = name
         self._bus = bus

@@ -132,7 +132,7 @@ def _start(names: Sequence[str], middlewares: List[Any], files: ParameterFiles) 
     from ..core.parameters import ConfigError
     from .middleware import Ros2Middleware
 
-    classes = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
+    classes: Any = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
     for name in names:
         middlewares.append(Ros2Middleware(name))
     for name, middleware in tuple(zip(names, middlewares)):

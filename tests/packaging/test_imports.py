@@ -12,7 +12,7 @@ import pytest
 from environments import runtime_requirements
 from packaging_workspace import FOLDERS, NAME, ROOT
 
-ROS1 = {"genpy", "rosgraph", "roslib", "rospy"}
+ROS1 = {"genpy", "rosgraph", "roslib", "rospy", "rosservice"}
 ROS2 = {"ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "rosidl_runtime_py"}
 MESSAGES = {"diagnostic_msgs", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs"}
 ALLOWED = {

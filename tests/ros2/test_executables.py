@@ -267,8 +267,11 @@ def test_simulated_time_is_followed(start: Any, ros: Any) -> None:
 
     def jump() -> bool:
         ros.set_time(float(next(late)))
-        return any(status["name"] == "alert_system: battery_level" and status["level"] == b"\x03"
-                   for report in reports for status in report["status"])
+        return any(
+            status["name"] == "alert_system: battery_level" and status["level"] == b"\x03"
+            for report in reports
+            for status in report["status"]
+        )
 
     ros.wait_until(jump)
     process.wait_for_text("battery_level STALE")

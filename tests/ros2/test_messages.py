@@ -48,7 +48,11 @@ def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping:
         ("std_msgs/Int8", {"data": True}, "Int8.data: found true, needed is a whole number"),
         ("std_msgs/Bool", {"data": 1}, "Bool.data: found 1, needed is true or false"),
         ("std_msgs/String", {"data": 1}, "String.data: found 1, needed is a text"),
-        ("std_msgs/Header", {"stamp": {"seconds": 1}}, "Header.stamp: Time has no field seconds; there are sec, nanosec"),
+        (
+            "std_msgs/Header",
+            {"stamp": {"seconds": 1}},
+            "Header.stamp: Time has no field seconds; there are sec, nanosec",
+        ),
         ("std_msgs/Header", {"stamp": 1}, "Header.stamp: found 1, needed is a mapping"),
         ("std_msgs/UInt8MultiArray", {"data": "no base64!"}, "UInt8MultiArray.data: found a text that is no base64"),
         ("std_msgs/Float32MultiArray", {"data": 1.0}, "Float32MultiArray.data: found 1.0, needed is a list"),
