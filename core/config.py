@@ -265,9 +265,13 @@ def _sections(tree: Mapping[str, Any], path: Path) -> List[Section]:
 
 
 def _find_section(tree: Mapping[str, Any], node: str) -> Section:
+    of_node = [section for section in _sections(tree, ()) if section.path[-2].rpartition("/")[2] == node]
+    if len(of_node) > 1:
+        places = " and ".join(".".join(section.path[:-1]) for section in of_node)
+        raise ConfigError(f"found {places}, allowed is one {node} in a file: one file per robot")
+    if of_node:
+        return of_node[0]
     found = sections(tree)
-    if node in found:
-        return found[node]
     with_signals = [section for section in found.values() if "signals" in section.tree]
     if len(with_signals) == 1:
         return with_signals[0]

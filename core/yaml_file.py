@@ -55,7 +55,7 @@ def read_yaml(file: PathLike) -> YamlFile:
         root = loader.get_single_node()
         if root is None:
             raise ConfigError("is empty, allowed is a mapping of node names to ros__parameters", file=name)
-        _note_lines(root, (), lines, name, set())
+        _note_lines(root, (), lines, name, set(), set())
         tree = loader.construct_document(root)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -79,15 +79,18 @@ def read_yaml(file: PathLike) -> YamlFile:
     return result
 
 
-def _note_lines(node: Any, path: Path, lines: Dict[Path, int], file: str, above: Set[int]) -> None:
+def _note_lines(node: Any, path: Path, lines: Dict[Path, int], file: str, above: Set[int], noted: Set[int]) -> None:
     if node.id != "mapping":
         return
     if id(node) in above:
         raise ConfigError("contains itself", path, file, lines.get(path))
+    if id(node) in noted:  # aliases of aliases could name one mapping more often than there is time for
+        return
+    noted.add(id(node))
     for key, value in node.value:
         key_path = (*path, str(key.value))
         line = key.start_mark.line + 1
         if key_path in lines and key.value != "<<":
             raise ConfigError(f"is given twice, first in line {lines[key_path]}", key_path, file, line)
         lines[key_path] = line
-        _note_lines(value, key_path, lines, file, above | {id(node)})
+        _note_lines(value, key_path, lines, file, above | {id(node)}, noted)

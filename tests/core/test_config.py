@@ -383,3 +383,12 @@ def test_a_mistake_in_a_file_is_named_with_file_line_and_key(text: str, said: st
         load_config(path)
     assert str(raised.value).startswith(f"{path}:{said}")
     assert len(str(raised.value).splitlines()) == 1
+
+
+def test_a_file_with_two_alert_systems_is_refused_and_both_are_named() -> None:
+    section = {"ros__parameters": {"signals": {"battery_level": {"warn_below": 20.0}}}}
+    with pytest.raises(ConfigError) as refused:
+        load_config({"robot1": {"alert_system": section}, "/robot2/alert_system": section})
+    assert str(refused.value) == (
+        "found robot1.alert_system and /robot2/alert_system, allowed is one alert_system in a file: one file per robot"
+    )

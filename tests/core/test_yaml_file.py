@@ -137,3 +137,12 @@ def test_an_error_is_located_at_its_key_or_at_the_nearest_above_it(
     read = read_yaml(write("a:\n  b: 1\n"))
     error = read.locate(ConfigError("is wrong", path))
     assert (error.line, error.path, error.problem, error.file) == (line, path, "is wrong", read.file)
+
+
+def test_aliases_that_double_at_each_of_sixty_levels_are_read_at_once(tmp_path: Path) -> None:
+    levels = "\n".join(f"l{level}: &l{level} {{a: *l{level - 1}, b: *l{level - 1}}}" for level in range(1, 60))
+    file = tmp_path / "doubling.yaml"
+    file.write_text(f"l0: &l0 {{a: 1}}\n{levels}\n", encoding="utf-8")
+    read = read_yaml(file)
+    assert read.tree["l1"] == {"a": {"a": 1}, "b": {"a": 1}}
+    assert read.lines[("l59",)] == 60
