@@ -310,6 +310,8 @@ class Link:
             self._on_problem(f"{self.url} sent what is not understood: {error}")
             return
         if isinstance(operation, protocol.Publish):
+            if self._untyped:
+                self._untyped.discard(operation.topic)
             for deliver in self._deliveries.get(operation.topic, ()):
                 deliver(operation.msg)
         elif isinstance(operation, protocol.CallService):
@@ -342,16 +344,21 @@ class Link:
         """Finds out the types of topics that were subscribed to without one."""
         while True:
             await asyncio.sleep(_TYPE_PERIOD_S if self.up else _FIRST_RETRY_S)
-            for topic in tuple(self._untyped):
-                try:
-                    answer = await self.call_service("/rosapi/topic_type", {"topic": topic}, _CONNECT_TIMEOUT_S)
-                except ValueError:
-                    continue
-                with self._lock:
-                    found = answer.get("type")
-                    if isinstance(found, str) and found and topic in self._untyped:
-                        self._topics[topic] = canonical(found)
-                        self._say_subscribe(topic)
+            if self.up and self._untyped:
+                await asyncio.gather(*(self._ask_for_type(topic) for topic in tuple(self._untyped)))
+
+    async def _ask_for_type(self, topic: str) -> None:
+        try:
+            answer = await self.call_service("/rosapi/topic_type", {"topic": topic}, _CONNECT_TIMEOUT_S)
+        except ValueError:
+            # No rosapi there. A server that knows the topic by now takes a subscription without a type, too.
+            self.send(protocol.Subscribe(topic, "", _subscription_id(topic)))
+            return
+        found = answer.get("type")
+        with self._lock:
+            if isinstance(found, str) and found and topic in self._untyped:
+                self._topics[topic] = canonical(found)
+                self._say_subscribe(topic)
 
     async def _watch_own_pace(self) -> None:
         """Says so when it is this process that stood still: signals look stale then, though the robot is well."""
@@ -390,6 +397,8 @@ def _reason(error: BaseException) -> str:
     if isinstance(error, asyncio.TimeoutError):
         return "the robot cannot be reached: no answer"
     cause = error.os_error if isinstance(error, aiohttp.ClientConnectorError) else error
+    if isinstance(cause, ConnectionResetError):
+        return "the connection broke off"
     if isinstance(cause, ConnectionRefusedError):
         return "the robot can be reached, but no server listens there"
     return f"the robot cannot be reached: {str(cause) or type(cause).__name__}"

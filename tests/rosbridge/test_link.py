@@ -164,6 +164,7 @@ class ForeignServer:
         self.received: List[Dict[str, Any]] = []
         self.sockets: List[web.WebSocketResponse] = []
         self.types: Dict[str, str] = {}
+        self.rosapi = True
 
     async def start(self) -> str:
         application = web.Application()
@@ -186,7 +187,10 @@ class ForeignServer:
             if message.type == aiohttp.WSMsgType.TEXT:
                 fields = json.loads(message.data)
                 self.received.append(fields)
-                if fields["op"] == "call_service":
+                if fields["op"] == "call_service" and not self.rosapi:
+                    failure = {"op": "service_response", "id": fields["id"], "service": "s", "values": "not there"}
+                    await socket.send_json({**failure, "result": False})
+                elif fields["op"] == "call_service":
                     values = {"type": self.types.get(fields["args"]["topic"], "")}
                     await socket.send_json(
                         {"op": "service_response", "id": fields["id"], "service": "s", "values": values, "result": True}
@@ -240,6 +244,23 @@ async def test_the_type_of_a_topic_is_asked_for_until_somebody_publishes_it(robo
         assert foreign.received[-1]["type"] == "nav_msgs/Odometry"
         await foreign.sockets[0].send_str('{"op": "publish", "topic": "/odom", "msg": {}}')
         await robot.until(lambda: watched.heard == [1.0])
+    finally:
+        await watched.close()
+        await foreign.close()
+
+
+@with_robot()
+async def test_without_rosapi_a_subscription_without_a_type_is_tried_until_messages_come(robot: Robot) -> None:
+    foreign = ForeignServer()
+    foreign.rosapi = False
+    watched = Watched(await foreign.start())
+    try:
+        watched.node.subscribe("/odom", "", watched.hear, field=None)
+        subscription = {"op": "subscribe", "topic": "/odom", "id": "subscribe:/odom"}
+        await robot.until(lambda: foreign.received.count(subscription) >= 2)
+        await foreign.sockets[0].send_str('{"op": "publish", "topic": "/odom", "msg": {}}')
+        await robot.until(lambda: watched.heard == [1.0])
+        assert not watched.client.link._untyped
     finally:
         await watched.close()
         await foreign.close()
