@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
+import yaml
+from bridged_executable import SETTINGS, check_served, look_at
 from served_conformance import ServedConformance
 
 
@@ -20,3 +23,17 @@ class TestRos1Served(ServedConformance):
         from robot_health_monitor.ros1.served_middleware import Ros1ServedMiddleware
 
         return Ros1ServedMiddleware("/bridge")
+
+
+def test_the_executable_serves_when_rosbridge_port_is_set(
+    start: Any, parameters: Any, free_port: int, tmp_path: Any
+) -> None:
+    process = start("health_monitor")
+    process.wait_for_text("watching cpu_usage")
+    process.signal()
+    assert process.wait() == 0
+    assert "serving on" not in process.text
+    parameters("/alert_system", yaml.safe_load(SETTINGS.format(port=free_port, token="s3cret"))["alert_system"])
+    process = start("health_monitor")
+    process.wait_for_text(f"serving on ws://127.0.0.1:{free_port}")
+    check_served(process, asyncio.run(look_at(free_port, "s3cret")))
