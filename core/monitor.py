@@ -53,7 +53,10 @@ class Monitor:
         Returns:
             The transitions that it causes: at most one of its own signal, and of those that follow it by a condition.
         """
-        name, value, now_s, stamp_s = sample
+        return self.take(*sample)
+
+    def take(self, name: str, value: object, now_s: float, stamp_s: Optional[float] = None) -> List[Transition]:
+        """Takes a sample given by its parts, as `observe` does: a `Sample` less to make per message."""
         if not self._now_s <= now_s <= _LARGEST:
             now_s = self._take_odd_time(now_s)
         self._now_s = now_s

@@ -130,10 +130,10 @@ class AlertSystem:
         self._subscriptions.update(added)
 
     def _observer(self, name: str) -> Callable[[Any, float], None]:
-        observe, announce = self.monitor.observe, self._announce
+        take, announce = self.monitor.take, self._announce
 
         def callback(value: Any, now_s: float) -> None:
-            transitions = observe(Sample(name, value, now_s))
+            transitions = take(name, value, now_s)
             if transitions or self.monitor.notices:
                 announce(transitions, now_s)
 
@@ -209,10 +209,10 @@ class Aggregator:
         self._middleware.close()
 
     def _observer(self, name: str) -> Callable[[Any, float], None]:
-        observe = self._monitor.observe
+        take = self._monitor.take
 
         def callback(value: Any, now_s: float) -> None:
-            observe(Sample(name, value, now_s))
+            take(name, value, now_s)
 
         return callback
 

@@ -240,18 +240,7 @@ class SignalMonitor:
             values["age_s"] = number_text(now_s - self._last_seen_s)
         if self._stamp_s is not None:
             values["stamp_s"] = repr(self._stamp_s)
-        for name, bound in config.bounds.items():
-            values[name] = bound_text(bound)
-        for name in ("valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"):
-            setting = getattr(config, name)
-            if setting is not None:
-                values[name] = bound_text(setting)
-        if config.scale != 1.0:
-            values["scale"] = bound_text(config.scale)
-        for name in CONDITIONS:
-            condition = getattr(config, name)
-            if condition is not None:
-                values[name] = str(condition)
+        values.update(self._settings)
         values["state"] = self._state()
         values["since"] = f"{self._level_since_s:.3f}"
         values["lasts_s"] = number_text(now_s - self._level_since_s)
@@ -263,6 +252,7 @@ class SignalMonitor:
 
     def _take_config(self, config: SignalConfig) -> None:
         self.config = config
+        self._settings = _settings_texts(config)
         self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
         self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
         self._statistic = None if config.statistic == "last" else STATISTIC_OF_WINDOW[config.statistic]
@@ -501,6 +491,22 @@ class SignalMonitor:
             return "latched"
         rule = warn if fired is Level.WARN or error.state is State.INACTIVE else error
         return rule.state.value
+
+
+def _settings_texts(config: SignalConfig) -> Dict[str, str]:
+    """Returns what a status tells of the configuration."""
+    values = {name: bound_text(bound) for name, bound in config.bounds.items()}
+    for name in ("valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"):
+        setting = getattr(config, name)
+        if setting is not None:
+            values[name] = bound_text(setting)
+    if config.scale != 1.0:
+        values["scale"] = bound_text(config.scale)
+    for name in CONDITIONS:
+        condition = getattr(config, name)
+        if condition is not None:
+            values[name] = str(condition)
+    return values
 
 
 def _as_float(value: object) -> float:
