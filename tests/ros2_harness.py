@@ -92,7 +92,18 @@ class Ros2Harness:
         parameters: Optional[Mapping[str, Any]] = None,
         remap: Optional[Mapping[str, str]] = None,
         sim_time: Optional[bool] = True,
+        before_time: Callable[[Ros2Middleware], object] = lambda node: None,
     ) -> Ros2Middleware:
+        """Does what `Harness.node` says.
+
+        Args:
+            name: as there.
+            namespace: as there.
+            parameters: as there.
+            remap: as there.
+            sim_time: as there; None: the parameter is not given.
+            before_time: called with the node before it has seen simulated time.
+        """
         arguments = ["--ros-args"]
         for old, new in (remap or {}).items():
             arguments += ["-r", f"{old}:={new}"]
@@ -108,6 +119,7 @@ class Ros2Harness:
             parameter_overrides=overrides,
         )
         self._nodes.append(node)
+        before_time(node)
         self._inside.executor.add_node(node.node)
         if sim_time:
             self._simulated.append(node)

@@ -206,3 +206,23 @@ def test_a_refusing_node_keeps_rclpys_own_parameters_out_of_the_tree(ros: Any) -
     node = ros.node("alert_system", parameters=given)
     RefusingNode(node)
     assert node.given_parameters() == {"publish_rate": 2.0}
+
+
+def test_a_small_step_back_restarts_the_period_too(ros: Any) -> None:
+    times_s: List[float] = []
+    ros.node("aggregator").create_timer(1.0, times_s.append)
+    for step, calls in ((100.75, 0), (100.5, 0), (101.25, 0), (101.5, 1)):
+        ros.set_time(step)
+        ros.wait_until(lambda expected=calls: len(times_s) >= expected)
+    assert times_s == [101.5]
+
+
+def test_periods_begin_with_simulated_time(ros: Any) -> None:
+    """Until the first message on /clock it is 0; that the clock then shows hours is no reason for a call."""
+    times_s: List[float] = []
+    node = ros.node("aggregator", before_time=lambda node: node.create_timer(1.0, times_s.append))
+    assert node.now_s() == 100.0
+    ros.set_time(100.5)
+    ros.set_time(101.0)
+    ros.wait_until(lambda: bool(times_s))
+    assert times_s == [101.0]
