@@ -6,6 +6,7 @@ Both are installed below `.venv/` when they are missing; what cannot be installe
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import json
 import shutil
 import subprocess
@@ -59,12 +60,14 @@ def roslibjs() -> List[str]:
     if node is None or npm is None:
         pytest.skip("there is no Node.js on this machine")
     folder = FOLDER / "roslib"
-    if not (folder / "node_modules" / "roslib").is_dir():
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "package.json").write_text('{"private": true, "type": "module"}')
-        done = subprocess.run([npm, "install", "roslib", "ws"], cwd=folder, capture_output=True, text=True)
-        if done.returncode:
-            pytest.skip(f"npm cannot install roslib: {done.stderr.strip()[-200:]}")
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # `make test` runs these tests with two Pythons at once
+        if not (folder / "node_modules" / "roslib").is_dir():
+            (folder / "package.json").write_text('{"private": true, "type": "module"}')
+            done = subprocess.run([npm, "install", "roslib", "ws"], cwd=folder, capture_output=True, text=True)
+            if done.returncode:
+                pytest.skip(f"npm cannot install roslib: {done.stderr.strip()[-200:]}")
     program = folder / "roslibjs_peer.mjs"  # Node.js looks for modules beside the program
     shutil.copy(HERE / "roslibjs_peer.mjs", program)
     return [node, str(program)]
