@@ -45,7 +45,7 @@ setup(
     package_data={NAME: ["py.typed"]},
     data_files=data_files,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
-    extras_require={"test": ["hypothesis", "numpy", "pyfakefs", "pyte", "pytest"]},
+    extras_require={"test": ["hypothesis", "numpy", "pyfakefs", "pyte", "pytest>=7.2", "trustme"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -72,11 +72,21 @@ def ask(python: str, code: str, environment: Optional[Dict[str, str]] = None) ->
 
 def runtime_requirements() -> List[str]:
     """Returns what setup.py says the package needs."""
+    requirements: List[str] = _setup_argument("install_requires")
+    return requirements
+
+
+def requirements_of_tests() -> List[str]:
+    """Returns what setup.py says its tests need besides."""
+    requirements: List[str] = _setup_argument("extras_require")["test"]
+    return requirements
+
+
+def _setup_argument(name: str) -> Any:
     for node in ast.walk(ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))):
-        if isinstance(node, ast.keyword) and node.arg == "install_requires":
-            requirements: List[str] = ast.literal_eval(node.value)
-            return requirements
-    raise AssertionError("setup.py has no install_requires")
+        if isinstance(node, ast.keyword) and node.arg == name:
+            return ast.literal_eval(node.value)
+    raise AssertionError(f"setup.py has no {name}")
 
 
 def environment(

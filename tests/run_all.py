@@ -30,6 +30,7 @@ from environments import (
     environment,
     find_pythons,
     install_with_apt,
+    requirements_of_tests,
     runtime_requirements,
 )
 
@@ -38,7 +39,6 @@ SUITE_TIMEOUT_S = 1200.0
 AT_ONCE = 2
 """How many suites run side by side: the tests with a real middleware have deadlines that a crowded machine misses."""
 
-TEST_REQUIREMENTS = ["hypothesis", "numpy", "pyfakefs", "pyte", "pytest>=7.2"]
 ROS2_REQUIREMENTS = [
     "ros-jazzy-rclpy",
     "ros-jazzy-rmw-fastrtps-cpp",
@@ -158,7 +158,7 @@ class Machine:
     def ros2(self) -> Tuple[str, Dict[str, str]]:
         """The Python and the variables of its environment, which has rclpy and colcon; raises Unavailable."""
         with self._lock:
-            requirements = [*runtime_requirements(), *TEST_REQUIREMENTS, *BUILD_REQUIREMENTS]
+            requirements = [*runtime_requirements(), *requirements_of_tests(), *BUILD_REQUIREMENTS]
             jazzy = self.sourced("2", "jazzy")
             if jazzy:
                 made = environment("ros2", "/usr/bin/python3", requirements, system_packages=True, run_with=jazzy)
@@ -176,7 +176,7 @@ class Machine:
             try:
                 return self.ros2
             except Unavailable:
-                requirements = [*runtime_requirements(), *TEST_REQUIREMENTS, *BUILD_REQUIREMENTS]
+                requirements = [*runtime_requirements(), *requirements_of_tests(), *BUILD_REQUIREMENTS]
                 made = environment("building", list(self.pythons.values())[-1], requirements)
                 return str(made), with_path(self.plain_environment, made)
 
@@ -204,7 +204,7 @@ def core(machine: Machine, version: Version, suite: Suite) -> Prepared:
     """What needs no ROS, on one Python."""
     if version not in machine.pythons:
         raise Unavailable(f"there is no Python {version[0]}.{version[1]} on this machine")
-    python = environment(suite.name, machine.pythons[version], [*runtime_requirements(), *TEST_REQUIREMENTS])
+    python = environment(suite.name, machine.pythons[version], [*runtime_requirements(), *requirements_of_tests()])
     command = pytest_command(suite, str(python), ["tests/core", "tests/command_line", "tests/rosbridge"])
     return Prepared(command, with_path(machine.plain_environment, python), ROOT)
 
@@ -212,7 +212,7 @@ def core(machine: Machine, version: Version, suite: Suite) -> Prepared:
 def ros1(machine: Machine, suite: Suite) -> Prepared:
     """A real roscore, with the system's Python."""
     python, variables = machine.ros1
-    requirements = [*runtime_requirements(), *TEST_REQUIREMENTS]
+    requirements = [*runtime_requirements(), *requirements_of_tests()]
     made = environment(suite.name, python, requirements, system_packages=True, run_with=variables)
     return Prepared(pytest_command(suite, str(made), ["tests/ros1"]), with_path(variables, made), ROOT)
 
