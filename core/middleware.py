@@ -61,7 +61,8 @@ class Middleware(Protocol):
     def now_s(self) -> float:
         """Returns the time in seconds on which durations are measured.
 
-        Monotonic by default; ROS time when `use_sim_time` is set, which may stand still or go back.
+        Monotonic by default; ROS time when `use_sim_time` is set, which may stand still or go back. Until the first
+        message on /clock ROS time is 0: no time at all, so that messages wait for it and timers do not run.
         """
 
     def given_parameters(self) -> Mapping[str, Any]:

@@ -116,6 +116,8 @@ class Ros1Middleware:
         subscription = Subscription()
 
         def deliver(native: Any) -> None:
+            if simulated and clock() == 0.0:
+                self._wait_for_first_clock_message(subscription)
             with lock:
                 if subscription.active:
                     try:
@@ -125,7 +127,7 @@ class Ros1Middleware:
                     except Exception as error:
                         log_failure(error)
 
-        lock, clock, log_failure = self._lock, self._clock, self._log_failure
+        lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
         subscription.bind(rospy.Subscriber(resolved, cls, deliver, queue_size=_QUEUE_SIZE, tcp_nodelay=True))
         with self._lock:
             self._subscriptions.append(subscription)
@@ -183,6 +185,13 @@ class Ros1Middleware:
             self._subscriptions.clear()
             self._publishers.clear()
             self._services.clear()
+
+    def _wait_for_first_clock_message(self, subscription: Subscription) -> None:
+        """Keeps the thread of one publisher waiting, and with it the messages behind this one."""
+        started = rospy.rostime.get_rostime_cond()
+        while subscription.active and self._clock() == 0.0 and not rospy.is_shutdown():
+            with started:
+                started.wait(0.5)
 
     def _resolve(self, name: str) -> str:
         """Returns the absolute name, not remapped: rospy does that wherever it is given a name."""

@@ -6,9 +6,11 @@ A process may hold several `Ros2Middleware`s, each an rclpy node with parameters
 
 from __future__ import annotations
 
+import collections
+import functools
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -35,6 +37,7 @@ USE_SIM_TIME = Parameter("use_sim_time", bool, False, "take the time from /clock
 
 _QUEUE_SIZE = 10
 """Messages that may wait, in and out: ROS 2's own default."""
+_MOST_WAITING_FOR_CLOCK = 1000
 _START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
@@ -68,6 +71,7 @@ class Ros2Middleware:
         self._look_timer: Optional[Any] = None
         self._parameters: Dict[str, Parameter] = {}
         self._on_change: Callable[[Mapping[str, Any]], None]
+        self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
         self._closed = False
         given = {name: _plain(parameter.value) for name, parameter in self.node.get_parameters_by_prefix("").items()}
         self._own = {name: given[name] for name in _START_ONLY if name in given}
@@ -224,13 +228,21 @@ class Ros2Middleware:
         return nanoseconds / 1e9
 
     def _on_time_jump(self, jump: TimeJump) -> None:
-        """Restarts every period when simulated time went back, and when it began: until then it is 0."""
+        """Restarts every period when simulated time went back, and when it began: until then it is 0.
+
+        Messages that came before it began are delivered now.
+        """
         went_back = jump.delta.nanoseconds < 0
         began = self._ros_clock.now().nanoseconds == jump.delta.nanoseconds
-        if went_back or began:
-            with self._lock:
+        with self._lock:
+            if went_back or began:
                 for timer in self._timers:
                     timer.restart()
+            if began:
+                waiting = list(self._waiting_for_clock)
+                self._waiting_for_clock.clear()
+                for deliver in waiting:
+                    deliver()
 
     def _resolve(self, name: str) -> str:
         try:
@@ -245,15 +257,20 @@ class Ros2Middleware:
         cls = messages.message_class(type_name)
         field = subscription.field
         get = _arrival if field is None else messages.field_getter(subscription.topic, type_name, field)
-        callback, lock, clock, log_failure = subscription.callback, self._lock, self._clock, self._log_failure
+        callback, lock, log_failure = subscription.callback, self._lock, self._log_failure
+        clock, simulated = self._clock, self._simulated
 
         def deliver(native: Any) -> None:
             with lock:
                 if subscription.active:
+                    now_s = clock()
+                    if simulated and now_s == 0.0:
+                        self._waiting_for_clock.append(functools.partial(deliver, native))
+                        return
                     try:
                         value = get(native)
                         if value is not ABSENT:
-                            callback(value, clock())
+                            callback(value, now_s)
                     except Exception as error:
                         log_failure(error)
 

@@ -595,6 +595,20 @@ class PortConformance:
         harness.set_time(START_S + 0.5)
         harness.wait_until(lambda: timers == [100.5])
 
+    def test_a_message_from_before_the_first_clock_message_waits_for_it(self, harness: Harness) -> None:
+        self._needs_types(harness)  # where there are none, 0 is a time like any other
+        heard = Recorder()
+        node = harness.node("alert_system")
+        listened = harness.listen("/in", FLOAT32)  # first, since rospy calls back one after the other
+        node.subscribe("in", FLOAT32, heard, field="data")
+        harness.set_time(0.0)
+        harness.publish("/in", FLOAT32, {"data": 19.5})
+        harness.wait_until(lambda: len(listened) == 1)
+        assert heard.values == []
+        harness.set_time(START_S)
+        harness.wait_until(lambda: heard.values == [19.5])
+        assert heard.times_s == [START_S]
+
     # Services
 
     def test_a_service_answers_every_call(self, harness: Harness) -> None:
