@@ -78,7 +78,11 @@ class _Interrupt:
 def _run(process: str, names: Sequence[str]) -> int:
     """Runs the nodes of `names` in this process."""
     interrupt = _Interrupt()
-    import rclpy
+    try:
+        import rclpy
+    except ModuleNotFoundError as error:  # installed with pip on a machine without ROS
+        sys.stderr.write(f"{process}: needs ROS 2, and {error.name} is not here; without ROS: robot-health run\n")
+        return 2
 
     from ..core.parameters import ConfigError
     from .parameter_files import ParameterFiles

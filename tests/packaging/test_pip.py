@@ -56,3 +56,11 @@ def test_the_library_and_the_command_work_without_ros(workspace: Workspace, pyth
         shutil.rmtree(workspace.package)
         installed.run("robot-health", "check", str(installed.folder / "share" / NAME / "config" / "thresholds.yaml"))
     assert os.access(installed.folder / "bin" / "robot-health", os.X_OK)
+
+
+def test_a_node_of_ros2_says_without_ros_what_it_needs(workspace: Workspace) -> None:
+    installed = Installed(workspace, _PYTHONS[max(_PYTHONS)], ["--no-deps"])
+    node = installed.folder / "bin" / "alert_system"
+    done = run([str(node)], installed.folder, installed.variables, fails=True)
+    assert (done.returncode, len(done.stdout.splitlines())) == (2, 1), done.stdout
+    assert "alert_system: needs ROS 2" in done.stdout
