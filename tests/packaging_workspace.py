@@ -181,6 +181,6 @@ def check_share(share: Path) -> None:
     """Checks that launch and configuration files are installed, all of them."""
     for folder, pattern in (("launch", "*.launch"), ("launch", "*.launch.py"), ("config", "*.yaml")):
         wanted = sorted(path.name for path in (ROOT / folder).glob(pattern))
-        assert wanted or pattern == "*.launch.py"
+        assert wanted
         assert sorted(path.name for path in (share / folder).glob(pattern)) == wanted
     assert (share / "package.xml").is_file()
