@@ -1,0 +1,53 @@
+"""docs/signals.md says what the code does: its examples load, and its table names every source of the host."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Dict, List
+
+import pytest
+
+from robot_health_monitor.core import sensing
+from robot_health_monitor.core.config import load_config
+from robot_health_monitor.core.field_path import parse_field_path
+from robot_health_monitor.core.host_sources import HOST_SOURCES
+
+yaml = pytest.importorskip("yaml")
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "signals.md").read_text(encoding="utf-8")
+EXAMPLES: List[Dict[str, Any]] = [
+    yaml.safe_load(text) for text in re.findall(r"^```yaml\n(.*?)^```", PAGE, re.M | re.S)
+]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: ", ".join(example))
+def test_an_example_is_a_configuration(example: Dict[str, Any]) -> None:
+    if "alert_system" in example:
+        sensing.read_sources(example["battery_sensor"]["ros__parameters"])
+        load_config(example)
+    else:
+        load_config({"signals": example})
+
+
+@pytest.mark.parametrize("kind", HOST_SOURCES)
+def test_the_table_lists_every_source_of_the_host(kind: str) -> None:
+    source = HOST_SOURCES[kind]
+    option = "" if source.option is None else f"`{source.option.name}`: {source.option.description}"
+    assert f"| `{kind}` | {option} | {source.unit} | {source.description} |\n" in PAGE
+
+
+def test_the_table_of_fields_shows_paths() -> None:
+    paths = re.findall(r"^\| `([a-z][^`]*)` (?:\(left out\) )?\| [a-z]", PAGE, re.M)
+    assert len([parse_field_path(path) for path in paths if "[" in path or "." in path]) == 4
+
+
+def test_the_line_about_the_charger_is_what_the_monitor_says() -> None:
+    from robot_health_monitor.core import Monitor, Sample
+
+    (example,) = (example for example in EXAMPLES if "battery" in example and "charging" in example)
+    del example["battery"]["latch"], example["battery"]["latch_release_if"], example["battery"]["for_s"]
+    monitor = Monitor(load_config({"signals": example}))
+    monitor.observe(Sample("battery", 0.15, 0.0))
+    (said,) = monitor.observe(Sample("charging", 1, 94.0))
+    assert f"  {said.text}\n" in PAGE
