@@ -1,7 +1,8 @@
 # make run: the monitor on this machine, simulated robot, no ROS.   make test: every test that this machine can run.
-# Both set up what is missing under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2".
+# make bench: what it costs, beside bare peers, in one run.   make lint: formatter, linter, types, imports.
+# All set up what is missing under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2".
 PYTHON ?= python3
-.PHONY: run test lint
+.PHONY: run test bench lint
 
 run:
 	@$(PYTHON) tests/environments.py
@@ -9,6 +10,9 @@ run:
 
 test:
 	@$(PYTHON) tests/run_all.py $(ARGS)
+
+bench:
+	@$(PYTHON) -m benchmarks $(ARGS)
 
 lint:
 	@$(PYTHON) tests/run_all.py lint
