@@ -107,8 +107,12 @@ class Interrupts:
 
     def __exit__(self, *error: object) -> None:
         """Gives the signals back; after an interrupt, a second one must not disturb the clean end of the process."""
+        if self._interrupted:
+            # Not SIG_IGN: Python complains of a race when a signal comes while its handler changes.
+            signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
+            return
         for number, handler in self._before:
-            signal.signal(number, signal.SIG_IGN if self._interrupted else handler)
+            signal.signal(number, handler)
 
     def _handle(self, number: int, frame: object) -> None:
         first, self._interrupted = not self._interrupted, True
