@@ -64,6 +64,7 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
             return not stop.is_set()
         finally:
             interrupts.on_interrupt = bool  # does nothing: the end is under way
+            fleet.close()
             for task in (running, stopped):
                 task.cancel()
             await asyncio.wait({running, stopped})

@@ -98,9 +98,10 @@ class RosbridgeClient:
         await self.link.run()
 
     def close(self) -> None:
-        """Closes every node."""
+        """Closes every node and, for the one that runs it, the link."""
         for node in tuple(self._nodes):
             node.close()
+        self.link.close()
 
     def forget(self, node: RosbridgeMiddleware) -> None:
         """Leaves out a node that has closed."""

@@ -34,6 +34,7 @@ Deliver = Callable[[Mapping[str, Any]], None]
 Handler = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 
 _CONNECT_TIMEOUT_S = 5.0
+_GOODBYE_TIMEOUT_S = 1.0
 _FIRST_RETRY_S = 0.2
 _LAST_RETRY_S = 2.0
 _TYPE_PERIOD_S = 1.0
@@ -92,6 +93,7 @@ class Link:
         self._queue: Deque[protocol.Wire] = deque()
         self._queued: Optional[asyncio.Event] = None
         self._thread = 0
+        self._closed = False
         self._calls: Dict[Id, asyncio.Future[Any]] = {}
         self._numbers = itertools.count()
 
@@ -157,6 +159,10 @@ class Link:
         """Publishes on an advertised topic."""
         self.send(protocol.Publish(topic, message))
 
+    def close(self) -> None:
+        """Has `run` end when it is cancelled, or when it looks next: before Python 3.12 a cancellation can get lost."""
+        self._closed = True
+
     # In the loop
 
     async def call_service(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
@@ -187,7 +193,7 @@ class Link:
         types = asyncio.ensure_future(self._ask_for_types())
         retry_s = _FIRST_RETRY_S
         try:
-            while True:
+            while not self._closed:
                 was_up = await self._connect_once()
                 retry_s = _FIRST_RETRY_S if was_up else min(retry_s * 2.0, _LAST_RETRY_S)
                 # Spread out: a fleet must not come back all at once.
@@ -208,15 +214,20 @@ class Link:
                 self._go_down(_reason(error))
                 return False
             try:
-                was_up = True
-                await self._talk(socket)
-                self._go_down(_ending(socket))
+                if not self._closed:
+                    was_up = True
+                    await self._talk(socket)
+                    self._go_down(_ending(socket))
             except (aiohttp.ClientError, OSError) as error:
                 self._go_down(_reason(error))
             finally:
                 self.up = False
-                with contextlib.suppress(asyncio.TimeoutError, aiohttp.ClientError, OSError):
-                    await asyncio.wait_for(socket.close(), 1.0)
+                goodbye = asyncio.ensure_future(socket.close())
+                try:
+                    await asyncio.wait({goodbye}, timeout=_GOODBYE_TIMEOUT_S)
+                finally:
+                    goodbye.cancel()
+                    goodbye.add_done_callback(_forget)
         return was_up
 
     async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
@@ -369,6 +380,12 @@ class Link:
             late_s = loop.time() - before_s - _WATCH_PERIOD_S
             if late_s > _STANDSTILL_S:
                 self._on_problem(f"own fault: this process stood still for {late_s:.1f} s")
+
+
+def _forget(task: asyncio.Future[Any]) -> None:
+    """Looks at how a task ended, which asyncio complains of otherwise: the connection is gone either way."""
+    if not task.cancelled():
+        task.exception()
 
 
 def _subscription_id(topic: str) -> str:

@@ -52,6 +52,8 @@ _LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.E
 _ATTEND_PERIOD_S = 0.02
 _SWEEP_PERIOD_S = 1.0
 _LOG_PERIOD_S = 1.0
+_GRACE_S = 0.5
+"""For a middleware to say itself that a service did not answer."""
 
 
 class _Feed:
@@ -271,7 +273,9 @@ class Server:
             return await self.offers.call(service, request, timeout_s)
         if not allowed(service, self.access.services):
             raise ValueError(f"{service} may not be called from here")
-        return await self._node.call(self._middleware.call_service, service, "", request, timeout_s)
+        return await self._node.call_service(
+            self._middleware.call_service, service, "", request, timeout_s, timeout_s=timeout_s + _GRACE_S
+        )
 
     def watch(self, session: Session) -> None:
         """Attends to a session that is behind."""

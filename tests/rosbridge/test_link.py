@@ -113,17 +113,16 @@ async def test_a_server_that_stays_away_is_one_line_however_often_it_is_tried(ro
     [
         ("ws://127.0.0.1:1", "the robot can be reached, but no server listens there"),
         ("ws://no-such-robot.invalid:9090", "the robot cannot be reached"),
-        ("wss://127.0.0.1:{port}", "own fault: the server's certificate is not trusted"),
     ],
 )
 def test_the_log_says_whose_fault_it_is(url: str, reason: str) -> None:
     @with_robot()
     async def scenario(robot: Robot) -> None:
-        watched = Watched(url.format(port=robot.server.port))
+        watched = Watched(url)
         await robot.until(lambda: watched.ups == [False])
         await watched.close()
         assert len(watched.problems()) == 1
-        assert reason in watched.problems()[0] or "ssl" in watched.problems()[0].lower()
+        assert reason in watched.problems()[0]
 
     scenario()
 
@@ -332,6 +331,10 @@ def test_tls_and_a_clients_certificate_carry_a_link(tmp_path: Any) -> None:
     @with_robot(ssl_context=served)
     async def scenario(robot: Robot) -> None:
         url = f"wss://localhost:{robot.server.port}"
+        doubter = Watched(url)
+        await robot.until(lambda: doubter.ups == [False])
+        await doubter.close()
+        assert "own fault: the server's certificate is not trusted" in doubter.problems()[0]
         stranger = Watched(url, ssl_context=trusting)
         await robot.until(lambda: bool(stranger.ups) and not stranger.ups[-1])
         await stranger.close()
