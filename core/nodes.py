@@ -118,7 +118,8 @@ class AlertSystem:
         }
         added: Dict[Tuple[str, str, str, str], Subscription] = {}
         try:
-            for key in sorted(wanted - self._subscriptions.keys()):
+            # Those that say most about a topic come first: what only counts its messages can then share them.
+            for key in sorted(wanted - self._subscriptions.keys(), key=lambda key: (key[3] == "", key[2] == "", key)):
                 name, topic, type_name, field = key
                 added[key] = self._middleware.subscribe(topic, type_name, self._observer(name), field=field or None)
         except ConfigError:

@@ -67,6 +67,7 @@ class Ros2Middleware:
         self._lock = threading.RLock()
         self._publishers: Dict[str, Tuple[Any, Any]] = {}
         self._subscriptions: List[Subscription] = []
+        self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
         self._timers: List[_Timer] = []
         self._look_timer: Optional[Any] = None
         self._parameters: Dict[str, Parameter] = {}
@@ -144,10 +145,7 @@ class Ros2Middleware:
                 self._start(subscription, type_name)
             else:
                 subscription.is_waiting = True
-            self._subscriptions.append(subscription)
-            if self._look_timer is None:
-                steady = Clock(clock_type=ClockType.STEADY_TIME)
-                self._look_timer = self.node.create_timer(_LOOK_PERIOD_S, self._look_for_publishers, clock=steady)
+            self._keep(subscription)
         return subscription
 
     def unsubscribe(self, subscription: Any) -> None:
@@ -217,6 +215,7 @@ class Ros2Middleware:
                 subscription.active = False
             self._timers.clear()
             self._subscriptions.clear()
+            self._channels.clear()
             self._publishers.clear()
             self._jumps.unregister()
             if self.node.executor is not None:
@@ -253,44 +252,70 @@ class Ros2Middleware:
         return resolved
 
     def _start(self, subscription: Subscription, type_name: str) -> None:
-        """Begins to receive: reliably, unless there is a best-effort publisher already."""
+        """Begins to receive, together with other subscriptions to the topic: rclpy takes its time per message."""
         cls = messages.message_class(type_name)
-        field = subscription.field
-        get = _arrival if field is None else messages.field_getter(subscription.topic, type_name, field)
-        callback, lock, log_failure = subscription.callback, self._lock, self._log_failure
+        topic, field = subscription.topic, subscription.field
+        if field is not None:
+            subscription.get = messages.field_getter(topic, type_name, field)
+        is_read_by_others = (topic, cls, False) in self._channels
+        self._join(subscription, cls, is_raw=field is None and not is_read_by_others)
+
+    def _join(self, subscription: Subscription, cls: Any, *, is_raw: bool) -> None:
+        key = subscription.topic, cls, is_raw
+        channel = self._channels.get(key) or self._open(_Channel(key, subscription.native_name))
+        self._channels[key] = channel
+        channel.readers = (*channel.readers, subscription)
+        subscription.channel = channel
+
+    def _keep(self, subscription: Subscription) -> None:
+        self._subscriptions.append(subscription)
+        if self._look_timer is None:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._look_timer = self.node.create_timer(_LOOK_PERIOD_S, self._look_for_publishers, clock=steady)
+
+    def _stop(self, subscription: Subscription) -> None:
+        channel = subscription.channel
+        if channel is not None:
+            subscription.channel = None
+            channel.readers = tuple(reader for reader in channel.readers if reader is not subscription)
+            if not channel.readers:
+                del self._channels[channel.key]
+                self.node.destroy_subscription(channel.native)
+
+    def _open(self, channel: _Channel) -> _Channel:
+        """Subscribes: reliably, unless there is a best-effort publisher already."""
+        lock, log_failure = self._lock, self._log_failure
         clock, simulated = self._clock, self._simulated
 
         def deliver(native: Any) -> None:
             with lock:
-                if subscription.active:
-                    now_s = clock()
-                    if simulated and now_s == 0.0:
+                now_s = clock()
+                if simulated and now_s == 0.0:
+                    if channel.readers:
                         self._waiting_for_clock.append(functools.partial(deliver, native))
-                        return
-                    try:
-                        value = get(native)
-                        if value is not ABSENT:
-                            callback(value, now_s)
-                    except Exception as error:
-                        log_failure(error)
+                    return
+                for subscription in channel.readers:
+                    if subscription.active:
+                        try:
+                            value = subscription.get(native)
+                            if value is not ABSENT:
+                                subscription.callback(value, now_s)
+                        except Exception as error:
+                            log_failure(error)
 
-        subscription.type_name = type_name
-        subscription.is_best_effort = self._has_best_effort_publisher(subscription.topic)
-        reliability = ReliabilityPolicy.BEST_EFFORT if subscription.is_best_effort else ReliabilityPolicy.RELIABLE
+        topic, cls, is_raw = channel.key
+        channel.is_best_effort = self._has_best_effort_publisher(topic)
+        reliability = ReliabilityPolicy.BEST_EFFORT if channel.is_best_effort else ReliabilityPolicy.RELIABLE
         # rclpy's default event handlers only log, and its executor looks at each of them for every message.
-        subscription.native = self.node.create_subscription(
+        channel.native = self.node.create_subscription(
             cls,
-            subscription.native_name,
+            channel.native_name,
             deliver,
             QoSProfile(depth=_QUEUE_SIZE, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=field is None,
+            raw=is_raw,
         )
-
-    def _stop(self, subscription: Subscription) -> None:
-        if subscription.native is not None:
-            self.node.destroy_subscription(subscription.native)
-            subscription.native = None
+        return channel
 
     def _type_of(self, topic: str) -> str:
         """Returns the type of a topic that somebody uses, empty when nobody does."""
@@ -310,14 +335,15 @@ class Ros2Middleware:
         """
         with self._lock:
             for subscription in self._subscriptions:
-                topic = subscription.topic
                 if subscription.is_waiting:
                     self._start_if_type_is_known(subscription)
-                elif subscription.native is not None and not subscription.is_best_effort:
-                    unheard = self.node.count_publishers(topic) > subscription.native.get_publisher_count()
+            for channel in self._channels.values():
+                if not channel.is_best_effort:
+                    topic, _, _ = channel.key
+                    unheard = self.node.count_publishers(topic) > channel.native.get_publisher_count()
                     if unheard and self._has_best_effort_publisher(topic):
-                        self._stop(subscription)
-                        self._start(subscription, subscription.type_name)
+                        self.node.destroy_subscription(channel.native)
+                        self._open(channel)
 
     def _start_if_type_is_known(self, subscription: Subscription) -> None:
         type_name = self._type_of(subscription.topic)
@@ -386,7 +412,7 @@ class Ros2Middleware:
 
 
 class Subscription:
-    """What to do with a topic's messages, and rclpy's subscription, which changes with the QoS that is needed."""
+    """What to do with a topic's messages."""
 
     def __init__(
         self, topic: str, native_name: str, callback: Callable[[Any, float], None], field: Optional[str]
@@ -396,12 +422,23 @@ class Subscription:
         self.native_name = native_name
         self.callback = callback
         self.field = field
+        self.get: Callable[[Any], Any] = _arrival
         self.active = True
-        self.type_name = ""
         self.is_waiting = False
         """Whether the type is still to be found out."""
+        self.channel: Optional[_Channel] = None
+
+
+class _Channel:
+    """An rclpy subscription, which changes with the QoS that is needed, and who reads from it."""
+
+    def __init__(self, key: Tuple[str, Any, bool], native_name: str) -> None:
+        self.key = key
+        """Topic, class of its messages, whether they come as bytes."""
+        self.native_name = native_name
+        self.native: Any = None
         self.is_best_effort = False
-        self.native: Optional[Any] = None
+        self.readers: Tuple[Subscription, ...] = ()
 
 
 class _Timer:

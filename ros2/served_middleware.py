@@ -6,15 +6,11 @@ import functools
 import threading
 from typing import Any, Callable, Dict, List
 
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-
 from ..core.middleware import Graph, Message, NodeInfo
 from ..core.parameters import ConfigError
 from . import messages
 from .middleware import Ros2Middleware, Subscription
 
-_QUEUE_SIZE = 10
 _SEPARATOR = "=" * 80
 _PRIMITIVES = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
 """What rosidl calls differently in a class than in a .msg file."""
@@ -83,28 +79,17 @@ class Ros2ServedMiddleware(Ros2Middleware):
             return ""
 
     def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Any:
-        cls = messages.message_class(type_name)
-        subscription = Subscription(self._resolve(topic), topic, callback, None)
-
-        def deliver(data: bytes) -> None:
-            with self._lock:
-                if subscription.active:
-                    callback(data, self.now_s())
-
-        best_effort = self._has_best_effort_publisher(subscription.topic)
-        reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
-        subscription.native = self.node.create_subscription(
-            cls,
-            subscription.topic,
-            deliver,
-            QoSProfile(depth=_QUEUE_SIZE, reliability=reliability),
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=True,
-        )
-        subscription.is_best_effort = True  # as it is now: nobody looks after it
+        resolved = self._resolve(topic)
+        subscription = Subscription(resolved, resolved, callback, None)
+        subscription.get = _as_it_is
         with self._lock:
-            self._subscriptions.append(subscription)
+            self._join(subscription, messages.message_class(type_name), is_raw=True)
+            self._keep(subscription)
         return subscription
+
+
+def _as_it_is(data: bytes) -> bytes:
+    return data
 
 
 def _names(names_and_types: Any) -> List[str]:
