@@ -50,6 +50,7 @@ class Ros1Middleware:
         self._lock = threading.RLock()
         self._publishers: Dict[str, Tuple[Any, Any]] = {}
         self._subscriptions: List[Subscription] = []
+        self._decoders: Dict[str, _Decoder] = {}
         self._services: List[Any] = []
         self._timers: List[_Timer] = []
         self._given: Optional[Mapping[str, Any]] = None
@@ -206,13 +207,16 @@ class Ros1Middleware:
         if field is None:
             return shared or rospy.AnyMsg, _arrival
         if not type_name and shared in (None, rospy.AnyMsg):
-            return rospy.AnyMsg, _RawReader(topic, "", field, self._log_error)
+            return rospy.AnyMsg, self._raw_reader(topic, "", field)
         type_name = type_name or shared._type
         cls, get = messages.message_class(type_name), messages.field_getter(topic, type_name, field)
         if shared is rospy.AnyMsg:
-            return shared, _RawReader(topic, type_name, field, self._log_error)
+            return shared, self._raw_reader(topic, type_name, field)
         _require_same_class(topic, cls, shared)
         return cls, get
+
+    def _raw_reader(self, topic: str, wanted: str, field: str) -> _RawReader:
+        return _RawReader(topic, wanted, field, self._decoders.setdefault(topic, _Decoder()), self._log_error)
 
     def _read_parameters(self) -> Mapping[str, Any]:
         """Returns what came from a file in ROS 2's form, overlaid with the private parameters."""
@@ -259,12 +263,15 @@ class _RawReader:
     It gives ABSENT, after one ERROR line, when that type is unknown here, not the one wanted, or has no such field.
     """
 
-    def __init__(self, topic: str, wanted: str, field: str, log_error: Callable[[str], None]) -> None:
+    def __init__(
+        self, topic: str, wanted: str, field: str, decoder: _Decoder, log_error: Callable[[str], None]
+    ) -> None:
         self._topic = topic
         self._wanted = messages.message_class(wanted)._type if wanted else ""
         self._field = field
+        self._decoder = decoder
         self._log_error = log_error
-        self._readers: Dict[str, Callable[[bytes], Any]] = {}
+        self._readers: Dict[str, Callable[[Any], Any]] = {}
 
     def __call__(self, native: Any) -> Any:
         type_name = native._connection_header["type"]
@@ -274,14 +281,28 @@ class _RawReader:
             except ConfigError as error:
                 self._log_error(str(error))
                 self._readers[type_name] = _absent
-        return self._readers[type_name](native._buff)
+        return self._readers[type_name](native)
 
-    def _reader(self, type_name: str) -> Callable[[bytes], Any]:
+    def _reader(self, type_name: str) -> Callable[[Any], Any]:
         if self._wanted and type_name != self._wanted:
             raise ConfigError(f"{self._topic}: somebody publishes {type_name}, wanted is {self._wanted}")
         get = messages.field_getter(self._topic, type_name, self._field)
-        cls = messages.message_class(type_name)
-        return lambda data: get(cls().deserialize(data))
+        cls, decode = messages.message_class(type_name), self._decoder.decode
+        return lambda native: get(decode(native, cls))
+
+
+class _Decoder:
+    """Deserializes the messages of a topic that arrive as bytes, each once for all that read from it."""
+
+    def __init__(self) -> None:
+        self._native: Any = None
+        self._message: Any = None
+
+    def decode(self, native: Any, cls: Any) -> Any:
+        if native is not self._native:
+            self._message = cls().deserialize(native._buff)
+            self._native = native
+        return self._message
 
 
 class _Timer(threading.Thread):

@@ -16,11 +16,12 @@ import base64
 import math
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Protocol, Sequence
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 import pytest
 
 from robot_health_monitor.core.middleware import Middleware, Severity
+from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.parameters import ConfigError, Parameter, flatten, read_parameters
 
 START_S = 100.0
@@ -561,6 +562,94 @@ class PortConformance:
         harness.publish("/in", FLOAT32, {"data": 2.0})
         harness.wait_until(lambda: len(whole.values) == 2)
         assert number.values == [1.0]
+
+    def test_many_subscriptions_to_one_topic_each_get_their_field(self, harness: Harness) -> None:
+        """In the order of their making; what one of them does is nothing to the others."""
+        battery = "sensor_msgs/BatteryState"
+        node = harness.node("alert_system")
+        recorders = {field: Recorder() for field in ("percentage", "voltage", "cell_voltage[1]")}
+        failing, untyped, arrivals = Recorder(), Recorder(), Recorder()
+
+        def fail(value: Any, now_s: float) -> None:
+            failing(value, now_s)
+            raise RuntimeError("in one of many")
+
+        node.subscribe("in", battery, fail, field="current")
+        subscriptions = {field: node.subscribe("in", battery, heard, field=field) for field, heard in recorders.items()}
+        node.subscribe("in", "", untyped, field="voltage")
+        node.subscribe("in", battery, arrivals, field=None)
+
+        def publish(voltage: float) -> None:
+            message = {"percentage": 0.5, "voltage": voltage, "current": -1.0, "cell_voltage": [3.5, 4.25]}
+            harness.publish("/in", battery, message)
+
+        def heard_from_the_start(voltage: float) -> bool:
+            publish(voltage)
+            return bool(untyped.values and recorders["percentage"].values and arrivals.values)
+
+        harness.wait_until(lambda: heard_from_the_start(24.0))
+        node.unsubscribe(subscriptions["voltage"])
+        before = len(recorders["voltage"].values)
+        publish(25.0)
+        harness.wait_until(lambda: untyped.values[-1] == 25.0 and failing.values == [-1.0] * len(arrivals.values))
+        assert set(recorders["percentage"].values) == {0.5}
+        assert set(recorders["cell_voltage[1]"].values) == {4.25}
+        assert recorders["voltage"].values == [24.0] * before
+        assert set(arrivals.values) == {1.0}
+
+    def test_several_publishers_may_share_a_topic(self, harness: Harness) -> None:
+        node, heard = harness.node("alert_system"), Recorder()
+        arrivals = Recorder()
+        node.subscribe("in", FLOAT32, heard, field="data")
+        node.subscribe("in", FLOAT32, arrivals, field=None)
+        drivers = [harness.node(name) for name in ("front_driver", "rear_driver")]
+        for driver in drivers:
+            driver.advertise("/in", FLOAT32)
+
+        def all_heard() -> bool:
+            harness.publish("/in", FLOAT32, {"data": 1.0})
+            for number, driver in enumerate(drivers):
+                driver.publish("/in", {"data": 2.0 + number})
+            return set(heard.values) == {1.0, 2.0, 3.0}
+
+        harness.wait_until(all_heard)
+        harness.wait_until(lambda: len(arrivals.values) == len(heard.values))
+
+    def test_the_alert_node_watches_what_robots_publish(self, harness: Harness) -> None:
+        """A BatteryState on a charger, another node's diagnostics, the frequency of a topic whose type is left out."""
+        battery, waits = "sensor_msgs/BatteryState", {"stale_after_s": 600.0, "startup_grace_s": 600.0}
+        driver = 'status["driver: left motor"]'
+        signals = {
+            "battery": {
+                "type": battery, "field": "percentage", "scale": 100.0, "unit": "%", "warn_below": 20.0,
+                "only_if": {"signal": "charging", "is_not": 1.0},
+            },
+            "charging": {"topic": "battery", "type": battery, "field": "power_supply_status"},
+            "motor": {"topic": "/diagnostics", "type": DIAGNOSTICS, "field": f"{driver}.level", "error_above": 1.0},
+            "motor_value": {
+                "topic": "/diagnostics", "type": DIAGNOSTICS, "field": f'{driver}.values["value"]', "warn_above": 80.0,
+            },
+            "imu": {"field": "", "statistic": "frequency_hz", "warn_below": 5.0},
+        }  # fmt: skip
+        told: List[Tuple[str, str]] = []
+        configured = {"signals": {name: {**signal, **waits} for name, signal in signals.items()}}
+        node = harness.node("alert_system", parameters=configured)
+        AlertSystem(node, lambda change: told.append((change.signal, change.to_level.name)))
+
+        def hears(topic: str, type_name: str, message: Mapping[str, Any], signal: str, level: str) -> None:
+            def heard() -> bool:
+                harness.publish(topic, type_name, message)
+                harness.set_time(node.now_s() + 1.0)
+                return (signal, level) in told
+
+            harness.wait_until(heard)
+
+        hears("/battery", battery, {"percentage": 0.15, "power_supply_status": 2}, "battery", "WARN")
+        hears("/battery", battery, {"percentage": 0.15, "power_supply_status": 1}, "battery", "OK")
+        hears("/diagnostics", DIAGNOSTICS, {"status": [{**STATUS, "name": "other"}, STATUS]}, "motor", "ERROR")
+        harness.wait_until(lambda: ("motor_value", "WARN") in told)
+        hears("/imu", "sensor_msgs/Imu", {}, "imu", "WARN")
+        assert [line for line in harness.log_lines() if "in a callback" in line.text] == []
 
     def test_nodes_hear_one_another(self, harness: Harness) -> None:
         sensor, monitor = harness.node("battery_sensor"), harness.node("alert_system")
