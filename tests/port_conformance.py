@@ -16,16 +16,21 @@ import base64
 import math
 import threading
 import time
+from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 import pytest
 
+from robot_health_monitor.core.config import sections
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.parameters import ConfigError, Parameter, flatten, read_parameters
+from robot_health_monitor.core.yaml_file import read_yaml
 
 START_S = 100.0
 """The simulated time at which every test starts."""
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
 
 FLOAT32 = "std_msgs/Float32"
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
@@ -649,6 +654,40 @@ class PortConformance:
         hears("/diagnostics", DIAGNOSTICS, {"status": [{**STATUS, "name": "other"}, STATUS]}, "motor", "ERROR")
         harness.wait_until(lambda: ("motor_value", "WARN") in told)
         hears("/imu", "sensor_msgs/Imu", {}, "imu", "WARN")
+        assert [line for line in harness.log_lines() if "in a callback" in line.text] == []
+
+    @pytest.mark.parametrize(
+        ("example", "topic", "type_name", "message", "signal"),
+        [
+            ("thresholds", "/battery_level", FLOAT32, {"data": 15.0}, "battery_level"),
+            ("differential_drive", "/battery_state", "sensor_msgs/BatteryState", {"voltage": 22.0}, "battery_voltage"),
+            (
+                "differential_drive",
+                "/imu/temperature",
+                "sensor_msgs/Temperature",
+                {"temperature": 75.0},
+                "imu_temperature",
+            ),
+            ("raspberry_pi", "/memory", FLOAT32, {"data": 90.0}, "memory"),
+            ("mixed_fleet", "/battery_state", "sensor_msgs/BatteryState", {"percentage": 0.2}, "battery"),
+        ],
+    )
+    def test_the_alert_node_runs_the_examples(
+        self, harness: Harness, example: str, topic: str, type_name: str, message: Mapping[str, Any], signal: str
+    ) -> None:
+        pytest.importorskip("yaml")
+        file = CONFIG / f"{example}.yaml"
+        tree = sections(read_yaml(file).tree)["alert_system"].tree
+        told: List[Tuple[str, str]] = []
+        node = harness.node("alert_system", parameters=tree)
+        AlertSystem(node, lambda change: told.append((change.signal, change.to_level.name)))
+
+        def warned() -> bool:
+            harness.publish(topic, type_name, message)
+            harness.set_time(node.now_s() + 0.5)
+            return (signal, "WARN") in told
+
+        harness.wait_until(warned)
         assert [line for line in harness.log_lines() if "in a callback" in line.text] == []
 
     def test_nodes_hear_one_another(self, harness: Harness) -> None:
