@@ -121,7 +121,7 @@ class AlertSystem:
             # Those that say most about a topic come first: what only counts its messages can then share them.
             for key in sorted(wanted - self._subscriptions.keys(), key=lambda key: (key[3] == "", key[2] == "", key)):
                 name, topic, type_name, field = key
-                added[key] = self._middleware.subscribe(topic, type_name, self._observer(name), field=field or None)
+                added[key] = self._subscribe(name, topic, type_name, field)
         except ConfigError:
             for subscription in added.values():
                 self._middleware.unsubscribe(subscription)
@@ -129,6 +129,12 @@ class AlertSystem:
         for key in self._subscriptions.keys() - wanted:
             self._middleware.unsubscribe(self._subscriptions.pop(key))
         self._subscriptions.update(added)
+
+    def _subscribe(self, name: str, topic: str, type_name: str, field: str) -> Subscription:
+        try:
+            return self._middleware.subscribe(topic, type_name, self._observer(name), field=field or None)
+        except ConfigError as error:
+            raise ConfigError(error.problem, ("signals", name)) from None
 
     def _observer(self, name: str) -> Callable[[Any, float], None]:
         take, announce = self.monitor.take, self._announce

@@ -102,8 +102,16 @@ def read_sources(tree: Mapping[str, Any], path: Path = ()) -> Dict[str, Source]:
 
 
 def section_of(tree: Mapping[str, Any], metric: str) -> object:
-    """Returns what a node's configuration says of one metric, None when that is nothing."""
-    return tree.get(metric) if metric in METRICS else tree.get(HOST, {}).get(metric)
+    """Returns what a node's configuration says of one metric, with the defaults of what it does not say.
+
+    None when it says nothing of a metric of the section `host`.
+    """
+    if metric in METRICS:
+        return {**{parameter.name: parameter.default for parameter in SECTIONS[metric]}, **tree.get(metric, {})}
+    section = tree.get(HOST, {}).get(metric)
+    if section is None:
+        return None
+    return {**{parameter.name: parameter.default for parameter in _host_parameters(section["source"])}, **section}
 
 
 def described_sections(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:

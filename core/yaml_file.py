@@ -10,6 +10,9 @@ from .parameters import ConfigError, Path, require_mapping
 PathLike = Union[str, "os.PathLike[str]"]
 
 
+_MOST_CHARACTERS = 1_000_000
+
+
 class YamlFile(NamedTuple):
     """What a file holds and where."""
 
@@ -39,7 +42,7 @@ def read_yaml(file: PathLike) -> YamlFile:
     name = os.fspath(file)
     try:
         with open(name, encoding="utf-8") as stream:
-            text = stream.read()
+            text = stream.read(_MOST_CHARACTERS + 1)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
     except UnicodeDecodeError as error:
@@ -47,6 +50,9 @@ def read_yaml(file: PathLike) -> YamlFile:
         raise ConfigError(f"is not a text in UTF-8: {found}", file=name) from None
     except ValueError as error:  # a name with a null byte
         raise ConfigError(f"cannot be read: {error}", file=repr(name)) from None
+
+    if len(text) > _MOST_CHARACTERS:
+        raise ConfigError(f"is too large, allowed are {_MOST_CHARACTERS} characters", file=name)
 
     lines: Dict[Path, int] = {}
     loader = yaml.SafeLoader("")

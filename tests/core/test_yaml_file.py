@@ -146,3 +146,9 @@ def test_aliases_that_double_at_each_of_sixty_levels_are_read_at_once(tmp_path: 
     read = read_yaml(file)
     assert read.tree["l1"] == {"a": {"a": 1}, "b": {"a": 1}}
     assert read.lines[("l59",)] == 60
+
+
+def test_a_file_without_end_is_refused_before_it_fills_the_memory() -> None:
+    with pytest.raises(ConfigError) as refused:
+        read_yaml("/dev/zero")
+    assert str(refused.value) == "/dev/zero: is too large, allowed are 1000000 characters"
