@@ -1,0 +1,325 @@
+"""The port's mappings to a middleware's own messages and back, and getters for single fields of these.
+
+ROS 1 and ROS 2 both have a class per type of message and an attribute per field; what they have differently stands in
+a `Dialect`. Neither checks a value where it is set: rospy when it is serialized, which it is only when somebody
+listens, and rclpy hands a wrong one to C as it is. So every value is checked and converted here, by its field's type.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import math
+import operator
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from .field_path import ABSENT, Keyed, Step, key_field, number_of_text, parse_field_path
+from .middleware import Message, split_type_name
+from .parameters import ConfigError, describe
+
+Getter = Callable[[Any], Any]
+
+_FLOAT32_MAX = 3.4028234663852886e38
+
+_INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
+    **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
+    "octet": (0, 255),
+}
+
+_BYTES = ("uint8", "octet")
+"""Arrays of these are base64 text in a mapping."""
+
+
+class FieldType(NamedTuple):
+    """The type of one field of a message."""
+
+    element: str
+    """What the middleware calls it, or one element of it where it is an array: `double`, `std_msgs/Header`."""
+    kind: str
+    """What it is whatever it is called: bool, int8 to int64, uint8 to uint64, float32, float64, or octet, which is an
+    int in a mapping and `bytes` of length one in a message. Anything else is a text, if it is no message."""
+    message: Optional[Any] = None
+    """The class of the message that this is, or of each element; None for a plain value."""
+    is_array: bool = False
+    size: Optional[int] = None
+    """Number of elements of an array that always has the same."""
+    most: Optional[int] = None
+    """Largest number of elements of an array that is bounded."""
+
+
+class Dialect(NamedTuple):
+    """What a middleware's messages have differently from another's."""
+
+    find_class: Callable[[str, str, str], Any]
+    """Returns the class of a package, a kind (`msg` or `srv`) and a name; None when there is none."""
+    type_name: Callable[[Any], str]
+    """Returns the type of a message class, `std_msgs/Float32`."""
+    field_types: Callable[[Any], Mapping[str, FieldType]]
+    """Returns the type of every field of a message class, by name."""
+    other_names: Mapping[str, str]
+    """Names that fields have elsewhere, to those that they have here."""
+    byte_array: Callable[[List[int]], Any]
+    """Makes what an array of uint8 is set to."""
+    plain: Callable[[Any], Any]
+    """Makes Python's own of an array, or of an element of one, that a message holds."""
+
+
+class NativeMessages:
+    """Converts and reads the messages of one middleware. What it finds out about a class it keeps."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        """Does nothing with a class before it is used."""
+        self._dialect = dialect
+        self._readers = functools.lru_cache(maxsize=None)(self._make_readers)
+        self._writers = functools.lru_cache(maxsize=None)(self._make_writers)
+
+    def message_class(self, type_name: str) -> Any:
+        """Returns the message class of `pkg/Type` or `pkg/msg/Type`.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        return self._find_class(type_name, "msg")
+
+    def service_class(self, type_name: str) -> Any:
+        """Returns the service class of `pkg/Type` or `pkg/srv/Type`.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        return self._find_class(type_name, "srv")
+
+    def is_stamped(self, native_class: Any) -> bool:
+        """Says whether messages of this class have a header, and so a stamp."""
+        header = self._dialect.field_types(native_class).get("header")
+        return header is not None and header.element == "std_msgs/Header" and not header.is_array
+
+    def to_mapping(self, message: Any) -> Dict[str, Any]:
+        """Returns a native message as a mapping: octets as ints, byte arrays as base64 text, NaN as it is."""
+        native_class: Any = type(message)
+        return {name: read(getattr(message, name)) for name, read in self._readers(native_class)}
+
+    def to_native(self, native_class: Any, mapping: Message) -> Any:
+        """Returns a native message; fields that `mapping` leaves out keep their defaults.
+
+        Raises:
+            ValueError: a field that the type does not have, or a value that does not fit its field.
+        """
+        message = native_class()
+        writers = self._writers(native_class)
+        for name, value in _require_mapping(mapping).items():
+            native_name = name if name in writers else self._dialect.other_names.get(name, name)
+            if native_name not in writers:
+                raise ValueError(f"{native_class.__name__} has no field {name}; there are {', '.join(writers)}")
+            try:
+                setattr(message, native_name, writers[native_name](value))
+            except ValueError as error:
+                raise ValueError(f"{native_class.__name__}.{name}: {error}") from None
+        return message
+
+    def field_getter(self, topic: str, type_name: str, field: str) -> Getter:
+        """Returns a function that reads `field`, a path as in `field_path.py`, from a native message.
+
+        It gives None where an array is shorter than the index, ABSENT where no element has the key. An empty field:
+        the whole message as a mapping.
+
+        Args:
+            topic: the resolved topic, for the error.
+            type_name: type of its messages.
+            field: path of the field.
+
+        Raises:
+            ConfigError: the type is not known, or has no such field.
+        """
+        native_class = self.message_class(type_name)
+        try:
+            path = parse_field_path(field)
+        except ValueError as error:
+            raise ConfigError(f"{topic}: found the field {field!r} of {type_name}, {error}") from None
+        if not path:
+            return self.to_mapping
+        try:
+            steps = self._bind(native_class, path)
+        except ValueError as error:
+            raise ConfigError(f"{topic}: {type_name} has no field {field}; {error}") from None
+        if len(steps) == 1:
+            return steps[0]
+
+        def get(message: Any) -> Any:
+            try:
+                for step in steps:
+                    message = step(message)
+                    if message is ABSENT:
+                        break
+            except IndexError:
+                return None
+            return message
+
+        return get
+
+    def _find_class(self, type_name: str, kind: str) -> Any:
+        split = split_type_name(type_name)
+        if split is None:
+            raise ConfigError(f"found the type {type_name!r}, allowed is package/Type, for instance std_msgs/Float32")
+        package, name = split
+        found = self._dialect.find_class(package, kind, name)
+        if found is None:
+            raise ConfigError(
+                f"found the type {type_name}, but there is no package {package} with a {kind} {name} here"
+            )
+        return found
+
+    def _bind(self, native_class: Any, path: Sequence[Step]) -> List[Getter]:
+        """Returns what to call in turn to read `path`; raises ValueError with the reason when there is no such."""
+        steps: List[Getter] = []
+        above = self._dialect.type_name(native_class)
+        found = FieldType(above, above, native_class)
+        for step in path:
+            if isinstance(step, str):
+                types = {} if found.is_array or not found.message else self._dialect.field_types(found.message)
+                name = step if step in types else self._dialect.other_names.get(step, step)
+                if name not in types:
+                    there = f"has {', '.join(types)}" if types else "is a plain value or a list, without fields"
+                    raise ValueError(f"{above} {there}")
+                steps.append(operator.attrgetter(name))
+                found = types[name]
+            elif not found.is_array:
+                raise ValueError(f"{above} is no array but a {found.element}")
+            else:
+                if isinstance(step, int):
+                    if found.size is not None and step >= found.size:
+                        raise ValueError(f"{above} has {found.size} elements, the last is [{found.size - 1}]")
+                    steps.append(operator.itemgetter(step))
+                    if found.size is not None:
+                        steps.append(self._dialect.plain)
+                else:
+                    steps.append(self._element_getter(above, found, step.key))
+                found = FieldType(found.element, found.kind, found.message)
+            above = step if isinstance(step, str) else f"an element of {above}"
+        if isinstance(path[-1], Keyed) and "key" in self._dialect.field_types(found.message):
+            return [*steps, operator.attrgetter("value"), number_of_text]
+        read = self._reader(found)
+        return steps if read is as_it_is else [*steps, read]
+
+    def _element_getter(self, above: str, array: FieldType, key: str) -> Getter:
+        field = key_field(self._dialect.field_types(array.message)) if array.message else None
+        if field is None:
+            raise ValueError(f"the elements of {above} have neither name nor key")
+        name_of = operator.attrgetter(field)
+
+        def get(elements: Any) -> Any:
+            return next((element for element in elements if name_of(element) == key), ABSENT)
+
+        return get
+
+    def _make_readers(self, native_class: Any) -> Tuple[Tuple[str, Getter], ...]:
+        types = self._dialect.field_types(native_class)
+        return tuple((name, self._reader(field_type)) for name, field_type in types.items())
+
+    def _reader(self, field_type: FieldType) -> Getter:
+        """Returns how to make of a native value what belongs into a mapping."""
+        is_octet = field_type.kind == "octet"
+        if field_type.is_array and field_type.kind in _BYTES:
+            return _octets_as_text if is_octet else _bytes_as_text
+        read_one: Getter = operator.itemgetter(0) if is_octet else self.to_mapping if field_type.message else as_it_is
+        if not field_type.is_array:
+            return read_one
+        plain = self._dialect.plain
+        return lambda values: [read_one(value) for value in plain(values)]
+
+    def _make_writers(self, native_class: Any) -> Mapping[str, Getter]:
+        types = self._dialect.field_types(native_class)
+        return {name: self._writer(field_type) for name, field_type in types.items()}
+
+    def _writer(self, field_type: FieldType) -> Getter:
+        """Returns how to make of a value in a mapping what a message is set to."""
+        native_class = field_type.message
+        write_one = functools.partial(self.to_native, native_class) if native_class else _plain_writer(field_type.kind)
+        if not field_type.is_array:
+            return write_one
+        byte_array = self._dialect.byte_array
+
+        def write(found: Any) -> Any:
+            values = _bytes_from(found) if field_type.kind in _BYTES else found
+            if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
+                raise ValueError(f"found {describe(found)}, needed is a list")
+            elements = [write_one(value) for value in values]
+            if field_type.size is not None and len(elements) != field_type.size:
+                raise ValueError(f"found {len(elements)} elements, needed are {field_type.size}")
+            if field_type.most is not None and len(elements) > field_type.most:
+                raise ValueError(f"found {len(elements)} elements, allowed are at most {field_type.most}")
+            return byte_array(elements) if field_type.kind == "uint8" else elements
+
+        return write
+
+
+def as_it_is(value: Any) -> Any:
+    """Returns the value: for a `Dialect` whose arrays are lists of Python's numbers."""
+    return value
+
+
+def _octets_as_text(values: Any) -> str:
+    return base64.b64encode(b"".join(values)).decode("ascii")
+
+
+def _bytes_as_text(values: Any) -> str:
+    return base64.b64encode(bytes(values)).decode("ascii")
+
+
+def _plain_writer(kind: str) -> Getter:
+    if kind == "octet":
+        return lambda found: bytes([_integer(found, kind)])
+    if kind in _INTEGER_RANGES:
+        return lambda found: _integer(found, kind)
+    return {"bool": _bool, "float32": _float32, "float64": _float}.get(kind, _text)
+
+
+def _integer(found: Any, kind: str) -> int:
+    low, high = _INTEGER_RANGES[kind]
+    if isinstance(found, bool) or not hasattr(found, "__index__") or not low <= operator.index(found) <= high:
+        raise ValueError(f"found {describe(found)}, needed is a whole number from {low} to {high}")
+    return operator.index(found)
+
+
+def _bool(found: Any) -> bool:
+    if not isinstance(found, bool):
+        raise ValueError(f"found {describe(found)}, needed is true or false")
+    return found
+
+
+def _float(found: Any) -> float:
+    if isinstance(found, (bool, str)) or not hasattr(found, "__float__"):
+        raise ValueError(f"found {describe(found)}, needed is a number")
+    try:
+        return float(found)
+    except OverflowError:
+        return math.inf if found > 0 else -math.inf
+
+
+def _float32(found: Any) -> float:
+    """Returns a number that 32 bits can hold; one that is too large becomes an infinity."""
+    number = _float(found)
+    return number if not abs(number) > _FLOAT32_MAX else math.copysign(math.inf, number)
+
+
+def _text(found: Any) -> str:
+    if not isinstance(found, str):
+        raise ValueError(f"found {describe(found)}, needed is a text")
+    return found
+
+
+def _bytes_from(found: Any) -> Any:
+    if not isinstance(found, str):
+        return found
+    try:
+        return base64.b64decode(found, validate=True)
+    except ValueError as error:
+        raise ValueError(f"found a text that is no base64: {error}") from None
+
+
+def _require_mapping(found: Any) -> Message:
+    # A dict is known at once; typing's Mapping takes its time, and a report has a mapping per key-value.
+    if not isinstance(found, dict) and not isinstance(found, Mapping):
+        raise ValueError(f"found {describe(found)}, needed is a mapping of fields to values")
+    return found
