@@ -140,8 +140,8 @@ class TestSubscribing:
             robot.publish(1.0, 2.0, 3.0)
             assert await fast.receive_many(3) == [1.0, 2.0, 3.0]
             assert await slow.receive_many(1) == [1.0]
-            response = await slow.call("/rosapi/get_time")
-            assert response["result"] is True
+            await slow.send("call_service", service="/rosapi/get_time")
+            assert (await slow.receive())["op"] == "service_response"
 
     @staticmethod
     @with_robot()
