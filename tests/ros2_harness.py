@@ -16,6 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
@@ -28,10 +29,10 @@ from robot_health_monitor.ros2.middleware import Ros2Middleware
 class Participant:
     """An rclpy context with one executor: what a process has."""
 
-    def __init__(self, domain_id: int) -> None:
+    def __init__(self, domain_id: int, executor_class: Any = SingleThreadedExecutor) -> None:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain_id)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = executor_class(context=self.context)
 
     def node(self, name: str) -> Node:
         node = Node(name, context=self.context, start_parameter_services=False, enable_rosout=False)
@@ -39,7 +40,6 @@ class Participant:
         return node
 
     def close(self) -> None:
-        self.executor.shutdown()
         rclpy.shutdown(context=self.context)
 
 
@@ -59,7 +59,9 @@ class Spinner:
 
     def _spin(self) -> None:
         try:
-            self._participant.executor.spin()
+            while self._participant.context.ok():
+                # not spin(): with the EventsExecutor of the builds for pip it never gets round to anything
+                self._participant.executor.spin_until_future_complete(Future(), 3600.0)
         except rclpy.executors.ExternalShutdownException:
             pass
         except BaseException as error:
@@ -151,15 +153,21 @@ class Ros2Harness:
 
     def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
         messages: List[Mapping[str, Any]] = []
-        expected = self._witness.count_subscribers(topic) + 1
         subscription = self._me.create_subscription(
             _message_class(type_name), topic, lambda native: messages.append(as_mapping(native)), 100
         )
         publishers = [
             publisher for node in self._nodes for publisher in node.node.publishers if publisher.topic_name == topic
         ]
+
+        def is_connected() -> bool:
+            subscribers = self._witness.get_subscriptions_info_by_topic(topic)
+            return any(subscriber.node_name == "outside" for subscriber in subscribers) and all(
+                publisher.get_subscription_count() >= len(subscribers) for publisher in publishers
+            )
+
+        self.wait_until(is_connected)
         self.wait_until(lambda: subscription.get_publisher_count() >= self._witness.count_publishers(topic))
-        self.wait_until(lambda: all(publisher.get_subscription_count() >= expected for publisher in publishers))
         return messages
 
     def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:

@@ -54,9 +54,22 @@ def outside(ros_environment: Dict[str, str]) -> Iterator[Any]:
 @pytest.fixture(scope="session")
 def inside(ros_environment: Dict[str, str]) -> Iterator[Any]:
     """The participant of the nodes under test, and the thread that spins it."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    yield from _spinning(ros_environment, SingleThreadedExecutor)
+
+
+@pytest.fixture(scope="session")
+def inside_events(ros_environment: Dict[str, str]) -> Iterator[Any]:
+    """The same with rclpy's experimental EventsExecutor."""
+    experimental = pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
+    yield from _spinning(ros_environment, experimental.EventsExecutor)
+
+
+def _spinning(ros_environment: Dict[str, str], executor_class: Any) -> Iterator[Any]:
     from ros2_harness import Participant, Spinner
 
-    participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]))
+    participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]), executor_class)
     spinner = Spinner(participant)
     try:
         yield participant, spinner

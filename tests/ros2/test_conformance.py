@@ -1,4 +1,4 @@
-"""rclpy over real DDS keeps the port's promises."""
+"""rclpy over real DDS keeps the port's promises, with either executor."""
 
 from __future__ import annotations
 
@@ -14,4 +14,13 @@ class TestRos2(PortConformance):
         from ros2_harness import Ros2Harness
 
         participant, spinner = inside
+        return Ros2Harness(participant, outside, spinner)
+
+
+class TestRos2Events(PortConformance):
+    @pytest.fixture
+    def harness(self, inside_events: Any, outside: Any) -> Any:
+        from ros2_harness import Ros2Harness
+
+        participant, spinner = inside_events
         return Ros2Harness(participant, outside, spinner)
