@@ -25,10 +25,13 @@ data_files = [
     ("share/" + NAME + "/launch", sorted(glob("launch/*.launch") + glob("launch/*.launch.py"))),
     ("share/" + NAME + "/config", sorted(glob("config/*.yaml"))),
 ]
-# setup.cfg puts every command where `ros2 run` looks for it. This one forwards from bin/, so that `robot-health` is on
-# the PATH of a workspace too. pip, which comes through the build backend, makes its own bin/robot-health.
+# colcon runs this file itself; pip comes through the build backend, and puts every command into bin/.
+# For colcon the commands go where `ros2 run` looks for them, and one that forwards makes `robot-health` known to the
+# PATH of a workspace.
+options = {}
 if "setuptools.build_meta" not in sys.modules:
     data_files.append(("bin", ["resource/robot-health"]))
+    options = {"install": {"install_scripts": "$base/lib/" + NAME}}
 
 setup(
     name=NAME,
@@ -44,6 +47,7 @@ setup(
     package_dir={NAME + "." + folder: folder for folder in FOLDERS},
     package_data={NAME: ["py.typed"]},
     data_files=data_files,
+    options=options,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
     extras_require={"test": ["hypothesis", "numpy", "pyfakefs", "pyte", "pytest>=7.2", "trustme"]},
     zip_safe=False,

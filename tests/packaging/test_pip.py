@@ -32,7 +32,9 @@ class Installed:
         self.folder = workspace.folder / "venv"
         self.variables: Dict[str, str] = workspace.variables
         run([python, "-m", "venv", str(self.folder)], workspace.folder, self.variables)
-        self.run("python", "-m", "pip", "install", "--disable-pip-version-check", *options, str(workspace.package))
+        # In the source tree, as people do: pip on Python 3.8 reads a setup.cfg that is there.
+        pip = ["-m", "pip", "install", "--disable-pip-version-check", *options, "."]
+        run([str(self.folder / "bin" / "python"), *pip], workspace.package, self.variables)
 
     def run(self, command: str, *arguments: str) -> str:
         """Runs one of the environment's commands and returns what it printed."""
