@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import os
 import re
-from typing import List, Sequence
+from typing import Any, List, Mapping, Sequence
 
 from ..core.config import load_config, sections
-from ..core.parameters import ConfigError
-from ..core.yaml_file import read_yaml
+from ..core.parameters import ConfigError, Path
+from ..core.yaml_file import YamlFile, read_yaml
 
 _OPTION = "--params-file"
 _RCL_ERROR = re.compile(
@@ -32,11 +32,13 @@ class ParameterFiles:
             arguments: the command line.
 
         Raises:
-            ConfigError: one cannot be read, or is not YAML.
+            ConfigError: one cannot be read, is not YAML, or holds an empty mapping.
         """
         self._arguments = list(arguments)
         self._places = [place + 1 for place, option in enumerate(arguments[:-1]) if option == _OPTION]
         self._files = {place: read_yaml(arguments[place]) for place in self._places}
+        for file in self._files.values():
+            _refuse_empty_mappings(file, file.tree, ())
 
     def arguments_for_any_namespace(self, folder: str) -> List[str]:
         """Returns the arguments with copies of the files in which a node's name holds in any namespace.
@@ -81,3 +83,14 @@ class ParameterFiles:
         place = int(os.path.basename(match["file"]).partition(".")[0])
         line = int(match["line"]) if match["line"] else None
         return ConfigError(f"rcl says: {match['why']}", file=self._arguments[place], line=line)
+
+
+def _refuse_empty_mappings(file: YamlFile, tree: Mapping[str, Any], path: Path) -> None:
+    """ROS 2 has only leaves: an empty mapping would become a parameter without a value, which rclpy chokes on."""
+    for key, value in tree.items():
+        below = (*path, str(key))
+        if isinstance(value, Mapping):
+            _refuse_empty_mappings(file, value, below)
+            if not value and "ros__parameters" in path:
+                problem = "found {}, allowed on ROS 2 is a mapping with at least one key, for instance topic"
+                raise file.locate(ConfigError(problem, below))

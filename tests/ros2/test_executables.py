@@ -137,6 +137,7 @@ def test_a_wrong_file_ends_it_with_file_line_and_key(
         ("/**:\n  publish_rate: 1.0\n", r":2: rcl says: Cannot have a value before ros__parameters\Z"),
         ("other:\n  ros__parameters:\n    list: [1, a]\n", ":3: rcl says: Sequence should be of same type"),
         ("alert_system:\n  ros__parameters:\n    signals: {fan: {warn_below: }}\n", ":3: .*found nothing"),
+        ("alert_system:\n  ros__parameters:\n    signals:\n      fan: {}\n", ":4: .*fan: found {}, allowed on ROS 2"),
     ],
 )
 def test_a_file_that_rcl_cannot_read_is_one_line_too(
