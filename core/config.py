@@ -30,6 +30,13 @@ NODE_PARAMETERS = (
     Parameter(
         "log_level", str, "INFO", "least severe log lines to write", choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL")
     ),
+    Parameter(
+        "executor",
+        str,
+        "single",
+        "ROS 2 only: single, or events (rclpy's experimental EventsExecutor, which needs less CPU)",
+        choices=("single", "events"),
+    ),
     Parameter("rosbridge_port", int, 0, "port on which alert_system serves rosbridge clients; 0: none", 0, 65535),
     Parameter("rosbridge_address", str, "127.0.0.1", "address of that server; any other one needs a token"),
     Parameter("rosbridge_token", str, "", "what its clients have to show; empty: nothing"),

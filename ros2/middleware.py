@@ -21,19 +21,16 @@ from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from ..core.config import NODE_PARAMETERS
 from ..core.field_path import ABSENT
 from ..core.middleware import Message, Severity
 from ..core.parameters import ConfigError, Parameter, unflatten
 from . import messages
 
-EXECUTOR = Parameter(
-    "executor",
-    str,
-    "single",
-    "single: rclpy's SingleThreadedExecutor; events: its experimental EventsExecutor, which needs less CPU",
-    choices=("single", "events"),
+EXECUTOR, USE_SIM_TIME = (
+    next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")
 )
-USE_SIM_TIME = Parameter("use_sim_time", bool, False, "take the time from /clock")
+"""The two that this adapter reads itself, and only at the start."""
 
 _QUEUE_SIZE = 10
 """Messages that may wait, in and out: ROS 2's own default."""
@@ -99,11 +96,11 @@ class Ros2Middleware:
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
     ) -> None:
-        """Declares them in ROS 2's sense, `executor` too; `use_sim_time` and `executor` are fixed from now on.
+        """Declares them in ROS 2's sense; `use_sim_time` and `executor` are fixed from now on.
 
         Types are dynamic, so that the whole number 30 will do for a bound, as it does in the file.
         """
-        self._parameters = {parameter.name: parameter for parameter in (*parameters, EXECUTOR)}
+        self._parameters = {parameter.name: parameter for parameter in parameters}
         for parameter in self._parameters.values():
             self._declare(parameter)
         self._on_change = on_change
