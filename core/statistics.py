@@ -190,7 +190,12 @@ class Window:
         """Arrivals per second from the oldest to the newest sample."""
         if self._noted:
             self._work_in()
-        return self._per_second(len(self._values) - 1.0) if self._values else None
+        times = self._times
+        span_s = times[-1] - times[0] if times else 0.0
+        if span_s <= 0.0:
+            return None
+        frequency = (len(times) - 1) / span_s  # not by _per_second: it is asked per message
+        return frequency if math.isfinite(frequency) else None
 
     def statistics(self) -> Dict[str, float]:
         """Returns every defined statistic by its name in the configuration."""

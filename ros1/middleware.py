@@ -30,6 +30,9 @@ _LOG = {
 }
 _QUEUE_SIZE = 1000
 """Messages that may wait, in and out: a second at 1 kHz. A node that is further behind loses the oldest."""
+Reader = Callable[[Any], Any]
+"""Reads the value from a native message."""
+
 _FILE_KEY = "ros__parameters"
 """Under it stands what came from a file in ROS 2's form."""
 
@@ -122,7 +125,7 @@ class Ros1Middleware:
             with lock:
                 if subscription.active:
                     try:
-                        value = get(native)
+                        value = 1.0 if get is None else get(native)
                         if value is not ABSENT:
                             callback(value, clock())
                     except Exception as error:
@@ -198,14 +201,14 @@ class Ros1Middleware:
         """Returns the absolute name, not remapped: rospy does that wherever it is given a name."""
         return resolve_name(name, self.name)
 
-    def _choose_reader(self, topic: str, type_name: str, field: Optional[str]) -> Tuple[Any, Callable[[Any], Any]]:
-        """Returns the class to subscribe with and what reads the value from its messages.
+    def _choose_reader(self, topic: str, type_name: str, field: Optional[str]) -> Tuple[Any, Optional[Reader]]:
+        """Returns the class to subscribe with and what reads the value from its messages, None where nothing is read.
 
         All subscriptions of a process to a topic share one connection, and with it the class that came first.
         """
         shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
         if field is None:
-            return shared or rospy.AnyMsg, _arrival
+            return shared or rospy.AnyMsg, None
         if not type_name and shared in (None, rospy.AnyMsg):
             return rospy.AnyMsg, self._raw_reader(topic, "", field)
         type_name = type_name or shared._type
@@ -370,10 +373,6 @@ class _Timer(threading.Thread):
         with moved:
             if self._clock() == now_s:
                 moved.wait(0.5)
-
-
-def _arrival(native: Any) -> float:
-    return 1.0
 
 
 def _absent(data: bytes) -> Any:
