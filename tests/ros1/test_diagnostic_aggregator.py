@@ -1,0 +1,83 @@
+"""What alert_system publishes on /diagnostics, read by the real diagnostic_aggregator of ROS 1."""
+
+from __future__ import annotations
+
+import glob
+import os
+import socket
+from pathlib import Path
+from typing import Any, Dict, Iterator, Mapping, Optional
+
+import pytest
+from line_process import LineProcess
+
+NODES = ("/opt/ros/*/lib/diagnostic_aggregator/aggregator_node", "/usr/lib/diagnostic_aggregator/aggregator_node")
+
+
+@pytest.fixture
+def ros(ros_process: Any) -> Iterator[Any]:
+    from ros1_harness import Ros1Harness
+
+    harness = Ros1Harness()
+    yield harness
+    harness.close()
+
+
+MANIFEST = """<package format="2"><name>diagnostic_aggregator</name><version>0.0.0</version>
+<description>Debian ships the node without it</description><maintainer email="a@b.invalid">a</maintainer>
+<license>BSD</license></package>"""
+
+
+@pytest.fixture
+def aggregated(ros: Any, master: Any, tmp_path: Path) -> Iterator[Any]:
+    """What a running diagnostic_aggregator publishes."""
+    found = [node for pattern in NODES for node in glob.glob(pattern)]
+    if not found:
+        pytest.skip("diagnostic_aggregator is not installed")
+    environment = dict(master.environment)
+    if found[0].startswith("/usr/lib"):  # the node asks where its package is, and gives up when there is none
+        package = tmp_path / "diagnostic_aggregator"
+        package.mkdir()
+        (package / "package.xml").write_text(MANIFEST, encoding="utf-8")
+        environment["ROS_PACKAGE_PATH"] = f"{tmp_path}{os.pathsep}/usr/share"
+    process = LineProcess([found[0], "_pub_rate:=20.0"], environment)
+    yield ros.listen("/diagnostics_agg", "diagnostic_msgs/DiagnosticArray")
+    process.end()
+
+
+def test_the_aggregator_groups_our_statuses_and_rolls_their_levels_up(ros: Any, start: Any, aggregated: Any) -> None:
+    alert_system = start("alert_system")
+    alert_system.wait_for_text("watching cpu_usage")
+    for topic, value in (("battery_level", 19.0), ("temperature", 60.0), ("cpu_usage", 30.0)):
+        ros.publish(f"/{topic}", "std_msgs/Float32", {"data": value})
+
+    def status(name: str) -> Optional[Mapping[str, Any]]:
+        latest = aggregated[-1]["status"] if aggregated else []
+        return next((one for one in latest if one["name"] == name), None)
+
+    def is_complete() -> bool:
+        names = ("battery_level", "temperature", "cpu_usage")
+        found = [status(f"/Other/alert_system: {name}") for name in names]
+        return None not in found and found[0]["level"] == 1
+
+    ros.wait_until(is_complete)
+    battery = status("/Other/alert_system: battery_level")
+    assert battery is not None
+    assert battery["message"] == "19 % is below 20 %"
+    assert battery["hardware_id"] == socket.gethostname()
+    values: Dict[str, str] = {pair["key"]: pair["value"] for pair in battery["values"]}
+    assert {key: values[key] for key in ("value", "unit", "warn_below", "error_below", "good_samples")} == {
+        "value": "19",
+        "unit": "%",
+        "warn_below": "20",
+        "error_below": "10",
+        "good_samples": "1",
+    }
+    # The worst of the three is the level of the group; the other two are OK.
+    group = status("/Other")
+    assert group is not None
+    assert group["level"] == 1
+    for name in ("temperature", "cpu_usage"):
+        one = status(f"/Other/alert_system: {name}")
+        assert one is not None
+        assert one["level"] == 0
