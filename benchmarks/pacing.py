@@ -20,22 +20,22 @@ def topics_below(name: str, count: int) -> List[str]:
     return [name] if count == 1 else [f"{name}/t{number}" for number in range(count)]
 
 
-def serve(connected: Callable[[str], bool], publish: Callable[[str, int], None]) -> None:
-    """For every line `NAME RATE_HZ SECONDS` publishes so and writes how many messages it sent, until the end.
+def serve(connected: Callable[[], bool], publish: Callable[[int], None]) -> None:
+    """For every line `RATE_HZ SECONDS` publishes so and writes how many messages it sent, until the end.
 
     Args:
-        connected: says whether somebody listens to what a contestant listens to.
-        publish: sends a message to a contestant; takes its number.
+        connected: says whether everybody listens who is to be fed.
+        publish: sends a message to each; takes its number.
     """
     for line in sys.stdin:
-        name, rate_hz, seconds = line.split()
-        while not connected(name):
+        rate_hz, seconds = map(float, line.split())
+        while not connected():
             time.sleep(0.05)
-        wanted = round(float(rate_hz) * float(seconds))
+        wanted = round(rate_hz * seconds)
         begin_s = time.monotonic()
         for number in range(wanted):
-            early_s = begin_s + number / float(rate_hz) - time.monotonic()
+            early_s = begin_s + number / rate_hz - time.monotonic()
             if early_s > 0.0:
                 time.sleep(early_s)
-            publish(name, number)
+            publish(number)
         print(wanted, flush=True)

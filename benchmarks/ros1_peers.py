@@ -33,18 +33,19 @@ def subscriber(topics: int) -> None:
 
 
 def publisher(topics: int) -> None:
-    """Publishes as it is told."""
-    publishers = {
-        name: [
-            rospy.Publisher(topic, Float32, queue_size=1000, tcp_nodelay=True) for topic in topics_below(name, topics)
-        ]
+    """Publishes to both contestants as it is told, first to the one, then to the other in turn."""
+    publishers = [
+        [rospy.Publisher(topic, Float32, queue_size=1000, tcp_nodelay=True) for topic in topics_below(name, topics)]
         for name in ("/bare", "/watched")
-    }
+    ]
     levels = battery_levels()
-    serve(
-        connected=lambda name: all(publisher.get_num_connections() > 0 for publisher in publishers[name]),
-        publish=lambda name, number: publishers[name][number % topics].publish(next(levels)),
-    )
+
+    def publish(number: int) -> None:
+        level = next(levels)
+        for publishers_of_one in publishers[:: 1 if number // topics % 2 else -1]:
+            publishers_of_one[number % topics].publish(level)
+
+    serve(lambda: all(one.get_num_connections() > 0 for of_one in publishers for one in of_one), publish)
 
 
 if __name__ == "__main__":

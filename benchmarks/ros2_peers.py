@@ -36,24 +36,22 @@ def subscriber(node: Node, topics: int) -> None:
 
 
 def publisher(node: Node, topics: int) -> None:
-    """Publishes as it is told."""
+    """Publishes to both contestants as it is told, first to the one, then to the other in turn."""
     from std_msgs.msg import Float32
 
-    publishers = {
-        name: [node.create_publisher(Float32, topic, 10) for topic in topics_below(name, topics)]
+    publishers = [
+        [node.create_publisher(Float32, topic, 10) for topic in topics_below(name, topics)]
         for name in ("/bare", "/watched")
-    }
+    ]
     levels = battery_levels()
     message = Float32()
 
-    def publish(name: str, number: int) -> None:
+    def publish(number: int) -> None:
         message.data = next(levels)
-        publishers[name][number % topics].publish(message)
+        for publishers_of_one in publishers[:: 1 if number // topics % 2 else -1]:
+            publishers_of_one[number % topics].publish(message)
 
-    def connected(name: str) -> bool:
-        return all(publisher.get_subscription_count() > 0 for publisher in publishers[name])
-
-    serve(connected, publish)
+    serve(lambda: all(one.get_subscription_count() > 0 for of_one in publishers for one in of_one), publish)
 
 
 if __name__ == "__main__":

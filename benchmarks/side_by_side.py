@@ -1,0 +1,62 @@
+"""Two subscribers of one middleware, fed with the same messages at the same time, and the CPU time that each takes.
+
+Both get every message, so that whatever else the machine does slows both down alike, and neither ever pauses: a
+process that has been idle for a second finds nothing of its memory in the caches (on a virtual machine, not even in the
+host's memory), and would be charged for having waited.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import statistics
+import time
+from typing import Dict, Iterator, List, Tuple
+
+from benchmarks.table import median_ratio
+from benchmarks.targets import Process, Target
+
+BARE, WATCHED = "/bare", "/watched"
+"""What they listen to, or as many topics below it."""
+SETTLE_S = 0.2
+"""For the messages that are still on their way when a slice ends."""
+
+
+@contextlib.contextmanager
+def running(*processes: Process) -> Iterator[None]:
+    """Ends the processes at the end."""
+    with contextlib.ExitStack() as ending:
+        for process in processes:
+            ending.callback(process.end)
+        yield
+
+
+def compare(
+    target: Target, bare: Process, watching: Process, topics: int, rate_hz: float, slice_s: float, rounds: int
+) -> Tuple[str, str, float]:
+    """Feeds two running processes slice after slice; ends them.
+
+    Args:
+        target: where they run.
+        bare: listens to `BARE`.
+        watching: listens to `WATCHED`.
+        topics: how many topics each listens to; they get messages in turn.
+        rate_hz: messages per second and contestant, over all its topics.
+        slice_s: length of a slice in s.
+        rounds: how many slices count; one more warms up and fills the windows.
+
+    Returns:
+        The median CPU time per message of the one and of the other, as text, and the median of their ratios.
+    """
+    publisher = target.peer("publisher", topics)
+    contestants = {BARE: bare, WATCHED: watching}
+    found: Dict[str, List[float]] = {name: [] for name in contestants}
+    with running(publisher, bare, watching):
+        publisher.order(f"{rate_hz} {slice_s}")
+        for _ in range(rounds):
+            begin_s = {name: process.cpu_s() for name, process in contestants.items()}
+            sent = publisher.order(f"{rate_hz} {slice_s}")
+            time.sleep(SETTLE_S)
+            for name, process in contestants.items():
+                found[name].append((process.cpu_s() - begin_s[name]) / sent * 1e6)
+    of_bare, of_watching = (f"{statistics.median(values):.0f} us" for values in found.values())
+    return of_bare, of_watching, median_ratio(found[WATCHED], found[BARE])
