@@ -14,10 +14,7 @@ from __future__ import annotations
 import math
 import sys
 from collections import deque
-from typing import Callable, Deque, Dict, List, Mapping, Optional
-
-_MOST_NOTED = 100
-"""Samples that may wait to be worked in."""
+from typing import Callable, Deque, Dict, Mapping, Optional
 
 _EPSILON = sys.float_info.epsilon
 _TOLERANCE = 1e-11
@@ -36,7 +33,6 @@ class Window:
         "_largest_squares",
         "_maxima",
         "_minima",
-        "_noted",
         "_reference",
         "_squares",
         "_sum",
@@ -65,7 +61,6 @@ class Window:
 
     def clear(self) -> None:
         """Forgets every sample."""
-        self._noted: List[float] = []
         self._times: Deque[float] = deque()
         self._values: Deque[float] = deque()
         self._minima: Deque[float] = deque()
@@ -73,20 +68,7 @@ class Window:
         self._restart_sums(0.0)
 
     def __len__(self) -> int:
-        if self._noted:
-            self._work_in()
         return len(self._values)
-
-    def note(self, value: float, now_s: float) -> None:
-        """Takes a sample in as `add` does, for when no statistic is wanted at once.
-
-        The work is done for many samples at a time. On a robot, other programs run between two samples and leave
-        nothing of this code and its data in the processor's caches; that makes it several times as slow.
-        """
-        self._noted.append(value)
-        self._noted.append(now_s)
-        if len(self._noted) >= 2 * _MOST_NOTED:
-            self._work_in()
 
     def add(self, value: float, now_s: float) -> None:
         """Takes a sample in and drops those that are too old.
@@ -95,8 +77,6 @@ class Window:
             value: a finite number.
             now_s: its time in seconds, not before that of the sample before.
         """
-        if self._noted:
-            self._work_in()
         times, values = self._times, self._values
         if not values:
             self._restart_sums(value)
@@ -131,7 +111,6 @@ class Window:
 
     def resize(self, window_s: float, window_samples: int) -> None:
         """Changes the window's limits and keeps the samples that still fit."""
-        self._work_in()
         kept = list(zip(self._values, self._times))
         self.window_s = window_s
         self.window_samples = window_samples
@@ -141,26 +120,18 @@ class Window:
 
     def last(self) -> Optional[float]:
         """The newest value."""
-        if self._noted:
-            return self._noted[-2]
         return self._values[-1] if self._values else None
 
     def min(self) -> Optional[float]:
         """The smallest value."""
-        if self._noted:
-            self._work_in()
         return self._minima[0] if self._minima else None
 
     def max(self) -> Optional[float]:
         """The largest value."""
-        if self._noted:
-            self._work_in()
         return self._maxima[0] if self._maxima else None
 
     def mean(self) -> Optional[float]:
         """The arithmetic mean."""
-        if self._noted:
-            self._work_in()
         if not self._values:
             return None
         if self._minima[0] == self._maxima[0]:
@@ -171,8 +142,6 @@ class Window:
 
     def stddev(self) -> Optional[float]:
         """The population standard deviation."""
-        if self._noted:
-            self._work_in()
         if not self._values:
             return None
         if self._minima[0] == self._maxima[0]:
@@ -182,14 +151,10 @@ class Window:
 
     def rate(self) -> Optional[float]:
         """Change per second from the oldest to the newest sample."""
-        if self._noted:
-            self._work_in()
         return self._per_second(self._values[-1] - self._values[0]) if self._values else None
 
     def frequency_hz(self) -> Optional[float]:
         """Arrivals per second from the oldest to the newest sample."""
-        if self._noted:
-            self._work_in()
         times = self._times
         span_s = times[-1] - times[0] if times else 0.0
         if span_s <= 0.0:
@@ -201,12 +166,6 @@ class Window:
         """Returns every defined statistic by its name in the configuration."""
         found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
         return {name: value for name, value in found.items() if value is not None}
-
-    def _work_in(self) -> None:
-        noted = iter(self._noted)
-        self._noted = []
-        for value, now_s in zip(noted, noted):
-            self.add(value, now_s)
 
     def _per_second(self, amount: float) -> Optional[float]:
         span_s = self._times[-1] - self._times[0]

@@ -40,10 +40,12 @@ CALLS: Sequence[Tuple[str, Sequence[float]]] = (
     *[("level", VALUES)] * 3,
     *[("level", (50.0,))] * 3,
     ("many", (50.0, 60.0)),
+    ("stamped", (50.0,)),
     ("tick", (0.0, 1.0, 4.0)),
     ("charging", (0.0, 1.0)),
     ("link", (0.0, 1.0)),
     ("back", (5.0,)),
+    ("report", (0.0,)),
     ("reset", (0.0,)),
     ("configure", (15.0, 55.0)),
 )
@@ -65,18 +67,21 @@ def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type)
         elif what == "back":
             now_s -= argument
             told.append(monitor.tick(now_s))
+        elif what == "report":
+            told.append(monitor.report(now_s))
         elif what == "reset":
             told.append(monitor.reset())
         elif what == "configure":
             told.append(monitor.configure(config(warn_below=argument)))
+        elif what == "stamped":
+            told.append(monitor.observe(Sample("level", number(argument), now_s, now_s + 1e9)))
         elif what == "many":
             for step in range(120):
                 now_s += 0.01
                 told.append(monitor.observe(Sample("level", number(argument + step % 3), now_s)))
         else:
             told.append(monitor.observe(Sample(what, number(argument), now_s)))
-        told.append(monitor.report(now_s))
-    return told
+    return [*told, monitor.report(now_s)]
 
 
 @pytest.mark.parametrize("seed", range(20))
