@@ -227,11 +227,11 @@ class LocalMiddleware:
         self._advertised[resolved] = _coercion(type_name)
 
     def publish(self, topic: str, message: Message) -> None:
-        resolved = self._resolve(topic)
-        coerce = self._advertised.get(resolved)
-        if coerce is None:
-            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
-        self._bus._deliver(resolved, coerce(message, self._bus.now_s))
+        resolved = self._require_advertised(topic)
+        self._bus._deliver(resolved, self._advertised[resolved](message, self._bus.now_s))
+
+    def has_listeners(self, topic: str) -> bool:
+        return bool(self._bus._subscriptions.get(self._require_advertised(topic)))
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
@@ -310,6 +310,13 @@ class LocalMiddleware:
         text = f"{type(error).__name__} in a callback: {error}"
         self.log(Severity.ERROR, text)
         return text
+
+    def _require_advertised(self, topic: str) -> str:
+        """Returns the resolved name."""
+        resolved = self._resolve(topic)
+        if resolved not in self._advertised:
+            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+        return resolved
 
     def _resolve(self, name: str) -> str:
         resolved = resolve_name(name, self.name)

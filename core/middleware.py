@@ -93,6 +93,13 @@ class Middleware(Protocol):
             ValueError: `topic` is not advertised, or the message does not fit its type.
         """
 
+    def has_listeners(self, topic: str) -> bool:
+        """Says whether a message on an advertised topic would be heard by anybody now; True where nobody can tell.
+
+        Raises:
+            ValueError: `topic` is not advertised.
+        """
+
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
     ) -> Subscription:

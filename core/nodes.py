@@ -137,11 +137,11 @@ class AlertSystem:
             raise ConfigError(error.problem, ("signals", name)) from None
 
     def _observer(self, name: str) -> Callable[[Any, float], None]:
-        take, announce = self.monitor.take, self._announce
+        take, notices, announce = self.monitor.take, self.monitor.notices, self._announce
 
         def callback(value: Any, now_s: float) -> None:
             transitions = take(name, value, now_s)
-            if transitions or self.monitor.notices:
+            if transitions or notices:
                 announce(transitions, now_s)
 
         return callback
@@ -152,7 +152,10 @@ class AlertSystem:
             self._announce(transitions, now_s)
 
     def _report(self, now_s: float) -> None:
-        self._middleware.publish(DIAGNOSTICS, array_message(self.monitor.report(now_s).statuses.values(), self._node))
+        if self._middleware.has_listeners(DIAGNOSTICS):
+            self._middleware.publish(
+                DIAGNOSTICS, array_message(self.monitor.report(now_s).statuses.values(), self._node)
+            )
 
     def _announce(self, transitions: List[Transition], now_s: float) -> None:
         for notice in self.monitor.notices:
@@ -236,11 +239,12 @@ class Aggregator:
             health = math.fsum(values.values()) / len(values)
             level, message = Level.OK, f"{self._values['method']} is {number_text(health)}"
             self._middleware.publish("system_health", {"data": health})
-        shown = {"method": self._values["method"], "missing": ", ".join(missing)}
-        shown.update((name, number_text(value)) for name, value in values.items())
-        status = Status("system_health", level, message, self._monitor.robot, shown)
-        statuses = [*self._monitor.report(now_s).statuses.values(), status]
-        self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
+        if self._middleware.has_listeners(DIAGNOSTICS):
+            shown = {"method": self._values["method"], "missing": ", ".join(missing)}
+            shown.update((name, number_text(value)) for name, value in values.items())
+            status = Status("system_health", level, message, self._monitor.robot, shown)
+            statuses = [*self._monitor.report(now_s).statuses.values(), status]
+            self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> None:
         values = read_parameters(tree, AGGREGATOR_PARAMETERS)

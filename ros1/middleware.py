@@ -103,14 +103,15 @@ class Ros1Middleware:
             self._publishers[resolved] = publisher, cls
 
     def publish(self, topic: str, message: Message) -> None:
-        resolved = self._resolve(topic)
-        if resolved not in self._publishers:
-            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
-        publisher, cls = self._publishers[resolved]
+        publisher, cls = self._advertised(topic)
         native = messages.to_native(cls, message)
         if messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
             native.header.stamp = rospy.Time.now()
         publisher.publish(native)
+
+    def has_listeners(self, topic: str) -> bool:
+        publisher, _ = self._advertised(topic)
+        return bool(publisher.get_num_connections() > 0)
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
@@ -196,6 +197,13 @@ class Ros1Middleware:
         while subscription.active and self._clock() == 0.0 and not rospy.is_shutdown():
             with started:
                 started.wait(0.5)
+
+    def _advertised(self, topic: str) -> Tuple[Any, Any]:
+        """Returns the publisher of a topic and its class."""
+        resolved = self._resolve(topic)
+        if resolved not in self._publishers:
+            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+        return self._publishers[resolved]
 
     def _resolve(self, name: str) -> str:
         """Returns the absolute name, not remapped: rospy does that wherever it is given a name."""

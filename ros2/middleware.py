@@ -123,14 +123,15 @@ class Ros2Middleware:
             self._publishers[resolved] = publisher, cls
 
     def publish(self, topic: str, message: Message) -> None:
-        resolved = self._resolve(topic)
-        if resolved not in self._publishers:
-            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
-        publisher, cls = self._publishers[resolved]
+        publisher, cls = self._advertised(topic)
         native = messages.to_native(cls, message)
         if messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
             native.header.stamp = self._ros_clock.now().to_msg()
         publisher.publish(native)
+
+    def has_listeners(self, topic: str) -> bool:
+        publisher, _ = self._advertised(topic)
+        return bool(publisher.get_subscription_count() > 0)
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
@@ -239,6 +240,13 @@ class Ros2Middleware:
                 self._waiting_for_clock.clear()
                 for deliver in waiting:
                     deliver()
+
+    def _advertised(self, topic: str) -> Tuple[Any, Any]:
+        """Returns the publisher of a topic and its class."""
+        resolved = self._resolve(topic)
+        if resolved not in self._publishers:
+            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+        return self._publishers[resolved]
 
     def _resolve(self, name: str) -> str:
         try:

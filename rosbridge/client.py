@@ -223,13 +223,14 @@ class RosbridgeMiddleware:
                     self._link.advertise(resolved, type_name)
 
     def publish(self, topic: str, message: Message) -> None:
-        resolved = self._resolve(topic)
-        type_name = self._advertised.get(resolved)
-        if type_name is None:
-            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
-        check_message(type_name, message)
+        resolved = self._require_advertised(topic)
+        check_message(self._advertised[resolved], message)
         if not self._client.read_only:
             self._link.publish(resolved, message)
+
+    def has_listeners(self, topic: str) -> bool:
+        self._require_advertised(topic)
+        return not self._client.read_only
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
@@ -345,6 +346,13 @@ class RosbridgeMiddleware:
         text = f"{type(error).__name__} in a callback: {error}"
         self.log(Severity.ERROR, text)
         return text
+
+    def _require_advertised(self, topic: str) -> str:
+        """Returns the resolved name."""
+        resolved = self._resolve(topic)
+        if resolved not in self._advertised:
+            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+        return resolved
 
     def _resolve(self, name: str) -> str:
         resolved = resolve_name(name, self.name)

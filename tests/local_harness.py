@@ -14,6 +14,7 @@ class LocalHarness:
     """A bus in virtual time."""
 
     knows_types = False
+    knows_listeners = True
 
     def __init__(self) -> None:
         self.bus = LocalBus(START_S)

@@ -56,6 +56,8 @@ class Harness(Protocol):
 
     knows_types: bool
     """Whether it has message definitions, so that it can refuse a wrong type and fill in defaults."""
+    knows_listeners: bool
+    """Whether a node is told if anybody listens."""
 
     def node(
         self,
@@ -534,6 +536,18 @@ class PortConformance:
         node.advertise("out", FLOAT32)
         with pytest.raises(ValueError, match="value"):
             node.publish("out", {"value": 1.0})
+
+    def test_a_topic_has_listeners_while_somebody_listens(self, harness: Harness) -> None:
+        node = harness.node("source")
+        with pytest.raises(ValueError, match="/level"):
+            node.has_listeners("level")
+        node.advertise("level", FLOAT32)
+        assert node.has_listeners("level") is not harness.knows_listeners
+        other = harness.node("sink")
+        subscription = other.subscribe("level", FLOAT32, lambda value, now_s: None)
+        harness.wait_until(lambda: node.has_listeners("level"))
+        other.unsubscribe(subscription)
+        harness.wait_until(lambda: node.has_listeners("level") is not harness.knows_listeners)
 
     def test_advertising_twice_publishes_once(self, harness: Harness) -> None:
         node = harness.node("battery_sensor")

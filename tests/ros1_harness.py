@@ -32,6 +32,7 @@ class Ros1Harness:
     """Nodes in this process, which `rospy.init_node` has made a node under simulated time."""
 
     knows_types = True
+    knows_listeners = True
 
     def __init__(self) -> None:
         self._nodes: List[Ros1Middleware] = []

@@ -72,6 +72,7 @@ class Ros2Harness:
     """Nodes under test spin in their own thread; the outside spins while a test waits."""
 
     knows_types = True
+    knows_listeners = True
 
     def __init__(self, inside: Participant, outside: Participant, spinner: Spinner) -> None:
         self._inside, self._outside, self._spinner = inside, outside, spinner

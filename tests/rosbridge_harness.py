@@ -22,6 +22,7 @@ class RosbridgeHarness:
     """The harness of `port_conformance.py`. The outside speaks on the bus, on the far side of the server."""
 
     knows_types = False
+    knows_listeners = False
 
     def __init__(self) -> None:
         self._now_s = START_S

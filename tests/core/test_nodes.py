@@ -9,6 +9,7 @@ import pytest
 from robot_health_monitor.core import sensing
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.parameters import ConfigError, flatten, unflatten
 
@@ -92,6 +93,19 @@ class TestAlertSystem:
             "alert_system: battery_level",
             "alert_system: temperature",
         ]
+
+    @pytest.mark.parametrize("node", [AlertSystem, Aggregator])
+    def test_no_report_is_made_while_nobody_listens(self, stage: Stage, node: Any, monkeypatch: Any) -> None:
+        made: List[float] = []
+        report = Monitor.report
+        monkeypatch.setattr(Monitor, "report", lambda self, now_s: made.append(now_s) or report(self, now_s))
+        node(stage.bus.node("watching"))
+        stage.bus.run_due(3.0)
+        assert made == []
+        arrays = stage.listen("/diagnostics")
+        stage.bus.run_due(5.0)
+        assert made == [4.0, 5.0]
+        assert len(arrays) == 2
 
     def test_reset_clears_a_latched_alert_and_says_which(self, stage: Stage) -> None:
         stage.alert_system(LATCHING)
