@@ -1,6 +1,8 @@
 """Memory and CPU of the three nodes and of the composed one, beside a node that does nothing.
 
-All run at the same time, as launched, at the exercise's rates: three metrics at 1 Hz.
+All run at the same time, as launched, at the exercise's rates: three metrics at 1 Hz. Beside them runs a bare node that
+publishes and hears three numbers at that rate. On a virtual machine whose host takes away memory that was not used for
+a second, that alone can cost more of a core than is allowed; then there is no verdict on CPU.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from typing import Dict, Iterator
 from benchmarks.table import Row
 from benchmarks.targets import Process, Target
 
+EMPTY, BARE, COMPOSED = "empty node", "bare node, same topics", "health_monitor (composed)"
 NODES = ("battery_sensor", "aggregator", "alert_system")
 WARM_UP_S = 10.0
 MEASURE_S = 40.0
@@ -22,8 +25,8 @@ CPU_AT_MOST_PERCENT = 1.0
 def rows(target: Target, measure_s: float = MEASURE_S) -> Iterator[Row]:
     """Measures and yields the rows of the table."""
     with contextlib.ExitStack() as running:
-        processes: Dict[str, Process] = {"empty node": target.peer("empty")}
-        processes["health_monitor (composed)"] = target.node("health_monitor", "composed")
+        processes: Dict[str, Process] = {EMPTY: target.peer("empty"), BARE: target.peer("exercise")}
+        processes[COMPOSED] = target.node("health_monitor", "composed")
         processes.update((name, target.node(name, "separate")) for name in NODES)
         for process in processes.values():
             running.callback(process.end)
@@ -37,17 +40,14 @@ def rows(target: Target, measure_s: float = MEASURE_S) -> Iterator[Row]:
         resident_mb = {name: process.resident_mb() for name, process in processes.items()}
         own_mb = {name: process.own_mb() for name, process in processes.items()}
 
-    for what, found, unit in (
-        ("resident memory", resident_mb, "MB"),
-        ("memory of its own (USS)", own_mb, "MB"),
-    ):
+    for what, found in (("resident memory", resident_mb), ("memory of its own (USS)", own_mb)):
         for name, megabytes in found.items():
-            ratio = megabytes / found["empty node"]
-            required = MEMORY_AT_MOST if name.startswith("health_monitor") else None
-            remark = "" if name == "empty node" else "to the empty node"
-            yield Row(f"{target.name}, {what}", name, f"{megabytes:.1f} {unit}", ratio, required, remark)
+            ratio = megabytes / found[EMPTY]
+            required = MEMORY_AT_MOST if name == COMPOSED else None
+            remark = "" if name == EMPTY else "to the empty node"
+            yield Row(f"{target.name}, {what}", name, f"{megabytes:.1f} MB", ratio, required, remark)
+    within_reach = percent[BARE] < CPU_AT_MOST_PERCENT
     for name, share in percent.items():
-        required = CPU_AT_MOST_PERCENT if name.startswith("health_monitor") else None
-        yield Row(
-            f"{target.name}, CPU", name, f"{share:.2f} %", share / CPU_AT_MOST_PERCENT, required, "to 1 % of a core"
-        )
+        required = CPU_AT_MOST_PERCENT if name == COMPOSED and within_reach else None
+        remark = "to 1 % of a core" + ("" if within_reach else ", which is out of reach here: see the bare node")
+        yield Row(f"{target.name}, CPU", name, f"{share:.2f} %", share / CPU_AT_MOST_PERCENT, required, remark)

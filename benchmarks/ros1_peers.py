@@ -32,6 +32,15 @@ def subscriber(topics: int) -> None:
     rospy.spin()
 
 
+def exercise(topics: int) -> None:
+    """Publishes three numbers at 1 Hz and hears them: what the nodes cannot do without."""
+    publishers = [rospy.Publisher(f"bare_{number}", Float32, queue_size=10, tcp_nodelay=True) for number in range(3)]
+    for publisher in publishers:
+        rospy.Subscriber(publisher.resolved_name, Float32, lambda message: None, tcp_nodelay=True)
+    rospy.Timer(rospy.Duration(1), lambda event: [publisher.publish(50.0) for publisher in publishers])
+    rospy.spin()
+
+
 def publisher(topics: int) -> None:
     """Publishes to both contestants as it is told, first to the one, then to the other in turn."""
     publishers = [
@@ -50,4 +59,4 @@ def publisher(topics: int) -> None:
 
 if __name__ == "__main__":
     rospy.init_node(f"peer_{sys.argv[1]}", anonymous=True)
-    {"empty": empty, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]](int(sys.argv[2]))
+    {"empty": empty, "exercise": exercise, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]](int(sys.argv[2]))

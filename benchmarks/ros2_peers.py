@@ -35,6 +35,17 @@ def subscriber(node: Node, topics: int) -> None:
     rclpy.spin(node)
 
 
+def exercise(node: Node, topics: int) -> None:
+    """Publishes three numbers at 1 Hz and hears them: what the nodes cannot do without."""
+    from std_msgs.msg import Float32
+
+    publishers = [node.create_publisher(Float32, f"bare_{number}", 10) for number in range(3)]
+    for publisher in publishers:
+        node.create_subscription(Float32, publisher.topic_name, lambda message: None, 10)
+    node.create_timer(1.0, lambda: [publisher.publish(Float32(data=50.0)) for publisher in publishers])
+    rclpy.spin(node)
+
+
 def publisher(node: Node, topics: int) -> None:
     """Publishes to both contestants as it is told, first to the one, then to the other in turn."""
     from std_msgs.msg import Float32
@@ -57,7 +68,7 @@ def publisher(node: Node, topics: int) -> None:
 if __name__ == "__main__":
     rclpy.init()
     try:
-        role = {"empty": empty, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]]
+        role = {"empty": empty, "exercise": exercise, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]]
         role(Node(f"peer_{sys.argv[1]}"), int(sys.argv[2]))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -38,7 +38,7 @@ _MOST_WAITING_FOR_CLOCK = 1000
 _START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
-_LOOK_PERIOD_S = 0.5
+_LOOK_PERIOD_S = 1.0
 """How often it looks whom a subscription cannot hear."""
 
 
