@@ -29,7 +29,7 @@ _LOG = {
     Severity.FATAL: rospy.logfatal,
 }
 _QUEUE_SIZE = 1000
-"""Messages that may wait, in and out: a second at 1 kHz. A node that is further behind loses the oldest."""
+"""Messages that may wait to be sent, a second at 1 kHz; then the oldest are lost. What comes in waits at its sender."""
 Reader = Callable[[Any], Any]
 """Reads the value from a native message."""
 
@@ -133,7 +133,7 @@ class Ros1Middleware:
                         log_failure(error)
 
         lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
-        subscription.bind(rospy.Subscriber(resolved, cls, deliver, queue_size=_QUEUE_SIZE, tcp_nodelay=True))
+        subscription.bind(rospy.Subscriber(resolved, cls, deliver, tcp_nodelay=True))
         with self._lock:
             self._subscriptions.append(subscription)
         return subscription
