@@ -59,4 +59,5 @@ def publisher(topics: int) -> None:
 
 if __name__ == "__main__":
     rospy.init_node(f"peer_{sys.argv[1]}", anonymous=True)
-    {"empty": empty, "exercise": exercise, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]](int(sys.argv[2]))
+    role = {"empty": empty, "exercise": exercise, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]]
+    role(int(sys.argv[2]))
