@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Iterator
 
-from benchmarks.side_by_side import WATCHED, compare
+from benchmarks.pacing import WATCHED
+from benchmarks.side_by_side import compare
 from benchmarks.table import Row
 from benchmarks.targets import ROOT, Target
 

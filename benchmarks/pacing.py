@@ -7,6 +7,9 @@ import sys
 import time
 from typing import Callable, Iterator, List
 
+BARE, WATCHED = "/bare", "/watched"
+"""What the two contestants listen to, or as many topics below it."""
+
 
 def battery_levels() -> Iterator[float]:
     """Yields healthy levels in %."""

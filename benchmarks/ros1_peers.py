@@ -1,7 +1,8 @@
 """What the nodes are compared with on ROS 1, and what feeds them: `python -m benchmarks.ros1_peers ROLE TOPICS`.
 
-`empty`: a node that does nothing. `subscriber`: counts the messages on `/bare`, or on as many topics below it, as few
-lines as that takes. `publisher`: does what `pacing.serve` is told on standard input.
+`empty`: a node that does nothing. `exercise`: publishes and hears three numbers at 1 Hz. `subscriber`: counts the
+messages on `/bare`, or on as many topics below it, as few lines as that takes. `publisher`: does what
+`pacing.serve` is told on standard input.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import sys
 import rospy
 from std_msgs.msg import Float32
 
-from benchmarks.pacing import battery_levels, serve, topics_below
+from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, topics_below
 
 
 def empty(topics: int) -> None:
@@ -27,7 +28,7 @@ def subscriber(topics: int) -> None:
         nonlocal received
         received += 1
 
-    for topic in topics_below("/bare", topics):
+    for topic in topics_below(BARE, topics):
         rospy.Subscriber(topic, Float32, count, tcp_nodelay=True)
     rospy.spin()
 
@@ -45,7 +46,7 @@ def publisher(topics: int) -> None:
     """Publishes to both contestants as it is told, first to the one, then to the other in turn."""
     publishers = [
         [rospy.Publisher(topic, Float32, queue_size=1000, tcp_nodelay=True) for topic in topics_below(name, topics)]
-        for name in ("/bare", "/watched")
+        for name in (BARE, WATCHED)
     ]
     levels = battery_levels()
 

@@ -12,7 +12,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from benchmarks.pacing import battery_levels, serve, topics_below
+from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, topics_below
 
 
 def empty(node: Node, topics: int) -> None:
@@ -30,7 +30,7 @@ def subscriber(node: Node, topics: int) -> None:
         nonlocal received
         received += 1
 
-    for topic in topics_below("/bare", topics):
+    for topic in topics_below(BARE, topics):
         node.create_subscription(Float32, topic, count, 10)
     rclpy.spin(node)
 
@@ -51,8 +51,7 @@ def publisher(node: Node, topics: int) -> None:
     from std_msgs.msg import Float32
 
     publishers = [
-        [node.create_publisher(Float32, topic, 10) for topic in topics_below(name, topics)]
-        for name in ("/bare", "/watched")
+        [node.create_publisher(Float32, topic, 10) for topic in topics_below(name, topics)] for name in (BARE, WATCHED)
     ]
     levels = battery_levels()
     message = Float32()

@@ -10,24 +10,14 @@ from __future__ import annotations
 import contextlib
 import statistics
 import time
-from typing import Dict, Iterator, List, Tuple
+from typing import Dict, List, Tuple
 
+from benchmarks.pacing import BARE, WATCHED
 from benchmarks.table import median_ratio
 from benchmarks.targets import Process, Target
 
-BARE, WATCHED = "/bare", "/watched"
-"""What they listen to, or as many topics below it."""
 SETTLE_S = 0.2
 """For the messages that are still on their way when a slice ends."""
-
-
-@contextlib.contextmanager
-def running(*processes: Process) -> Iterator[None]:
-    """Ends the processes at the end."""
-    with contextlib.ExitStack() as ending:
-        for process in processes:
-            ending.callback(process.end)
-        yield
 
 
 def compare(
@@ -47,10 +37,13 @@ def compare(
     Returns:
         The median CPU time per message of the one and of the other, as text, and the median of their ratios.
     """
-    publisher = target.peer("publisher", topics)
     contestants = {BARE: bare, WATCHED: watching}
     found: Dict[str, List[float]] = {name: [] for name in contestants}
-    with running(publisher, bare, watching):
+    with contextlib.ExitStack() as running:
+        for process in contestants.values():
+            running.callback(process.end)
+        publisher = target.peer("publisher", topics)
+        running.callback(publisher.end)
         publisher.order(f"{rate_hz} {slice_s}")
         for _ in range(rounds):
             begin_s = {name: process.cpu_s() for name, process in contestants.items()}

@@ -12,8 +12,8 @@ import tempfile
 from pathlib import Path
 from typing import Iterator, Tuple
 
-from benchmarks.pacing import topics_below
-from benchmarks.side_by_side import BARE, WATCHED, compare
+from benchmarks.pacing import BARE, WATCHED, topics_below
+from benchmarks.side_by_side import compare
 from benchmarks.table import Row
 from benchmarks.targets import Process, Target
 
