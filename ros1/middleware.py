@@ -111,7 +111,7 @@ class Ros1Middleware:
 
     def has_listeners(self, topic: str) -> bool:
         publisher, _ = self._advertised(topic)
-        return bool(publisher.get_num_connections() > 0)
+        return bool(publisher.get_num_connections())
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
@@ -219,7 +219,7 @@ class Ros1Middleware:
             return shared or rospy.AnyMsg, None
         if not type_name and shared in (None, rospy.AnyMsg):
             return rospy.AnyMsg, self._raw_reader(topic, "", field)
-        type_name = type_name or shared._type
+        type_name = type_name or messages.type_name(shared)
         cls, get = messages.message_class(type_name), messages.field_getter(topic, type_name, field)
         if shared is rospy.AnyMsg:
             return shared, self._raw_reader(topic, type_name, field)
@@ -278,7 +278,7 @@ class _RawReader:
         self, topic: str, wanted: str, field: str, decoder: _Decoder, log_error: Callable[[str], None]
     ) -> None:
         self._topic = topic
-        self._wanted = messages.message_class(wanted)._type if wanted else ""
+        self._wanted = messages.type_name(messages.message_class(wanted)) if wanted else ""
         self._field = field
         self._decoder = decoder
         self._log_error = log_error

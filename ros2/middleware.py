@@ -131,7 +131,7 @@ class Ros2Middleware:
 
     def has_listeners(self, topic: str) -> bool:
         publisher, _ = self._advertised(topic)
-        return bool(publisher.get_subscription_count() > 0)
+        return bool(publisher.get_subscription_count())
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""

@@ -12,8 +12,6 @@ from . import messages
 from .middleware import Ros2Middleware, Subscription
 
 _SEPARATOR = "=" * 80
-_PRIMITIVES = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
-"""What rosidl calls differently in a class than in a .msg file."""
 
 
 class Ros2ServedMiddleware(Ros2Middleware):
@@ -105,7 +103,7 @@ def _full_text(native_class: Any) -> str:
         lines = []
         inner = []
         for name, field in messages.field_types(cls).items():
-            element = _PRIMITIVES.get(field.element, field.element)
+            element = "byte" if field.kind == "octet" else field.kind  # as a .msg file has it
             bound = str(field.size) if field.size else f"<={field.most}" if field.most else ""
             lines.append(f"{element}{f'[{bound}]' if field.is_array else ''} {name}\n")
             if field.message is not None:
