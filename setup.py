@@ -9,7 +9,11 @@ from setuptools import setup
 
 NAME = "robot_health_monitor"
 # In colcon's build space for --symlink-install only the root package is there, linked; it finds the others by itself.
-FOLDERS = [folder for folder in ("core", "ros1", "ros2", "rosbridge") if Path(folder).is_dir()]
+FOLDERS = [
+    path.parent.as_posix()
+    for top in (NAME, "core", "ros1", "ros2", "rosbridge")
+    for path in sorted(Path(top).rglob("__init__.py"))
+]
 
 manifest = ElementTree.parse("package.xml").getroot()
 
@@ -17,6 +21,12 @@ manifest = ElementTree.parse("package.xml").getroot()
 def text(tag):
     """Returns the text of an element of package.xml, the one place that holds version, licence and maintainer."""
     return manifest.find(tag).text
+
+
+def package(folder):
+    """Returns the name of the package that a folder holds: every top-level folder is below the root package."""
+    name = folder.replace("/", ".")
+    return name if name.split(".")[0] == NAME else NAME + "." + name
 
 
 data_files = [
@@ -43,8 +53,8 @@ setup(
     maintainer=text("maintainer"),
     maintainer_email=manifest.find("maintainer").get("email"),
     python_requires=">=3.8",
-    packages=[NAME] + [NAME + "." + folder for folder in FOLDERS],
-    package_dir={NAME + "." + folder: folder for folder in FOLDERS},
+    packages=[package(folder) for folder in FOLDERS],
+    package_dir={package(folder): folder for folder in FOLDERS},
     package_data={NAME: ["py.typed"]},
     data_files=data_files,
     options=options,
@@ -54,10 +64,10 @@ setup(
     entry_points={
         "console_scripts": [
             "robot-health = robot_health_monitor.__main__:main",
-            "battery_sensor = robot_health_monitor.ros2.main:battery_sensor",
-            "aggregator = robot_health_monitor.ros2.main:aggregator",
-            "alert_system = robot_health_monitor.ros2.main:alert_system",
-            "health_monitor = robot_health_monitor.ros2.main:health_monitor",
+            "battery_sensor = robot_health_monitor.ros2_executables:battery_sensor",
+            "aggregator = robot_health_monitor.ros2_executables:aggregator",
+            "alert_system = robot_health_monitor.ros2_executables:alert_system",
+            "health_monitor = robot_health_monitor.ros2_executables:health_monitor",
         ],
     },
 )

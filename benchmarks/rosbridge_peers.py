@@ -22,7 +22,7 @@ import psutil
 from aiohttp import web
 
 from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.rosbridge.server import Server
+from robot_health_monitor.rosbridge.server.server import Server
 
 TOPIC = "/battery_level"
 FLOAT, TEXT = "std_msgs/Float32", "std_msgs/String"

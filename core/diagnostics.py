@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Dict, Iterable
 
+from .formatting import datum_text
 from .middleware import Message
 from .model import Status, Transition
-from .wording import datum_text
 
 STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
 ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"

@@ -13,11 +13,11 @@ from typing import Callable, Dict, List, Optional
 
 from .config import CONDITIONS, SignalConfig
 from .flapping import FlapDetector
+from .formatting import bound_text, datum_text, duration_text, number_text, with_unit
 from .model import Level, Status, Transition
-from .statistics import STATISTIC_OF_WINDOW, Window
-from .suspicion import Suspicion
-from .thresholds import TIME_TOLERANCE_S, Rule, RuleConfig, State
-from .wording import bound_text, datum_text, duration_text, number_text, with_unit
+from .plausibility import Suspicion
+from .rule import TIME_TOLERANCE_S, Rule, RuleConfig, State
+from .window import STATISTIC_OF_WINDOW, Window
 
 LINK = "link"
 """Name of the signal that says whether a robot can be reached: 1 is up, 0 is down."""

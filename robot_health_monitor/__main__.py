@@ -51,8 +51,9 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
+    from robot_health_monitor.core.parameters import ConfigError
+
     from .arguments import parse
-    from .core.parameters import ConfigError
 
     try:
         arguments = parse(argv)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 from typing import Sequence
 
-from .core.parameters import ConfigError
-from .core.yaml_file import read_yaml
+from robot_health_monitor.core.parameters import ConfigError
+from robot_health_monitor.core.yaml_file import read_yaml
+
 from .embedded import EmbeddedMonitor
 
 

@@ -7,14 +7,15 @@ import asyncio
 import ssl
 from typing import TYPE_CHECKING, Optional
 
-from .core.middleware import Severity
-from .core.parameters import ConfigError
-from .core.yaml_file import read_yaml
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.parameters import ConfigError
+from robot_health_monitor.core.yaml_file import read_yaml
+
 from .embedded import clock
 from .fleet import Fleet, read_addresses
 from .installed_files import find_installed
-from .lines import Events
-from .outputs import choose_output
+from .output.choice import choose_output
+from .output.lines import Events
 
 if TYPE_CHECKING:
     from .__main__ import Interrupts

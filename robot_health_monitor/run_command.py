@@ -6,12 +6,13 @@ import argparse
 import asyncio
 from typing import TYPE_CHECKING
 
-from .core.middleware import Severity
-from .core.yaml_file import read_yaml
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.yaml_file import read_yaml
+
 from .embedded import EmbeddedMonitor, clock, run_timers
 from .installed_files import find_installed
-from .lines import Events
-from .outputs import choose_output
+from .output.choice import choose_output
+from .output.lines import Events
 from .serving import start_server
 
 if TYPE_CHECKING:

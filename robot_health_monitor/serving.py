@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Optional
 
-from .core.local import LogLine
-from .core.middleware import Severity
-from .core.parameters import ConfigError
+from robot_health_monitor.core.local import LogLine
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.parameters import ConfigError
+
 from .embedded import EmbeddedMonitor
 
 if TYPE_CHECKING:
-    from .rosbridge.server import Server
+    from robot_health_monitor.rosbridge.server.server import Server
 
 _DEFAULT_PORT = 9090
 
@@ -28,8 +29,8 @@ async def start_server(monitor: EmbeddedMonitor, arguments: argparse.Namespace) 
     """
     node = monitor.bus.node("rosbridge")
     try:
-        from .rosbridge.access import LOCAL_PAGES, monitor_access
-        from .rosbridge.server import Server
+        from robot_health_monitor.rosbridge.server.access import LOCAL_PAGES, monitor_access
+        from robot_health_monitor.rosbridge.server.server import Server
     except ModuleNotFoundError as error:
         node.log(Severity.WARN, f"not served: {error.name} is not installed")
         return None

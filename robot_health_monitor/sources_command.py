@@ -8,9 +8,9 @@ import sys
 import time
 from typing import Any, Dict, List, NamedTuple, Optional, TextIO
 
-from .core.host import NotYet, SensorError, Source
-from .core.host_sources import HOST_SOURCES, HostSource
-from .core.wording import number_text, with_unit
+from robot_health_monitor.core.formatting import number_text, with_unit
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostSource
+from robot_health_monitor.core.sensors.source import NotYet, SensorError, Source
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured from one read to the next."""

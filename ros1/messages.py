@@ -9,7 +9,7 @@ from typing import Any, Mapping
 import genpy
 import roslib.message
 
-from ..core.native_messages import Dialect, FieldType, NativeMessages, as_it_is
+from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is
 
 _KINDS = {"byte": "int8", "char": "uint8"}
 """Kinds of what ROS 1 calls differently."""

@@ -16,9 +16,10 @@ import rospy.core
 import rospy.rostime
 import rospy.topics
 
-from ..core.field_path import ABSENT
-from ..core.middleware import Message, Severity, resolve_name
-from ..core.parameters import ConfigError, Parameter, describe
+from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.middleware import Message, Severity, resolve_name
+from robot_health_monitor.core.parameters import ConfigError, Parameter, describe
+
 from . import messages
 
 _LOG = {

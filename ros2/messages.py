@@ -7,7 +7,7 @@ import importlib
 import re
 from typing import Any, Mapping
 
-from ..core.native_messages import Dialect, FieldType, NativeMessages
+from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of what rosidl calls differently. (A `char` is a uint8 there.)"""

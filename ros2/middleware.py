@@ -21,10 +21,11 @@ from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from ..core.config import NODE_PARAMETERS
-from ..core.field_path import ABSENT
-from ..core.middleware import Message, Severity
-from ..core.parameters import ConfigError, Parameter, unflatten
+from robot_health_monitor.core.config import NODE_PARAMETERS
+from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.parameters import ConfigError, Parameter, unflatten
+
 from . import messages
 
 EXECUTOR, USE_SIM_TIME = (

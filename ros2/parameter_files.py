@@ -10,9 +10,9 @@ import os
 import re
 from typing import Any, List, Mapping, Sequence
 
-from ..core.config import load_config, sections
-from ..core.parameters import ConfigError, Path
-from ..core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.core.config import load_config, sections
+from robot_health_monitor.core.parameters import ConfigError, Path
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 
 _OPTION = "--params-file"
 _RCL_ERROR = re.compile(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,7 +8,7 @@ from typing import Callable
 from xml.etree import ElementTree
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 Start = Callable[..., LineProcess]
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Callable, List
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
 

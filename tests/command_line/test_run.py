@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 from robot_health_monitor.core import Transition
 
@@ -263,7 +263,9 @@ def test_without_pyyaml_it_says_what_is_missing(robot_health: Start, calm: Path,
     hidden = tmp_path / "hidden"
     hidden.mkdir()
     (hidden / "yaml.py").write_text("raise ModuleNotFoundError(\"No module named 'yaml'\", name='yaml')\n")
-    process = robot_health("run", "--thresholds", calm, PYTHONPATH=f"{hidden}{os.pathsep}{Path(__file__).parents[2]}")
+    process = robot_health(
+        "run", "--thresholds", calm, PYTHONPATH=f"{hidden}{os.pathsep}{Path(__file__).resolve().parents[2]}"
+    )
     assert process.wait() == 2
     assert [each.text for each in process.lines] == [
         "robot-health: PyYAML is not installed, which reads configuration files"

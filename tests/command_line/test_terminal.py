@@ -149,7 +149,7 @@ def test_a_terminal_that_cannot_move_its_cursor_gets_plain_lines(
 
 def test_without_rich_there_are_plain_lines_and_a_hint(on_terminal: Start, restless: Path, tmp_path: Path) -> None:
     (tmp_path / "rich.py").write_text("raise ModuleNotFoundError(\"No module named 'rich'\", name='rich')\n")
-    root = str(Path(__file__).parents[2])
+    root = str(Path(__file__).resolve().parents[2])
     terminal = on_terminal("run", "--thresholds", restless, PYTHONPATH=os.pathsep.join([str(tmp_path), root]))
     terminal.wait_until(lambda text: "battery_level WARN: " in text)
     assert terminal.rows[0].startswith("rich is not installed, which draws the live table")

@@ -21,7 +21,7 @@ from robot_health_monitor.core.config import (
     read_signal,
 )
 
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 
 
 def signal(**settings: Any) -> SignalConfig:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, Dict, List, Mapping
 
 import pytest
-from equivalence import Equivalence
-from local_harness import LocalHarness
-from port_conformance import FLOAT32, PortConformance, Recorder
+from harness.equivalence import Equivalence
+from harness.local import LocalHarness
+from harness.port_conformance import FLOAT32, PortConformance, Recorder
 
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity

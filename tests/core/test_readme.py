@@ -8,17 +8,19 @@ from typing import Any, Iterator, Tuple
 
 import pytest
 
-from robot_health_monitor.core import nodes, sensing
+from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
+from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
 from robot_health_monitor.core.config import CONDITION_PARAMETERS, MONITOR_PARAMETERS, SIGNAL_PARAMETERS
 from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.sensors import configuration as sensing
 
 README = Path(__file__).resolve().parents[2] / "README.md"
 ROW = re.compile(r"^\| `([\w.]+)` \| ([^|]*?) ?\| ([^|]*) \|$", re.MULTILINE)
 
 
 def every_parameter() -> Iterator[Tuple[str, Parameter]]:
-    tables = (MONITOR_PARAMETERS, SIGNAL_PARAMETERS, CONDITION_PARAMETERS, nodes.AGGREGATOR_PARAMETERS)
-    for parameters in (*tables, nodes.SENSOR_PARAMETERS):
+    tables = (MONITOR_PARAMETERS, SIGNAL_PARAMETERS, CONDITION_PARAMETERS, AGGREGATOR_PARAMETERS)
+    for parameters in (*tables, SENSOR_PARAMETERS):
         for parameter in parameters:
             yield parameter.name, parameter
     for section, parameters in sensing.SECTIONS.items():

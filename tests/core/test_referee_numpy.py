@@ -12,7 +12,7 @@ import pytest
 
 numpy = pytest.importorskip("numpy", reason="numpy is the referee")
 
-from robot_health_monitor.core.statistics import Window  # noqa: E402  the referee comes first
+from robot_health_monitor.core.window import Window  # noqa: E402  the referee comes first
 
 SAMPLES = 1_000_000
 ALLOWED = 1e-9

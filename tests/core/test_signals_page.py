@@ -8,10 +8,10 @@ from typing import Any, Dict, List
 
 import pytest
 
-from robot_health_monitor.core import sensing
 from robot_health_monitor.core.config import load_config
 from robot_health_monitor.core.field_path import parse_field_path
-from robot_health_monitor.core.host_sources import HOST_SOURCES
+from robot_health_monitor.core.sensors import configuration as sensing
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 
 yaml = pytest.importorskip("yaml")
 

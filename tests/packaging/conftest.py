@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from packaging_workspace import Workspace
+from harness.packaging_workspace import Workspace
 
 
 @pytest.fixture

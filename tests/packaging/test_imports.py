@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 from environments import runtime_requirements
-from packaging_workspace import FOLDERS, NAME, ROOT
+from harness.packaging_workspace import FOLDERS, NAME, ROOT
 
 ROS1 = {"genpy", "rosgraph", "roslib", "rospy", "rosservice"}
 ROS2 = {"ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "rosidl_runtime_py"}

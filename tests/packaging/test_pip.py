@@ -9,7 +9,7 @@ from typing import Any, Dict, List
 
 import pytest
 from environments import find_pythons
-from packaging_workspace import NAME, Workspace, check_share, installed_modules, run, source_modules, version
+from harness.packaging_workspace import NAME, Workspace, check_share, installed_modules, run, source_modules, version
 
 _PYTHONS = find_pythons()
 _EXAMPLE = """

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from packaging_workspace import (
+from harness.packaging_workspace import (
     NAME,
     NODES,
     Workspace,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from packaging_workspace import (
+from harness.packaging_workspace import (
     NAME,
     NODES,
     Workspace,
@@ -73,7 +73,7 @@ def test_colcon_test_runs_the_tests_and_fails_when_they_do(workspace: Workspace,
 
 
 def test_both_targets_build_in_one_workspace(workspace: Workspace) -> None:
-    from packaging_workspace import need_ros1
+    from harness.packaging_workspace import need_ros1
 
     need_ros1()
     workspace.colcon("build", "1")

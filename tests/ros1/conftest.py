@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -134,13 +134,13 @@ def parameters(master: Master) -> Iterator[Callable[[str, Any], None]]:
 
 @pytest.fixture
 def start(master: Master, parameters: Any) -> Iterator[Callable[..., LineProcess]]:
-    """Starts an executable of `ros1/main.py` from the source tree; it is killed after the test if it still runs."""
+    """Starts an executable of `ros1_executables.py` from the source tree and ends it after the test."""
     processes: List[LineProcess] = []
 
     def start_executable(
         function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
     ) -> LineProcess:
-        code = f"import sys; from robot_health_monitor.ros1.main import {function}; sys.exit({function}())"
+        code = f"import sys; from robot_health_monitor.ros1_executables import {function}; sys.exit({function}())"
         variables: Dict[str, str] = {**master.environment, "PYTHONPATH": _with_root(), **(environment or {})}
         processes.append(LineProcess([sys.executable, "-c", code, *arguments], variables))
         return processes[-1]

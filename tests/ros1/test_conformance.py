@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from port_conformance import PortConformance
+from harness.port_conformance import PortConformance
 
 
 class TestRos1(PortConformance):
     @pytest.fixture
     def harness(self, ros_process: Any) -> Any:
-        from ros1_harness import Ros1Harness
+        from harness.ros1 import Ros1Harness
 
         return Ros1Harness()

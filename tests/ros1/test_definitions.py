@@ -22,7 +22,7 @@ MESSAGES: Dict[str, Dict[str, Any]] = {
 @pytest.mark.parametrize("type_name", list(MESSAGES))
 def test_bytes_are_those_of_genpy(type_name: str) -> None:
     from robot_health_monitor.ros1 import messages
-    from robot_health_monitor.rosbridge.definitions import serializer
+    from robot_health_monitor.rosbridge.protocol.definitions import serializer
 
     native = messages.to_native(messages.message_class(type_name), MESSAGES[type_name])
     buffer = io.BytesIO()
@@ -35,7 +35,7 @@ def test_bytes_are_those_of_genpy(type_name: str) -> None:
 @pytest.mark.parametrize("type_name", list(MESSAGES))
 def test_fields_are_those_of_genpy(type_name: str) -> None:
     from robot_health_monitor.ros1 import messages
-    from robot_health_monitor.rosbridge.definitions import full_text, parse
+    from robot_health_monitor.rosbridge.protocol.definitions import full_text, parse
 
     theirs = parse(type_name, messages.message_class(type_name)._full_text)
     ours = parse(type_name, full_text(type_name))

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, Mapping, Optional
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 NODES = ("/opt/ros/*/lib/diagnostic_aggregator/aggregator_node", "/usr/lib/diagnostic_aggregator/aggregator_node")
 
 
 @pytest.fixture
 def ros(ros_process: Any) -> Iterator[Any]:
-    from ros1_harness import Ros1Harness
+    from harness.ros1 import Ros1Harness
 
     harness = Ros1Harness()
     yield harness

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from equivalence import Equivalence
+from harness.equivalence import Equivalence
 
 
 class TestRos1(Equivalence):
     @pytest.fixture
     def harness(self, ros_process: Any) -> Any:
-        from ros1_harness import Ros1Harness
+        from harness.ros1 import Ros1Harness
 
         return Ros1Harness()

@@ -24,7 +24,7 @@ READY = {
 @pytest.fixture
 def ros(ros_process: Any) -> Iterator[Any]:
     """The outside world: publishes, listens and calls natively."""
-    from ros1_harness import Ros1Harness
+    from harness.ros1 import Ros1Harness
 
     harness = Ros1Harness()
     yield harness

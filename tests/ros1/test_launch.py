@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, Iterator, List, Set
 
 import pytest
 import yaml
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 ARGUMENTS = {"log_level", "use_sim_time", "robot_name", "thresholds", "composed", "respawn"}
@@ -57,7 +57,7 @@ def roslaunch(devel: Path, master: Any, parameters: Any) -> Iterator[Callable[..
 
 @pytest.fixture
 def ros(ros_process: Any) -> Iterator[Any]:
-    from ros1_harness import Ros1Harness
+    from harness.ros1 import Ros1Harness
 
     harness = Ros1Harness()
     yield harness

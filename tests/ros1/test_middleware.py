@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Iterator, List
 
 import pytest
-from port_conformance import FLOAT32, TRIGGER, Recorder, RefusingNode
+from harness.port_conformance import FLOAT32, TRIGGER, Recorder, RefusingNode
 
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.parameters import ConfigError
@@ -13,7 +13,7 @@ from robot_health_monitor.core.parameters import ConfigError
 
 @pytest.fixture
 def ros(ros_process: Any) -> Iterator[Any]:
-    from ros1_harness import Ros1Harness
+    from harness.ros1 import Ros1Harness
 
     harness = Ros1Harness()
     yield harness

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -42,7 +42,7 @@ def ros_environment() -> Iterator[Dict[str, str]]:
 @pytest.fixture(scope="session")
 def outside(ros_environment: Dict[str, str]) -> Iterator[Any]:
     """The participant that stands for everybody else on the robot."""
-    from ros2_harness import Participant
+    from harness.ros2 import Participant
 
     participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]))
     try:
@@ -67,7 +67,7 @@ def inside_events(ros_environment: Dict[str, str]) -> Iterator[Any]:
 
 
 def _spinning(ros_environment: Dict[str, str], executor_class: Any) -> Iterator[Any]:
-    from ros2_harness import Participant, Spinner
+    from harness.ros2 import Participant, Spinner
 
     participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]), executor_class)
     spinner = Spinner(participant)
@@ -79,13 +79,13 @@ def _spinning(ros_environment: Dict[str, str], executor_class: Any) -> Iterator[
 
 @pytest.fixture
 def start(ros_environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
-    """Starts an executable of `ros2/main.py` from the source tree; it is ended after the test if it still runs."""
+    """Starts an executable of `ros2_executables.py` from the source tree and ends it after the test."""
     processes: List[LineProcess] = []
 
     def start_executable(
         function: str, *arguments: str, environment: Optional[Mapping[str, str]] = None
     ) -> LineProcess:
-        code = f"import sys; from robot_health_monitor.ros2.main import {function}; sys.exit({function}())"
+        code = f"import sys; from robot_health_monitor.ros2_executables import {function}; sys.exit({function}())"
         path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
         variables = {**ros_environment, "PYTHONPATH": path, **(environment or {})}
         processes.append(LineProcess([sys.executable, "-c", code, *arguments], variables))
@@ -99,7 +99,7 @@ def start(ros_environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess
 @pytest.fixture
 def ros(inside: Any, outside: Any) -> Iterator[Any]:
     """The outside world: publishes, listens and calls natively."""
-    from ros2_harness import Ros2Harness
+    from harness.ros2 import Ros2Harness
 
     participant, spinner = inside
     harness = Ros2Harness(participant, outside, spinner)

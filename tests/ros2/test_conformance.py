@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from port_conformance import PortConformance
+from harness.port_conformance import PortConformance
 
 
 class TestRos2(PortConformance):
     @pytest.fixture
     def harness(self, inside: Any, outside: Any) -> Any:
-        from ros2_harness import Ros2Harness
+        from harness.ros2 import Ros2Harness
 
         participant, spinner = inside
         return Ros2Harness(participant, outside, spinner)
@@ -20,7 +20,7 @@ class TestRos2(PortConformance):
 class TestRos2Events(PortConformance):
     @pytest.fixture
     def harness(self, inside_events: Any, outside: Any) -> Any:
-        from ros2_harness import Ros2Harness
+        from harness.ros2 import Ros2Harness
 
         participant, spinner = inside_events
         return Ros2Harness(participant, outside, spinner)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from equivalence import Equivalence
+from harness.equivalence import Equivalence
 
 
 class TestRos2(Equivalence):
     @pytest.fixture
     def harness(self, inside: Any, outside: Any) -> Any:
-        from ros2_harness import Ros2Harness
+        from harness.ros2 import Ros2Harness
 
         participant, spinner = inside
         return Ros2Harness(participant, outside, spinner)

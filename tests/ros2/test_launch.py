@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
-from line_process import LineProcess
+from harness.line_process import LineProcess
 
 for module in ("launch", "launch_ros", "ros2cli", "ros2launch"):
     pytest.importorskip(module, reason=f"{module} is not here: it comes with a full ROS 2, pip does not have it")
@@ -43,7 +43,7 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in (*NODES, "health_monitor"):
         program = programs / name
         program.write_text(
-            f"#!{sys.executable}\nimport sys\nfrom {NAME}.ros2.main import {name}\nsys.exit({name}())\n",
+            f"#!{sys.executable}\nimport sys\nfrom {NAME}.ros2_executables import {name}\nsys.exit({name}())\n",
             encoding="utf-8",
         )
         program.chmod(program.stat().st_mode | stat.S_IXUSR)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Dict, List, Mapping
 
 import pytest
-from port_conformance import FLOAT32, Recorder, RefusingNode
+from harness.port_conformance import FLOAT32, Recorder, RefusingNode
 
 from robot_health_monitor.core.config import described_parameters, load_config
 from robot_health_monitor.core.middleware import Severity

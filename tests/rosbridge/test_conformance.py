@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from port_conformance import PortConformance
+from harness.port_conformance import PortConformance
 
 
 class TestRosbridge(PortConformance):
     @pytest.fixture
     def harness(self) -> Any:
-        from rosbridge_harness import RosbridgeHarness
+        from harness.rosbridge import RosbridgeHarness
 
         return RosbridgeHarness()

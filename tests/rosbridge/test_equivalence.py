@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from equivalence import Equivalence
+from harness.equivalence import Equivalence
 
 
 class TestRosbridge(Equivalence):
     @pytest.fixture
     def harness(self) -> Any:
-        from rosbridge_harness import RosbridgeHarness
+        from harness.rosbridge import RosbridgeHarness
 
         return RosbridgeHarness()

@@ -16,9 +16,9 @@ from typing import Any, Dict, List
 
 import pytest
 from environments import FOLDER, Unavailable, environment
-from rosbridge_peer import Robot, with_robot
+from harness.rosbridge_peer import Robot, with_robot
 
-from robot_health_monitor.rosbridge.access import Access
+from robot_health_monitor.rosbridge.server.access import Access
 
 HERE = Path(__file__).parent
 ACCESS = Access(publish=("/in",), services=("/robot/reset",), offer=("/offered",))

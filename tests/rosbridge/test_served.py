@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from local_harness import LocalHarness
-from served_conformance import ServedConformance
+from harness.local import LocalHarness
+from harness.served_conformance import ServedConformance
 
 
 class TestLocalServed(ServedConformance):

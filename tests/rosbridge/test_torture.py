@@ -10,9 +10,9 @@ from typing import AsyncIterator, List
 
 import aiohttp
 import pytest
-from rosbridge_peer import Peer, Robot, with_robot
+from harness.rosbridge_peer import Peer, Robot, with_robot
 
-from robot_health_monitor.rosbridge.limits import Limits
+from robot_health_monitor.rosbridge.protocol.limits import Limits
 
 
 @contextlib.asynccontextmanager

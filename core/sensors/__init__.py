@@ -1,0 +1,1 @@
+"""Sources of measurements: simulated, this host, or none."""

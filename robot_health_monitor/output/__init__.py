@@ -1,0 +1,1 @@
+"""What the command line writes: a live table, plain lines or JSON."""

@@ -1,0 +1,119 @@
+"""What a rosbridge server needs besides the port, over rclpy: the graph, calls of services, raw bytes."""
+
+from __future__ import annotations
+
+import functools
+import threading
+from typing import Any, Callable, Dict, List
+
+from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
+from robot_health_monitor.core.parameters import ConfigError
+
+from . import messages
+from .middleware import Ros2Middleware, Subscription
+
+_SEPARATOR = "=" * 80
+
+
+class Ros2ServedMiddleware(Ros2Middleware):
+    """A node that can be served; implements `core.middleware.ServedMiddleware`."""
+
+    on_close: Callable[[], None] = staticmethod(lambda: None)
+    """Called by `close` before anything else: it closes the server."""
+
+    def close(self) -> None:
+        self.on_close()
+        self.on_close = lambda: None
+        super().close()
+
+    def graph(self) -> Graph:
+        """Returns what discovery has found until now."""
+        node = self.node
+        nodes: Dict[str, NodeInfo] = {}
+        for name, namespace in node.get_node_names_and_namespaces():
+            full_name = f"{namespace.rstrip('/')}/{name}"
+            try:
+                nodes[full_name] = NodeInfo(
+                    _names(node.get_publisher_names_and_types_by_node(name, namespace)),
+                    _names(node.get_subscriber_names_and_types_by_node(name, namespace)),
+                    _names(node.get_service_names_and_types_by_node(name, namespace)),
+                )
+            except RuntimeError:  # it has left in this moment
+                continue
+        return Graph(
+            {topic: types[0] for topic, types in node.get_topic_names_and_types() if types},
+            {service: types[0] for service, types in node.get_service_names_and_types() if types},
+            nodes,
+        )
+
+    def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
+        """As `core.middleware.ServedMiddleware`; some other thread has to spin the node meanwhile."""
+        resolved = self._resolve(service)
+        type_name = type_name or dict(self.node.get_service_names_and_types()).get(resolved, [""])[0]
+        if not type_name:
+            raise ValueError(f"there is no service {resolved}")
+        try:
+            cls = messages.service_class(type_name)
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
+        client = self.node.create_client(cls, resolved)
+        try:
+            if not client.wait_for_service(timeout_s):
+                raise ValueError(f"there is no service {resolved}")
+            answered = threading.Event()
+            future = client.call_async(messages.to_native(cls.Request, request))
+            future.add_done_callback(lambda done: answered.set())
+            if not answered.wait(timeout_s):
+                client.remove_pending_request(future)
+                raise ValueError(f"{resolved} did not answer within {timeout_s:g} s")
+            return messages.to_mapping(future.result())
+        finally:
+            self.node.destroy_client(client)
+
+    def message_definition(self, type_name: str) -> str:
+        """Returns the definition as far as the class tells it: without constants and comments."""
+        try:
+            return _full_text(messages.message_class(type_name))
+        except ConfigError:
+            return ""
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Any:
+        resolved = self._resolve(topic)
+        subscription = Subscription(resolved, resolved, callback, None)
+        subscription.get = _as_it_is
+        with self._lock:
+            self._join(subscription, messages.message_class(type_name), is_raw=True)
+            self._keep(subscription)
+        return subscription
+
+
+def _as_it_is(data: bytes) -> bytes:
+    return data
+
+
+def _names(names_and_types: Any) -> List[str]:
+    return [name for name, _ in names_and_types]
+
+
+@functools.lru_cache(maxsize=None)
+def _full_text(native_class: Any) -> str:
+    """Returns a class' fields as a .msg file has them, with those of the messages that it holds, each once."""
+    parts: Dict[str, str] = {}
+
+    def add(cls: Any) -> None:
+        lines = []
+        inner = []
+        for name, field in messages.field_types(cls).items():
+            element = "byte" if field.kind == "octet" else field.kind  # as a .msg file has it
+            bound = str(field.size) if field.size else f"<={field.most}" if field.most else ""
+            lines.append(f"{element}{f'[{bound}]' if field.is_array else ''} {name}\n")
+            if field.message is not None:
+                inner.append(field.message)
+        parts[messages.type_name(cls)] = "".join(lines)
+        for one in inner:
+            if messages.type_name(one) not in parts:
+                add(one)
+
+    add(native_class)
+    first, *others = parts.items()
+    return first[1] + "".join(f"{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in others)

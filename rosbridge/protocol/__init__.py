@@ -1,0 +1,1 @@
+"""The rosbridge v2 protocol as pure code: no sockets, no clock, no threads."""

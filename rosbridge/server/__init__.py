@@ -1,0 +1,1 @@
+"""The rosbridge server: serves any implementation of the port to rosbridge clients."""

@@ -1,0 +1,212 @@
+"""The services of the package rosapi, by which clients find out what there is, answered from a `Graph`.
+
+Names and fields are those of rosapi_msgs. They are answered by the server itself, so that they are there whatever the
+middleware; each answer is computed anew, from the graph as it is then.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
+
+from robot_health_monitor.core.middleware import Graph
+from robot_health_monitor.core.parameters import flatten
+
+from ..protocol import definitions
+from ..protocol.definitions import canonical
+
+PREFIX = "/rosapi/"
+_EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
+
+
+class Rosapi:
+    """Answers the services under `/rosapi/`."""
+
+    def __init__(
+        self,
+        graph: Callable[[], Graph],
+        definition: Callable[[str], str],
+        parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
+        time_s: Callable[[], float],
+    ) -> None:
+        """Makes the services.
+
+        Args:
+            graph: what there is now.
+            definition: full text of a message type's definition, empty when it is not known.
+            parameters: per node its parameters, nested.
+            time_s: the time that `get_time` tells, in s since its epoch.
+        """
+        self._graph = graph
+        self._definition = definition
+        self._parameters = parameters
+        self._time_s = time_s
+        self.services: Mapping[str, str] = {
+            PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in _SERVICES
+        }
+        """Type per service."""
+
+    def answer(self, service: str, args: object) -> Mapping[str, Any]:
+        """Returns the response of a service.
+
+        Args:
+            service: its name, `/rosapi/topics`.
+            args: the request's fields, as a mapping or as a list in their order.
+
+        Raises:
+            ValueError: there is no such service.
+        """
+        found = _SERVICES.get(service[len(PREFIX) :]) if service.startswith(PREFIX) else None
+        if found is None:
+            raise ValueError(f"no service {service}")
+        function, names = found
+        return function(self, *_texts(args, names))
+
+    def _topics(self) -> Mapping[str, Any]:
+        topics = self._graph().topics
+        return {"topics": list(topics), "types": list(topics.values())}
+
+    def _topics_for_type(self, type_name: str) -> Mapping[str, Any]:
+        return {"topics": _having(self._graph().topics, type_name)}
+
+    def _topic_type(self, topic: str) -> Mapping[str, Any]:
+        return {"type": self._graph().topics.get(topic, "")}
+
+    def _topics_and_raw_types(self) -> Mapping[str, Any]:
+        topics = self._graph().topics
+        texts = {type_name: self._definition(type_name) for type_name in set(topics.values())}
+        return {**self._topics(), "typedefs_full_text": [texts.get(name, "") for name in self._topics()["types"]]}
+
+    def _services(self) -> Mapping[str, Any]:
+        return {"services": list(self._graph().services)}
+
+    def _service_type(self, service: str) -> Mapping[str, Any]:
+        return {"type": self._graph().services.get(service, "")}
+
+    def _services_for_type(self, type_name: str) -> Mapping[str, Any]:
+        return {"services": _having(self._graph().services, type_name)}
+
+    def _service_node(self, service: str) -> Mapping[str, Any]:
+        nodes = [name for name, node in self._graph().nodes.items() if service in node.services]
+        return {"node": nodes[0] if nodes else ""}
+
+    def _service_providers(self, service: str) -> Mapping[str, Any]:
+        return {"providers": [name for name, node in self._graph().nodes.items() if service in node.services]}
+
+    def _service_host(self, service: str) -> Mapping[str, Any]:
+        return {"host": "localhost" if service in self._graph().services else ""}
+
+    def _nodes(self) -> Mapping[str, Any]:
+        return {"nodes": list(self._graph().nodes)}
+
+    def _node_details(self, name: str) -> Mapping[str, Any]:
+        node = self._graph().nodes.get(name)
+        if node is None:
+            return {"subscribing": [], "publishing": [], "services": []}
+        return {
+            "subscribing": list(node.subscribes),
+            "publishing": list(node.publishes),
+            "services": list(node.services),
+        }
+
+    def _publishers(self, topic: str) -> Mapping[str, Any]:
+        return {"publishers": [name for name, node in self._graph().nodes.items() if topic in node.publishes]}
+
+    def _subscribers(self, topic: str) -> Mapping[str, Any]:
+        return {"subscribers": [name for name, node in self._graph().nodes.items() if topic in node.subscribes]}
+
+    def _action_servers(self) -> Mapping[str, Any]:
+        return {"action_servers": []}
+
+    def _message_details(self, type_name: str) -> Mapping[str, Any]:
+        found = definitions.parse(type_name, self._definition(type_name))
+        return {"typedefs": [_typedef(one) for one in found.values() if one.fields or one.constants]}
+
+    def _service_request_details(self, type_name: str) -> Mapping[str, Any]:
+        return {"typedefs": [_typedef(one) for one in definitions.service_definition(type_name, False).values()]}
+
+    def _service_response_details(self, type_name: str) -> Mapping[str, Any]:
+        return {"typedefs": [_typedef(one) for one in definitions.service_definition(type_name, True).values()]}
+
+    def _get_time(self) -> Mapping[str, Any]:
+        seconds, rest = divmod(self._time_s(), 1.0)
+        nanoseconds = int(rest * 1e9)
+        whole = int(seconds)
+        return {"time": {"secs": whole, "nsecs": nanoseconds, "sec": whole, "nanosec": nanoseconds}}
+
+    def _get_param_names(self) -> Mapping[str, Any]:
+        return {"names": list(self._values())}
+
+    def _get_param(self, name: str, default: str) -> Mapping[str, Any]:
+        values = self._values()
+        return {"value": json.dumps(values[name]) if name in values else default or '""'}
+
+    def _has_param(self, name: str) -> Mapping[str, Any]:
+        return {"exists": name in self._values()}
+
+    def _values(self) -> Dict[str, Any]:
+        return {f"{node}:{name}": value for node, tree in self._parameters().items() for name, value in flatten(tree)}
+
+
+_SERVICES: Mapping[str, Tuple[Callable[..., Mapping[str, Any]], Sequence[str]]] = {
+    "topics": (Rosapi._topics, ()),
+    "topics_for_type": (Rosapi._topics_for_type, ("type",)),
+    "topic_type": (Rosapi._topic_type, ("topic",)),
+    "topics_and_raw_types": (Rosapi._topics_and_raw_types, ()),
+    "services": (Rosapi._services, ()),
+    "service_type": (Rosapi._service_type, ("service",)),
+    "services_for_type": (Rosapi._services_for_type, ("type",)),
+    "service_node": (Rosapi._service_node, ("service",)),
+    "service_providers": (Rosapi._service_providers, ("service",)),
+    "service_host": (Rosapi._service_host, ("service",)),
+    "nodes": (Rosapi._nodes, ()),
+    "node_details": (Rosapi._node_details, ("node",)),
+    "publishers": (Rosapi._publishers, ("topic",)),
+    "subscribers": (Rosapi._subscribers, ("topic",)),
+    "action_servers": (Rosapi._action_servers, ()),
+    "message_details": (Rosapi._message_details, ("type",)),
+    "service_request_details": (Rosapi._service_request_details, ("type",)),
+    "service_response_details": (Rosapi._service_response_details, ("type",)),
+    "get_time": (Rosapi._get_time, ()),
+    "get_param_names": (Rosapi._get_param_names, ()),
+    "get_param": (Rosapi._get_param, ("name", "default_value")),
+    "has_param": (Rosapi._has_param, ("name",)),
+}
+"""Per service the function that answers it and the fields of its request, which are texts all."""
+
+
+_OLD_NAMES = {"default_value": "default"}
+"""ROS 1 calls it `default`."""
+
+
+def _texts(args: object, names: Sequence[str]) -> List[str]:
+    """Returns a request's fields in their order, empty where one is left out or is no text."""
+    if isinstance(args, Mapping):
+        found = [args.get(name, args.get(_OLD_NAMES.get(name, ""))) for name in names]
+    else:
+        found = list(args)[: len(names)] if isinstance(args, list) else []
+    found += [None] * (len(names) - len(found))
+    return [value if isinstance(value, str) else "" for value in found]
+
+
+def _having(types: Mapping[str, str], type_name: str) -> List[str]:
+    return [name for name, found in types.items() if canonical(found) == canonical(type_name)]
+
+
+def _typedef(definition: definitions.Definition) -> Mapping[str, Any]:
+    """Returns one definition as rosapi_msgs/TypeDef."""
+    return {
+        "type": definition.type,
+        "fieldnames": [field.name for field in definition.fields],
+        "fieldtypes": [field.type for field in definition.fields],
+        "fieldarraylen": [field.length for field in definition.fields],
+        "examples": [_example(field) for field in definition.fields],
+        "constnames": [name for name, _ in definition.constants],
+        "constvalues": [value for _, value in definition.constants],
+    }
+
+
+def _example(field: definitions.Field) -> str:
+    if field.length >= 0:
+        return "[]"
+    return "{}" if "/" in field.type or field.type in ("time", "duration") else _EXAMPLES.get(field.type, "0")

@@ -1,0 +1,196 @@
+"""The configuration of battery_sensor says where each metric comes from."""
+
+from __future__ import annotations
+
+from typing import Any, Dict
+
+import pytest
+
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.nodes import BatterySensor
+from robot_health_monitor.core.parameters import ConfigError
+from robot_health_monitor.core.sensors import configuration as sensing
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
+from robot_health_monitor.core.sensors.host import HostBattery, HostCpuUsage, HostTemperature
+from robot_health_monitor.core.sensors.simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
+
+
+def test_everything_is_simulated_by_default() -> None:
+    kinds = {metric: type(source) for metric, source in sensing.read_sources({}).items()}
+    assert kinds == {
+        "battery_level": SimulatedBattery,
+        "temperature": SimulatedTemperature,
+        "cpu_usage": SimulatedCpuUsage,
+    }
+
+
+def test_each_metric_can_come_from_this_machine() -> None:
+    tree = {metric: {"source": "host"} for metric in sensing.METRICS}
+    kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
+    assert kinds == {"battery_level": HostBattery, "temperature": HostTemperature, "cpu_usage": HostCpuUsage}
+
+
+@pytest.mark.parametrize("nowhere", ["none", False])  # YAML reads `off` as false
+def test_a_metric_without_a_source_is_left_out(nowhere: Any) -> None:
+    assert list(sensing.read_sources({"temperature": {"source": nowhere}})) == ["battery_level", "cpu_usage"]
+
+
+def test_the_sensor_of_the_chapters_example_is_a_matter_of_configuration() -> None:
+    # section 5.4: 20.0 + random.uniform(-5.0, 5.0), and nothing else
+    tree = {
+        "sensor_name": "temp_sensor_1",
+        "publish_rate": 2.0,
+        "temperature": {"mean": 20.0, "spread": 5.0, "spike": 0.0},
+        "battery_level": {"source": "none"},
+        "cpu_usage": {"source": "none"},
+    }
+    sources = sensing.read_sources(tree)
+    assert list(sources) == ["temperature"]
+    assert all(15.0 <= sources["temperature"].read(tick / 2.0) <= 25.0 for tick in range(2000))
+
+
+def test_the_keys_of_a_section_reach_its_source() -> None:
+    tree = {"battery_level": {"discharge_rate": 10, "charge_rate": 45.0, "charge_at": 10.0}}
+    battery = sensing.read_sources(tree)["battery_level"]
+    assert [battery.read(float(second)) for second in (0, 1, 9, 10, 11, 12)] == [100.0, 90.0, 10.0, 55.0, 100.0, 90.0]
+
+
+def values(tree: Any) -> Any:
+    """Reads every source of a configuration for a minute."""
+    sources = sensing.read_sources(tree)
+    return [[source.read(float(second)) for second in range(60)] for source in sources.values()]
+
+
+def test_the_same_seed_gives_the_same_values() -> None:
+    assert values({"seed": 7}) == values({"seed": 7})
+    assert values({"seed": 7}) != values({"seed": 8})
+
+
+def test_without_a_seed_every_start_is_another() -> None:
+    assert values({}) != values({})
+
+
+@pytest.mark.parametrize(
+    ("tree", "line"),
+    [
+        (
+            {"battery_level": {"source": "hots"}},
+            "battery_level.source: found 'hots', allowed is one of simulated, host, none",
+        ),
+        (
+            {"battery_level": {"discharge_rates": 1.0}},
+            "battery_level.discharge_rates: unknown key; did you mean discharge_rate? "
+            "allowed are source, discharge_rate, charge_rate, charge_at",
+        ),
+        (
+            {"battery_level": {"discharge_rate": -1.0}},
+            "battery_level.discharge_rate: found -1.0, allowed is a number, 0 or more",
+        ),
+        ({"temperature": "hot"}, "temperature: found 'hot', allowed is a mapping of keys to values"),
+        (
+            {"temperature": {"spike_every_s": 0}},
+            "temperature.spike_every_s: found 0, allowed is a number, 1 or more",
+        ),
+        ({"cpu_usage": {"mean": 101}}, "cpu_usage.mean: found 101, allowed is a number from 0 to 100"),
+        ({"cpu_usage": {"mean": float("nan")}}, "cpu_usage.mean: found nan, allowed is a number from 0 to 100"),
+        ({"seed": "seven"}, "seed: found 'seven', allowed is a whole number"),
+    ],
+)
+def test_a_wrong_key_is_named_with_what_is_allowed(tree: Any, line: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        sensing.read_sources(tree)
+    assert str(caught.value) == line
+
+
+def test_the_path_of_an_error_begins_where_the_tree_hangs() -> None:
+    with pytest.raises(ConfigError, match=r"^battery_sensor\.ros__parameters\.cpu_usage\.men: unknown key"):
+        sensing.read_sources({"cpu_usage": {"men": 1.0}}, ("battery_sensor", "ros__parameters"))
+
+
+def test_every_parameter_has_a_description_and_a_default_that_it_allows() -> None:
+    for metric, parameters in sensing.SECTIONS.items():
+        for parameter in parameters:
+            assert parameter.description
+            assert parameter.read(parameter.default) == parameter.default, f"{metric}.{parameter.name}"
+
+
+MEMORY = {"source": "memory_percent"}
+
+
+def test_further_metrics_of_this_machine_come_after_the_three() -> None:
+    tree = {"host": {"memory": MEMORY, "disk_root": {"source": "disk_percent", "path": "/"}}}
+    assert list(sensing.read_sources(tree)) == ["battery_level", "temperature", "cpu_usage", "memory", "disk_root"]
+
+
+def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
+    tree = {"host": {f"metric_{kind}": {"source": kind} for kind in HOST_SOURCES}}
+    assert len(sensing.read_sources(tree)) == 3 + len(HOST_SOURCES)
+
+
+@pytest.mark.parametrize(
+    ("host", "error"),
+    [
+        ([MEMORY], "host: found [{'source': 'memory_percent'}], allowed is a mapping of keys to values"),
+        ({"memory": "memory_percent"}, "host.memory: found 'memory_percent', allowed is a mapping of keys to values"),
+        ({"memory": {}}, f"host.memory.source: is missing, allowed is one of {', '.join(HOST_SOURCES)}"),
+        (
+            {"memory": {"source": "ram"}},
+            f"host.memory.source: found 'ram', allowed is one of {', '.join(HOST_SOURCES)}",
+        ),
+        (
+            {"memory": {**MEMORY, "path": "/"}},
+            "host.memory.path: unknown key; allowed are source",
+        ),
+        (
+            {"disk": {"source": "disk_percent", "pth": "/"}},
+            "host.disk.pth: unknown key; did you mean path? allowed are source, path",
+        ),
+        (
+            {"disk": {"source": "disk_percent", "path": 1}},
+            "host.disk.path: found 1, allowed is a text of printable characters",
+        ),
+        (
+            {"core": {"source": "cpu_percent", "core": -1}},
+            "host.core.core: found -1, allowed is a whole number from 0 to 65535",
+        ),
+        ({"temperature": MEMORY}, "host.temperature: is a metric of its own, allowed is another name"),
+        (
+            {"0": MEMORY},
+            "host.0: is no name of a metric, allowed are letters, digits and _, a letter first",
+        ),
+        ({"a/b": MEMORY}, "host.a/b: is no name of a metric, allowed are letters, digits and _, a letter first"),
+    ],
+)
+def test_a_metric_of_the_host_that_cannot_be_used_is_refused(host: Any, error: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        sensing.read_sources({"host": host})
+    assert str(caught.value) == error
+
+
+def test_metrics_of_the_host_are_declared_with_the_keys_that_they_can_have() -> None:
+    tree = {"host": {"memory": MEMORY, "disk": {"source": "disk_free"}}}
+    names = [parameter.name for parameter in sensing.described_sections(tree)]
+    assert names[-3:] == ["host.memory.source", "host.disk.source", "host.disk.path"]
+    assert names[0] == "battery_level.source"
+
+
+def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
+    bus = LocalBus()
+    node = bus.node("battery_sensor", parameters={"host": {"memory": MEMORY}})
+    heard: Dict[str, int] = {"memory": 0, "disk": 0}
+    for topic in heard:
+
+        def count(value: Any, now_s: float, topic: str = topic) -> None:
+            heard[topic] += 1
+
+        bus.node("listener").subscribe(topic, "std_msgs/Float32", count)
+    BatterySensor(node)
+    bus.run_due(2.0)
+    assert heard == {"memory": 2, "disk": 0}
+    node.set_parameters({"host": {"disk": {"source": "disk_free"}}})
+    bus.run_due(5.0)
+    assert heard == {"memory": 2, "disk": 3}
+    with pytest.raises(ConfigError, match=r"^host\.disk\.path: found 5, allowed is a text of printable characters$"):
+        node.set_parameter("host.disk.path", 5)
+    bus.run_due(6.0)
+    assert heard == {"memory": 2, "disk": 4}

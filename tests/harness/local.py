@@ -1,0 +1,71 @@
+"""The conformance harness over the in-process middleware, in virtual time."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, List, Mapping, Optional, Sequence
+
+from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
+from robot_health_monitor.core.local import LocalBus, LocalMiddleware
+from robot_health_monitor.core.parameters import ConfigError
+
+
+class LocalHarness:
+    """A bus in virtual time."""
+
+    knows_types = False
+    knows_listeners = True
+
+    def __init__(self) -> None:
+        self.bus = LocalBus(START_S)
+        self._outside = self.bus.node("outside")
+        self._nodes: List[LocalMiddleware] = []
+        self._tick_s = 0.0
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+        sim_time: bool = True,
+    ) -> LocalMiddleware:
+        self._tick_s = 0.0 if sim_time else 0.01
+        node = self.bus.node(name, namespace=namespace, parameters=parameters, remap=remap)
+        self._nodes.append(node)
+        return node
+
+    def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
+        self._outside.advertise(topic, type_name)
+        self._outside.publish(topic, message)
+
+    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
+        messages: List[Mapping[str, Any]] = []
+        self._outside.subscribe(topic, type_name, lambda message, now_s: messages.append(message))
+        return messages
+
+    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+        try:
+            return self.bus.call_service(service, request)
+        except ValueError as error:
+            raise ServiceFailed(str(error)) from error
+
+    def propose(self, node: LocalMiddleware, name: str, value: object) -> str:
+        try:
+            node.set_parameter(name, value)
+        except ConfigError as error:
+            return str(error)
+        return ""
+
+    def set_time(self, now_s: float) -> None:
+        self.bus.run_due(now_s)
+
+    def log_lines(self) -> Sequence[LogLine]:
+        return [LogLine(line.severity, line.text) for line in self.bus.log_lines]
+
+    def wait_until(self, predicate: Callable[[], bool]) -> None:
+        poll_until(predicate, lambda: self.bus.run_due(self.bus.now_s + self._tick_s), deadline_s=1.0)
+
+    def close(self) -> None:
+        for node in (*self._nodes, self._outside):
+            node.close()

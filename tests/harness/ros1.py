@@ -1,0 +1,187 @@
+"""The conformance harness over rospy and a real master: everything goes through TCPROS."""
+
+from __future__ import annotations
+
+import base64
+import functools
+import itertools
+import threading
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+
+import genpy
+import rosgraph
+import roslib.message
+import rospy
+import yaml
+from rosgraph_msgs.msg import Clock, Log
+
+from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.ros1.middleware import Ros1Middleware
+
+_SEVERITIES = {
+    Log.DEBUG: Severity.DEBUG,
+    Log.INFO: Severity.INFO,
+    Log.WARN: Severity.WARN,
+    Log.ERROR: Severity.ERROR,
+    Log.FATAL: Severity.FATAL,
+}
+
+
+class Ros1Harness:
+    """Nodes in this process, which `rospy.init_node` has made a node under simulated time."""
+
+    knows_types = True
+    knows_listeners = True
+
+    def __init__(self) -> None:
+        self._nodes: List[Ros1Middleware] = []
+        self._publishers: Dict[str, Any] = {}
+        self._subscribers: List[Any] = []
+        self._pause = threading.Event()
+        self._master = rosgraph.Master(rospy.get_name())
+        _for_all_tests()
+        self._wait_for_connections("/rosout")
+        marker = LogLine(Severity.INFO, f"test {next(_numbers)} begins")
+        rospy.loginfo(marker.text)
+        self.wait_until(lambda: marker in _log)
+        self._first_line = len(_log)
+        self.set_time(START_S)
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+        sim_time: bool = True,
+    ) -> Ros1Middleware:
+        full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
+        if not sim_time:
+            rospy.rostime.switch_to_wallclock()
+        if remap:
+            self._remap(full_name, remap)
+        if parameters:
+            rospy.set_param(f"{full_name}/ros__parameters", dict(parameters))
+        node = Ros1Middleware(full_name)
+        self._nodes.append(node)
+        return node
+
+    def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
+        cls = roslib.message.get_message_class(type_name)
+        if topic not in self._publishers:
+            self._publishers[topic] = rospy.Publisher(topic, cls, queue_size=100, tcp_nodelay=True)
+        native = cls()
+        genpy.message.fill_message_args(native, [_as_genpy_wants(cls, message)])
+        self._wait_for_connections(topic)
+        self._publishers[topic].publish(native)
+
+    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
+        messages: List[Mapping[str, Any]] = []
+        cls = roslib.message.get_message_class(type_name)
+        self._subscribers.append(
+            rospy.Subscriber(topic, cls, lambda native: messages.append(_as_mapping(native)), tcp_nodelay=True)
+        )
+        self._wait_for_connections(topic)
+        return messages
+
+    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+        cls = roslib.message.get_service_class(type_name)
+        native = cls._request_class()
+        genpy.message.fill_message_args(native, [dict(request or {})])
+        try:
+            return _as_mapping(rospy.ServiceProxy(service, cls).call(native))
+        except rospy.ServiceException as error:
+            raise ServiceFailed(str(error)) from error
+
+    def propose(self, node: Ros1Middleware, name: str, value: object) -> str:
+        parameter = "/".join([node.name, "ros__parameters", *name.split(".")])
+        before = rospy.get_param(parameter, None)
+        rospy.set_param(parameter, value)
+        response = self.call(f"{node.name}/reload", "std_srvs/Trigger")
+        if response["success"]:
+            return ""
+        if before is None:
+            rospy.delete_param(parameter)
+        else:
+            rospy.set_param(parameter, before)
+        return str(response["message"])
+
+    def set_time(self, now_s: float) -> None:
+        now = genpy.Time.from_sec(now_s)
+        self._wait_for_connections("/clock")
+        _for_all_tests().publish(now)
+        self.wait_until(lambda: rospy.get_rostime() == now and self._have_timers_seen(now_s))
+
+    def log_lines(self) -> Sequence[LogLine]:
+        return _log[self._first_line :]
+
+    def wait_until(self, predicate: Callable[[], bool]) -> None:
+        poll_until(predicate, lambda: self._pause.wait(0.002))
+
+    def close(self) -> None:
+        for node in self._nodes:
+            node.close()
+            if rospy.has_param(node.name):
+                rospy.delete_param(node.name)
+        for topic in (*self._publishers.values(), *self._subscribers):
+            topic.unregister()
+        self._remap("/tests", {})
+
+    def _have_timers_seen(self, now_s: float) -> bool:
+        """Their threads look at the clock when it moves; one that is late would miss a step back and forth."""
+        timers = [timer for node in self._nodes for timer in node._timers]
+        return all(timer._last_s == now_s or timer._cancelled.is_set() for timer in timers)
+
+    def _remap(self, node_name: str, remap: Mapping[str, str]) -> None:
+        """Does what `old:=new` on the command line of the node does."""
+        rospy.names.reload_mappings(["node", *(f"{old}:={new}" for old, new in remap.items())])
+        rospy.names.initialize_mappings(node_name)
+
+    def _wait_for_connections(self, topic: str) -> None:
+        """Waits until this process is connected with everybody on `topic` whom the master knows, in both directions."""
+        manager = rospy.topics.get_topic_manager()
+        outgoing, incoming = manager.get_publisher_impl(topic), manager.get_subscriber_impl(topic)
+
+        def are_there() -> bool:
+            publishers, subscribers, _ = self._master.getSystemState()
+            sources, sinks = dict(publishers).get(topic, ()), dict(subscribers).get(topic, ())
+            return (outgoing is None or outgoing.get_num_connections() >= len(sinks)) and (
+                incoming is None or incoming.get_num_connections() >= len(sources)
+            )
+
+        self.wait_until(are_there)
+
+
+_log: List[LogLine] = []
+_numbers = itertools.count(1)
+
+
+@functools.lru_cache(maxsize=None)
+def _for_all_tests() -> Any:
+    """Returns the publisher of /clock, and begins to listen to the log; both stay until the process ends."""
+    rospy.Subscriber("/rosout", Log, lambda line: _log.append(LogLine(_SEVERITIES[line.level], line.msg)))
+    return rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
+
+
+def _as_mapping(native: Any) -> Dict[str, Any]:
+    """Reads rospy's own printed form of a message, which is YAML: nothing here shares code with the adapter."""
+    return yaml.safe_load(str(native)) or {}
+
+
+def _as_genpy_wants(cls: Any, message: Mapping[str, Any]) -> Dict[str, Any]:
+    types = dict(zip(cls.__slots__, cls._slot_types))
+    plain = {name: _with_ros1_stamps(value) for name, value in message.items()}
+    return {
+        name: base64.b64decode(value) if types[name] == "uint8[]" and isinstance(value, str) else value
+        for name, value in plain.items()
+    }
+
+
+def _with_ros1_stamps(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        if set(value) == {"sec", "nanosec"}:
+            return {"secs": value["sec"], "nsecs": value["nanosec"]}
+        return {name: _with_ros1_stamps(part) for name, part in value.items()}
+    return value

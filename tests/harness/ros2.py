@@ -1,0 +1,298 @@
+"""The conformance harness over rclpy: two DDS participants, the nodes under test in one, the test in the other."""
+
+from __future__ import annotations
+
+import array
+import base64
+import threading
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
+
+import rclpy
+from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
+
+from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.parameters import flatten
+from robot_health_monitor.ros2.middleware import Ros2Middleware
+
+
+class Participant:
+    """An rclpy context with one executor: what a process has."""
+
+    def __init__(self, domain_id: int, executor_class: Any = SingleThreadedExecutor) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.executor = executor_class(context=self.context)
+
+    def node(self, name: str) -> Node:
+        node = Node(name, context=self.context, start_parameter_services=False, enable_rosout=False)
+        self.executor.add_node(node)
+        return node
+
+    def close(self) -> None:
+        rclpy.shutdown(context=self.context)
+
+
+class Spinner:
+    """Spins a participant in a thread of its own, as its process would."""
+
+    def __init__(self, participant: Participant) -> None:
+        self.failure: Optional[BaseException] = None
+        self._participant = participant
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._participant.close()
+        self._thread.join(10)
+        assert not self._thread.is_alive()
+
+    def _spin(self) -> None:
+        try:
+            while self._participant.context.ok():
+                # not spin(): with the EventsExecutor of the builds for pip it never gets round to anything
+                self._participant.executor.spin_until_future_complete(Future(), 3600.0)
+        except rclpy.executors.ExternalShutdownException:
+            pass
+        except BaseException as error:
+            self.failure = error
+
+
+class Ros2Harness:
+    """Nodes under test spin in their own thread; the outside spins while a test waits."""
+
+    knows_types = True
+    knows_listeners = True
+
+    def __init__(self, inside: Participant, outside: Participant, spinner: Spinner) -> None:
+        self._inside, self._outside, self._spinner = inside, outside, spinner
+        self._witness = inside.node("witness")
+        self._me = outside.node("outside")
+        self._nodes: List[Ros2Middleware] = []
+        self._simulated: List[Ros2Middleware] = []
+        self._publishers: Dict[str, Any] = {}
+        self._now_s = START_S
+        self._log: List[LogLine] = []
+        everything = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._me.create_subscription(Log, "/rosout", self._keep, everything)
+        self._clock = self._me.create_publisher(Clock, "/clock", 10)
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+        sim_time: Optional[bool] = True,
+        before_time: Callable[[Ros2Middleware], object] = lambda node: None,
+    ) -> Ros2Middleware:
+        """Does what `Harness.node` says.
+
+        Args:
+            name: as there.
+            namespace: as there.
+            parameters: as there.
+            remap: as there.
+            sim_time: as there; None: the parameter is not given.
+            before_time: called with the node before it has seen simulated time.
+        """
+        arguments = ["--ros-args"]
+        for old, new in (remap or {}).items():
+            arguments += ["-r", f"{old}:={new}"]
+        overrides = [Parameter(key, value=value) for key, value in flatten(parameters or {})]
+        if sim_time is not None:
+            overrides.append(Parameter("use_sim_time", value=sim_time))
+        node = Ros2Middleware(
+            name,
+            self._inside.context,
+            namespace=namespace,
+            cli_args=arguments,
+            use_global_arguments=False,
+            parameter_overrides=overrides,
+        )
+        self._nodes.append(node)
+        before_time(node)
+        self._inside.executor.add_node(node.node)
+        if sim_time:
+            self._simulated.append(node)
+            self.set_time(self._now_s)
+        return node
+
+    def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
+        cls = _message_class(type_name)
+        if topic not in self._publishers:
+            self._publishers[topic] = self._me.create_publisher(cls, topic, 100)
+        publisher = self._publishers[topic]
+        # Those that do not know the topic's type yet subscribe in fact when they have seen this publisher.
+        undecided = [subscription for node in self._nodes for subscription in node._subscriptions]
+        self.wait_until(lambda: not any(s.is_waiting and s.topic == topic for s in undecided))
+        self.wait_until(lambda: publisher.get_subscription_count() >= self._witness.count_subscribers(topic))
+        publisher.publish(fill(cls(), message))
+
+    def publish_to_process(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
+        """Publishes to a process, which is not among the harness' own nodes: waits until it has subscribed."""
+        cls = _message_class(type_name)
+        if topic not in self._publishers:
+            self._publishers[topic] = self._me.create_publisher(cls, topic, 100)
+        self.wait_until(lambda: self._publishers[topic].get_subscription_count() >= 1)
+        self._publishers[topic].publish(fill(cls(), message))
+
+    def services(self) -> Set[str]:
+        """Returns the names of all services that there are."""
+        return {name for name, _ in self._witness.get_service_names_and_types()}
+
+    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
+        messages: List[Mapping[str, Any]] = []
+        subscription = self._me.create_subscription(
+            _message_class(type_name), topic, lambda native: messages.append(as_mapping(native)), 100
+        )
+        publishers = [
+            publisher for node in self._nodes for publisher in node.node.publishers if publisher.topic_name == topic
+        ]
+
+        def is_connected() -> bool:
+            subscribers = self._witness.get_subscriptions_info_by_topic(topic)
+            return any(subscriber.node_name == "outside" for subscriber in subscribers) and all(
+                publisher.get_subscription_count() >= len(subscribers) for publisher in publishers
+            )
+
+        self.wait_until(is_connected)
+        self.wait_until(lambda: subscription.get_publisher_count() >= self._witness.count_publishers(topic))
+        return messages
+
+    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+        package, name = type_name.split("/")
+        cls = getattr(__import__(f"{package}.srv", fromlist=[name]), name)
+        return as_mapping(self._call(service, cls, fill(cls.Request(), request or {})))
+
+    def propose(self, node: Ros2Middleware, name: str, value: object) -> str:
+        return self.propose_to(node.name, name, value)
+
+    def propose_to(self, node_name: str, name: str, value: object) -> str:
+        """Changes a parameter of the node of this name; returns the reason of a refusal."""
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        (result,) = self._call(f"{node_name}/set_parameters", SetParameters, request).results
+        assert result.successful == (not result.reason)
+        return str(result.reason)
+
+    def set_time(self, now_s: float) -> None:
+        self._now_s = now_s
+        now = Time(nanoseconds=round(now_s * 1e9))
+        attempts = 0
+
+        def is_shown() -> bool:
+            working = self._inside.executor.get_nodes()
+            return all(node.now_s() == now_s for node in self._simulated if node.node in working)
+
+        def publish() -> None:
+            nonlocal attempts
+            if attempts % 50 == 0:  # /clock is best effort: a node that has only just appeared may miss a message
+                self._clock.publish(Clock(clock=now.to_msg()))
+            attempts += 1
+            self._outside.executor.spin_once(timeout_sec=0.005)
+
+        publish()
+        poll_until(is_shown, publish)
+
+    def log_lines(self) -> Sequence[LogLine]:
+        return list(self._log)
+
+    def wait_until(self, predicate: Callable[[], bool]) -> None:
+        poll_until(predicate, lambda: self._outside.executor.spin_once(timeout_sec=0.005))
+        assert self._spinner.failure is None
+
+    def close(self) -> None:
+        for node in self._nodes:
+            node.close()
+        for own, participant in ((self._witness, self._inside), (self._me, self._outside)):
+            participant.executor.remove_node(own)
+            own.destroy_node()
+        self._wait_until_forgotten()
+        assert self._spinner.failure is None
+
+    def _wait_until_forgotten(self) -> None:
+        """Waits until the spinning thread waits for nothing of the closed nodes any more.
+
+        Only then are they gone; rcl has one /rosout publisher per name of a node, so a next one of that name would
+        lose its log with them.
+        """
+        for _ in range(2):
+            gone_round = threading.Event()
+            self._inside.executor.create_task(gone_round.set)
+            assert gone_round.wait(10.0)
+
+    def _call(self, service: str, cls: Any, request: Any) -> Any:
+        if self._is_of_closed_node(service):
+            raise ServiceFailed(f"nobody offers {service}")
+        client = self._me.create_client(cls, service)
+        self.wait_until(client.service_is_ready)
+        answer = client.call_async(request)
+        self.wait_until(answer.done)
+        self._me.destroy_client(client)
+        return answer.result()
+
+    def _is_of_closed_node(self, service: str) -> bool:
+        if self._witness.count_services(service):
+            return False
+        working = self._inside.executor.get_nodes()
+        return any(node.node not in working for node in self._nodes)
+
+    def _keep(self, line: Log) -> None:
+        level = line.level if isinstance(line.level, int) else line.level[0]
+        self._log.append(LogLine(Severity(level), line.msg))
+
+
+def as_mapping(native: Any) -> Dict[str, Any]:
+    """Returns a message's fields, nested; nothing here shares code with the adapter."""
+    return {name: _plain(getattr(native, name)) for name in native.get_fields_and_field_types()}
+
+
+def fill(native: Any, message: Mapping[str, Any]) -> Any:
+    """Sets a message's fields from a mapping, with rclpy's own checks of what is set switched on."""
+    native = type(native)(check_fields=True)
+    types = dict(zip(native.get_fields_and_field_types(), native.SLOT_TYPES))
+    for name, value in message.items():
+        setattr(native, name, _native(value, types[name], getattr(native, name)))
+    return native
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "get_fields_and_field_types"):
+        return as_mapping(value)
+    if isinstance(value, array.array) and value.typecode == "B":
+        return value.tobytes()
+    if isinstance(value, (list, tuple)):
+        return [_plain(element) for element in value]
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _native(value: Any, slot_type: Any, default: Any) -> Any:
+    if isinstance(value, Mapping):
+        return fill(default, value)
+    if isinstance(slot_type, (AbstractSequence, Array)):
+        if isinstance(slot_type.value_type, NamespacedType):
+            cls = _message_class(f"{slot_type.value_type.namespaces[0]}/{slot_type.value_type.name}")
+            return [fill(cls(), element) for element in value]
+        if isinstance(value, str):
+            return array.array("B", base64.b64decode(value))
+        return value
+    if getattr(slot_type, "typename", "") == "octet":
+        return bytes([value])
+    return float(value) if isinstance(default, float) else value
+
+
+def _message_class(type_name: str) -> Any:
+    package, name = type_name.split("/")
+    return getattr(__import__(f"{package}.msg", fromlist=[name]), name)

@@ -1,0 +1,128 @@
+"""The port over rosbridge, seen from outside: a local bus, this project's server, a real socket, the client's nodes."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import Any, Callable, List, Mapping, Optional, Sequence
+
+from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.parameters import ConfigError
+from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
+from robot_health_monitor.rosbridge.loop_thread import LoopThread
+from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.rosbridge.server.server import Server
+
+EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
+
+
+class RosbridgeHarness:
+    """The harness of `port_conformance.py`. The outside speaks on the bus, on the far side of the server."""
+
+    knows_types = False
+    knows_listeners = False
+
+    def __init__(self) -> None:
+        self._now_s = START_S
+        self._robot, self._watcher = LoopThread("robot"), LoopThread("watcher")
+        self.bus = LocalBus(START_S)
+        self.server = Server(self.bus.node("rosbridge"), port=0, threads=False, access=EVERYTHING)
+        self._robot.call(self.server.start())
+        self._outside = self.bus.node("outside")
+        self._outside.advertise("/clock", "rosgraph_msgs/Clock")
+        up = threading.Event()
+        self.client = RosbridgeClient(
+            f"ws://127.0.0.1:{self.server.port}", on_link=lambda is_up: up.set() if is_up else up.clear()
+        )
+        self._running = asyncio.run_coroutine_threadsafe(self.client.run(), self._watcher.loop)
+        assert up.wait(10.0), self.client.log_lines
+        self._nodes: List[RosbridgeMiddleware] = []
+        self._simulated: List[RosbridgeMiddleware] = []
+
+    def node(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        parameters: Optional[Mapping[str, Any]] = None,
+        remap: Optional[Mapping[str, str]] = None,
+        sim_time: bool = True,
+    ) -> RosbridgeMiddleware:
+        node = self.client.node(name, namespace=namespace, parameters=parameters, remap=remap, use_sim_time=sim_time)
+        self._nodes.append(node)
+        if sim_time:
+            self._simulated.append(node)
+            self.set_time(self._now_s)
+        return node
+
+    def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
+        self._settle()
+
+        def publish() -> None:
+            self._outside.advertise(topic, type_name)
+            self._outside.publish(topic, message)
+
+        self.on_robot(publish)
+
+    def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
+        self._settle()
+        heard: List[Mapping[str, Any]] = []
+        self.on_robot(lambda: self._outside.subscribe(topic, type_name, lambda value, now_s: heard.append(value)))
+        return heard
+
+    def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
+        self._settle()
+        try:
+            return self._robot.call(self.server.call(service, request or {}, None))  # type: ignore[no-any-return]
+        except ValueError as error:
+            raise ServiceFailed(error) from None
+
+    def propose(self, node: RosbridgeMiddleware, name: str, value: object) -> str:
+        try:
+            node.set_parameter(name, value)
+        except ConfigError as error:
+            return str(error)
+        return ""
+
+    def set_time(self, now_s: float) -> None:
+        self._now_s = now_s
+        self._settle()
+        seconds = int(now_s)
+        stamp = {"secs": seconds, "nsecs": round((now_s - seconds) * 1e9)}
+
+        def move() -> None:
+            self.bus.run_due(now_s)
+            self._outside.publish("/clock", {"clock": stamp})
+
+        self.on_robot(move)
+        self._settle()
+        assert all(node.now_s() == now_s for node in self._simulated if not node.closed)
+
+    def log_lines(self) -> Sequence[LogLine]:
+        return [LogLine(line.severity, line.text) for line in tuple(self.client.log_lines)]
+
+    def wait_until(self, predicate: Callable[[], bool]) -> None:
+        poll_until(predicate, self._settle)
+
+    def close(self) -> None:
+        self.client.close()
+        self._running.cancel()
+        self._watcher.close()
+        self._robot.call(self.server.close())
+        self._robot.close()
+
+    def on_robot(self, function: Callable[[], Any]) -> Any:
+        """Calls a function in the thread of the bus."""
+
+        async def call() -> Any:
+            return function()
+
+        return self._robot.call(call())
+
+    def _settle(self) -> None:
+        """Returns when the server has taken everything that the nodes have asked for until now, and they its messages.
+
+        The link keeps the order of both ways.
+        """
+        self._watcher.call(self.client.link.call_service("/rosapi/get_time", {}, 10.0))

@@ -1,0 +1,123 @@
+"""A robot on a local bus, this project's server in front of it, and plain WebSocket clients, all in one event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from typing import Any, AsyncIterator, Awaitable, Callable, Dict, List, Optional
+
+import aiohttp
+import cbor2
+
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.rosbridge.server.server import Server
+
+DEADLINE_S = 20.0
+FLOAT32 = "std_msgs/Float32"
+
+
+class Peer:
+    """A client that speaks JSON over a WebSocket, and nothing that is not rosbridge."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self.socket = socket
+
+    async def send(self, op: str, **fields: Any) -> None:
+        await self.socket.send_str(json.dumps({"op": op, **fields}))
+
+    async def receive(self) -> Dict[str, Any]:
+        """Returns the next message, from JSON or CBOR."""
+        message = await asyncio.wait_for(self.socket.receive(), DEADLINE_S)
+        assert message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY), message
+        decoded = json.loads(message.data) if isinstance(message.data, str) else cbor2.loads(message.data)
+        assert isinstance(decoded, dict)
+        return decoded
+
+    async def receive_many(self, count: int) -> List[Any]:
+        """Returns the `data` of the next messages."""
+        return [(await self.receive())["msg"]["data"] for _ in range(count)]
+
+    async def call(self, service: str, args: object = None, **options: Any) -> Dict[str, Any]:
+        """Calls a service and returns its response; other messages that come first are left out."""
+        await self.send("call_service", service=service, args={} if args is None else args, id="call", **options)
+        while True:
+            message = await self.receive()
+            if message["op"] == "service_response":
+                return message
+
+    async def subscribe(self, topic: str, **options: Any) -> None:
+        """Subscribes, and returns when the server has done so."""
+        await self.send("subscribe", topic=topic, **options)
+        await self.settle()
+
+    async def settle(self) -> None:
+        """Returns when the server has taken everything that was sent until now."""
+        assert (await self.call("/rosapi/get_time"))["result"] is True
+
+    async def closed(self) -> Optional[int]:
+        """Waits until the connection has ended; returns the code."""
+        while not self.socket.closed:
+            await asyncio.wait_for(self.socket.receive(), DEADLINE_S)
+        return self.socket.close_code
+
+
+class Robot:
+    """A bus with one node on it, and the server in front."""
+
+    def __init__(self, access: Optional[Access], options: Dict[str, Any]) -> None:
+        self.bus = LocalBus()
+        self.node = self.bus.node("robot")
+        self.node.advertise("/battery_level", FLOAT32)
+        self.server = Server(
+            self.bus.node("rosbridge", parameters={"rate": 2.5}), port=0, threads=False, access=access, **options
+        )
+        self.bus.on_log = self._on_log
+        self.log: List[str] = []
+
+    def _on_log(self, line: Any) -> None:
+        self.log.append(line.text)
+        self.server.publish_log(line)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server.port}/"
+
+    def publish(self, *numbers: float) -> None:
+        for number in numbers:
+            self.node.publish("/battery_level", {"data": number})
+
+    @contextlib.asynccontextmanager
+    async def peer(self, **options: Any) -> AsyncIterator[Peer]:
+        async with aiohttp.ClientSession() as session, session.ws_connect(self.url, **options) as socket:
+            yield Peer(socket)
+
+    async def until(self, predicate: Callable[[], bool]) -> None:
+        """Lets the loop work until `predicate()` is true."""
+        deadline_s = asyncio.get_event_loop().time() + DEADLINE_S
+        while not predicate():
+            assert asyncio.get_event_loop().time() < deadline_s, f"still not true after {DEADLINE_S:g} s"
+            await asyncio.sleep(0.01)
+
+
+def with_robot(access: Optional[Access] = None, **options: Any) -> Callable[[Any], Callable[[Any], None]]:
+    """Makes a test of `async def test(self_or_nothing, robot)`: started before, closed after."""
+
+    def decorate(scenario: Callable[[Robot], Awaitable[None]]) -> Callable[[], None]:
+        async def run(arguments: Dict[str, Any]) -> None:
+            robot = Robot(access, options)
+            await robot.server.start()
+            try:
+                await asyncio.wait_for(scenario(robot, **arguments), 60.0)
+            finally:
+                await robot.server.close()
+
+        def test(**arguments: Any) -> None:
+            asyncio.run(run(arguments))
+
+        test.__name__ = scenario.__name__
+        test.__doc__ = scenario.__doc__
+        return test
+
+    return decorate

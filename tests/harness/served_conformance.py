@@ -1,0 +1,89 @@
+"""What every middleware that a rosbridge server can serve promises besides the port.
+
+A test module per middleware subclasses `ServedConformance` and gives it the fixtures `harness`, of
+`port_conformance.py`, and `served`, a `ServedMiddleware` called `/bridge` that is closed after the test.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, List
+
+import pytest
+
+from harness.port_conformance import FLOAT32, TRIGGER, Harness
+from robot_health_monitor.core.middleware import ServedMiddleware, split_type_name
+from robot_health_monitor.core.parameters import ConfigError
+
+
+class ServedConformance:
+    """The promises of `ServedMiddleware`."""
+
+    @pytest.fixture(autouse=True)
+    def _close(self, harness: Harness, served: ServedMiddleware) -> Any:
+        yield
+        served.close()
+        harness.close()
+
+    def test_the_graph_tells_who_talks_to_whom(self, harness: Harness, served: ServedMiddleware) -> None:
+        node = harness.node("alert_system")
+        node.advertise("alerts", FLOAT32)
+        node.subscribe("battery_level", FLOAT32, lambda value, now_s: None, field="data")
+        node.advertise_service("~reset", TRIGGER, lambda request: {"success": True, "message": ""})
+        harness.wait_until(
+            lambda: (
+                {"/alerts", "/battery_level"} <= set(served.graph().topics)
+                and "/alert_system/reset" in served.graph().services
+            )
+        )
+        graph = served.graph()
+        assert list(split_type_name(graph.topics["/alerts"]) or ()) == ["std_msgs", "Float32"]
+        nodes = [name for name, info in graph.nodes.items() if "/alerts" in info.publishes]
+        assert len(nodes) == 1
+        assert "/battery_level" in graph.nodes[nodes[0]].subscribes
+        assert "/alert_system/reset" in graph.nodes[nodes[0]].services
+
+    def test_a_service_is_called_without_knowing_its_type(self, harness: Harness, served: ServedMiddleware) -> None:
+        harness.node("alert_system").advertise_service(
+            "~enable", "std_srvs/SetBool", lambda request: {"success": request["data"], "message": "seen"}
+        )
+        harness.wait_until(lambda: "/alert_system/enable" in served.graph().services)
+        for flag in (True, False):
+            response = served.call_service("/alert_system/enable", "", {"data": flag}, 10.0)
+            assert dict(response) == {"success": flag, "message": "seen"}
+
+    def test_a_service_that_is_not_there_is_an_error(self, harness: Harness, served: ServedMiddleware) -> None:
+        with pytest.raises(ValueError, match="/nobody/reset"):
+            served.call_service("/nobody/reset", "", {}, 0.2)
+        with pytest.raises(ValueError, match="/nobody/reset"):
+            served.call_service("/nobody/reset", TRIGGER, {}, 0.2)
+
+    def test_a_definition_holds_those_of_the_types_within(self, harness: Harness, served: ServedMiddleware) -> None:
+        if not harness.knows_types:
+            pytest.skip("this middleware has no message definitions")
+        assert "float32 data" in served.message_definition(FLOAT32)
+        text = served.message_definition("diagnostic_msgs/DiagnosticArray")
+        parts = text.split("=" * 80 + "\n")
+        heads = [part.split("\n", 1)[0] for part in parts]
+        assert "DiagnosticStatus[] status" in parts[0]
+        assert {
+            "MSG: std_msgs/Header",
+            "MSG: diagnostic_msgs/DiagnosticStatus",
+            "MSG: diagnostic_msgs/KeyValue",
+        } <= set(heads)
+        assert len(heads) == len(set(heads))
+        assert served.message_definition("no_such/Type") == ""
+
+    def test_raw_bytes_are_those_of_the_wire(self, harness: Harness, served: ServedMiddleware) -> None:
+        heard: List[bytes] = []
+        if not harness.knows_types:
+            with pytest.raises(ConfigError, match="/in"):
+                served.subscribe_raw("/in", FLOAT32, lambda data, now_s: heard.append(data))
+            return
+        subscription = served.subscribe_raw("/in", FLOAT32, lambda data, now_s: heard.append(data))
+        harness.publish("/in", FLOAT32, {"data": 19.5})
+        harness.wait_until(lambda: len(heard) == 1)
+        # ROS 2 puts the four bytes of CDR's header before it
+        assert heard[0] in (struct.pack("<f", 19.5), b"\x00\x01\x00\x00" + struct.pack("<f", 19.5))
+        served.unsubscribe(subscription)
+        assert subscription.topic == "/in"

@@ -1,0 +1,52 @@
+"""An rclpy node can be served to rosbridge clients."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from typing import Any
+
+import pytest
+from harness.bridged_executable import SETTINGS, check_served, look_at
+from harness.served_conformance import ServedConformance
+
+
+class TestRos2Served(ServedConformance):
+    @pytest.fixture
+    def harness(self, inside: Any, outside: Any) -> Any:
+        from harness.ros2 import Ros2Harness
+
+        participant, spinner = inside
+        return Ros2Harness(participant, outside, spinner)
+
+    @pytest.fixture
+    def served(self, inside: Any) -> Any:
+        from robot_health_monitor.ros2.introspection import Ros2ServedMiddleware
+
+        participant, _ = inside
+        served = Ros2ServedMiddleware("bridge", participant.context, use_global_arguments=False)
+        participant.executor.add_node(served.node)
+        return served
+
+
+def test_the_executable_serves_when_rosbridge_port_is_set(start: Any, tmp_path: Any) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = int(free.getsockname()[1])
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(SETTINGS.format(port=port, token="s3cret"))
+    process = start("health_monitor", "--ros-args", "--params-file", str(file))
+    process.wait_for_text(f"serving on ws://127.0.0.1:{port}")
+    check_served(process, asyncio.run(look_at(port, "s3cret")))
+
+
+def test_a_port_that_is_taken_is_named_with_its_key(start: Any, tmp_path: Any) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        file = tmp_path / "thresholds.yaml"
+        file.write_text(SETTINGS.format(port=taken.getsockname()[1], token="s3cret"))
+        process = start("alert_system", "--ros-args", "--params-file", str(file))
+        assert process.wait() == 2
+    (error,) = [line for line in process.errors if "rosbridge_port" in line]
+    assert f"{file}:3: " in error and "cannot be had" in error

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import struct
+from typing import Any, Dict
+
+import pytest
+
+from robot_health_monitor.rosbridge.protocol.definitions import (
+    Field,
+    check_message,
+    full_text,
+    parse,
+    serializer,
+    service_definition,
+)
+
+STATUS: Dict[str, Any] = {
+    "level": 2,
+    "name": "alert_system: link",
+    "message": "down",
+    "hardware_id": "husky",
+    "values": [{"key": "unit", "value": "\N{DEGREE SIGN}C"}],
+}
+
+
+def text(value: str) -> bytes:
+    """ROS 1 writes a string as the number of its bytes in 32 bits, little-endian, and the bytes."""
+    data = value.encode()
+    return struct.pack("<I", len(data)) + data
+
+
+STATUS_BYTES = b"\x02" + text("alert_system: link") + text("down") + text("husky")
+STATUS_BYTES += b"\1\0\0\0" + text("unit") + b"\3\0\0\0\xc2\xb0C"
+
+
+@pytest.mark.parametrize(
+    ("type_name", "message", "data"),
+    [
+        ("std_msgs/Float32", {"data": 19.5}, b"\0\0\x9c\x41"),
+        ("std_msgs/msg/Float32", {}, struct.pack("<f", float("nan"))),
+        ("std_msgs/Bool", {"data": True}, b"\1"),
+        ("std_msgs/String", {"data": "20 %"}, b"\4\0\0\x0020 %"),
+        ("rosgraph_msgs/Clock", {"clock": {"secs": 1, "nsecs": 2}}, b"\1\0\0\0\2\0\0\0"),
+        ("diagnostic_msgs/DiagnosticStatus", STATUS, STATUS_BYTES),
+        (
+            "diagnostic_msgs/DiagnosticArray",
+            {"header": {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "base"}, "status": [STATUS, STATUS]},
+            bytes(4) + b"\1\0\0\0\2\0\0\0" + text("base") + b"\2\0\0\0" + STATUS_BYTES * 2,
+        ),
+    ],
+)
+def test_messages_are_written_as_ros_1_writes_them(type_name: str, message: Dict[str, Any], data: bytes) -> None:
+    serialize = serializer(type_name)
+    assert serialize is not None
+    assert serialize(message) == data
+
+
+@pytest.mark.parametrize("message", [{"data": "full"}, {"data": 10**400}, {"data": []}])
+def test_a_message_that_does_not_fit_is_an_error(message: Dict[str, Any]) -> None:
+    serialize = serializer("std_msgs/Float32")
+    assert serialize is not None
+    with pytest.raises(ValueError):
+        serialize(message)
+
+
+def test_what_is_not_known_cannot_be_written() -> None:
+    assert serializer("nav_msgs/Odometry") is None
+    assert serializer("") is None
+    assert full_text("nav_msgs/Odometry") == ""
+
+
+def test_a_definition_is_read_as_gendeps_prints_it() -> None:
+    definition = (
+        "# a comment\nuint8 LEVEL=3  # a constant\nstring NAME=a # b\nHeader header\nfloat64[9] covariance\n"
+        "Inner[] parts\nuint8[<=5] few\nother_msgs/Thing thing\n"
+        + "=" * 80
+        + "\nMSG: std_msgs/Header\nuint32 seq\n"
+        + "=" * 80
+        + "\nMSG: some_msgs/Inner\nint8 x\n"
+    )
+    found = parse("some_msgs/Outer", definition)
+    assert list(found) == ["some_msgs/Outer", "std_msgs/Header", "some_msgs/Inner"]
+    assert found["some_msgs/Outer"].fields == [
+        Field("header", "std_msgs/Header", -1),
+        Field("covariance", "float64", 9),
+        Field("parts", "some_msgs/Inner", 0),
+        Field("few", "uint8", 0),
+        Field("thing", "other_msgs/Thing", -1),
+    ]
+    assert [name for name, _ in found["some_msgs/Outer"].constants] == ["LEVEL", "NAME"]
+
+
+def test_a_full_text_holds_every_type_within_it_once() -> None:
+    heads = [part.split("\n", 1)[0] for part in full_text("diagnostic_msgs/DiagnosticArray").split("=" * 80 + "\n")]
+    assert heads[1:] == [
+        "MSG: std_msgs/Header",
+        "MSG: diagnostic_msgs/DiagnosticStatus",
+        "MSG: diagnostic_msgs/KeyValue",
+    ]
+
+
+def test_services_of_std_srvs_are_known() -> None:
+    (request,) = service_definition("std_srvs/SetBool", answer=False).values()
+    (response,) = service_definition("std_srvs/srv/Trigger", answer=True).values()
+    assert [field.name for field in request.fields] == ["data"]
+    assert [field.name for field in response.fields] == ["success", "message"]
+    assert service_definition("some_srvs/Unknown", answer=False) == {}
+
+
+@pytest.mark.parametrize(("type_name", "fits"), [("std_msgs/Float32", False), ("std_msgs/String", True)])
+def test_a_message_is_checked_where_its_type_is_known(type_name: str, fits: bool) -> None:
+    if fits:
+        check_message(type_name, {"data": "full"})
+    else:
+        with pytest.raises(ValueError, match="needs a number as data"):
+            check_message(type_name, {"data": "full"})
+    check_message("nav_msgs/Odometry", {"data": "full"})
