@@ -1,9 +1,9 @@
 """The monitor without any middleware: values, configuration, judgement, and the nodes against a port."""
 
 from .config import MonitorConfig, SignalConfig, load_config
+from .errors import ConfigError
 from .model import Level, Report, Sample, Status, Transition
 from .monitor import Monitor
-from .parameters import ConfigError
 
 __all__ = [
     "ConfigError",

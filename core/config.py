@@ -14,8 +14,9 @@ from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
+from .errors import ConfigError, Path
 from .formatting import bound_text, number_text
-from .parameters import ConfigError, Parameter, Path, describe, read_parameters, require_mapping
+from .parameters import Parameter, describe, read_parameters, require_mapping
 from .yaml_file import PathLike, read_yaml
 
 STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")

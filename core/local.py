@@ -12,9 +12,11 @@ import itertools
 import struct
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from .errors import ConfigError
+from .faults import Faults
 from .field_path import ABSENT, Keyed, key_field, number_of_text, parse_field_path
 from .middleware import Graph, Message, NodeInfo, Severity, resolve_name, split_type_name
-from .parameters import ConfigError, Parameter, flatten, unflatten
+from .parameters import Parameter, flatten, unflatten
 
 FieldGetter = Callable[[Any], Any]
 Coercion = Callable[[Message, float], Message]
@@ -186,8 +188,15 @@ class LocalMiddleware:
         self._services: List[str] = []
         self._timers: List[_LocalTimer] = []
         self._closed = False
+        self.faults = Faults()
 
     def now_s(self) -> float:
+        return self._bus.now_s
+
+    def waiting_for_clock(self) -> bool:
+        return False
+
+    def steady_s(self) -> float:
         return self._bus.now_s
 
     def given_parameters(self) -> Mapping[str, Any]:
@@ -262,7 +271,7 @@ class LocalMiddleware:
         self._bus._service_types[resolved] = type_name
         self._services.append(resolved)
 
-    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _LocalTimer:
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _LocalTimer:
         timer = _LocalTimer(self, period_s, callback)
         self._timers.append(timer)
         self._bus._schedule(timer, self._bus.now_s + period_s)

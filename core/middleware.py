@@ -1,18 +1,19 @@
 """The port: what a node needs from a middleware, in rosbridge's vocabulary.
 
-`local.py`, `ros1/middleware.py`, `ros2/middleware.py` and `rosbridge/client.py` implement it; `nodes.py` is written
-against it. One `Middleware` is one node: it has a name, a namespace, parameters, topics and services.
+Implemented by `core/local.py`, `ros1/middleware.py`, `ros2/middleware.py` and `rosbridge/client/middleware.py`; used by
+`core/nodes/`. One `Middleware` is one node: it has a name, a namespace, parameters, topics and services.
 
-What every implementation promises:
+Every implementation guarantees:
 
 * Messages are plain mappings shaped as rosbridge shapes them: `{"data": 19.5}`, a DiagnosticStatus' `level` as an
   int, byte arrays as base64 text. A `header` whose stamp is left out is stamped when it is published.
 * Type names are accepted in both spellings, `std_msgs/Float32` and `std_msgs/msg/Float32`.
 * Names follow ROS: `topic` is relative to the node's namespace, `/topic` absolute, `~name` private to the node.
-* Callbacks never run at the same time: the adapter holds one lock per node, so that nodes need none, and reads
-  `now_s` inside it, so that the times a node is given never run backwards by a race.
-* An exception in a callback is logged as one ERROR line and ends nothing: not the node, not another callback.
-* After `close()` nothing calls back any more. `close()` may be called twice.
+* Callbacks never run concurrently: the adapter holds one lock per node, so nodes need none. It reads `now_s` while it
+  holds the lock, so the times that a node receives never go back because of a race.
+* An exception in a callback is logged as one ERROR line and affects nothing else.
+* `log` never raises and never blocks for long, even if the log cannot be written.
+* No callback after `close()`. `close()` may be called twice.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from __future__ import annotations
 import enum
 from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence
 
+from .faults import Faults
 from .parameters import Parameter
 
 Message = Mapping[str, Any]
@@ -58,12 +60,22 @@ class Middleware(Protocol):
     def name(self) -> str:
         """The fully qualified node name, for instance `/robot1/alert_system`."""
 
+    @property
+    def faults(self) -> Faults:
+        """What keeps this node from working; any part of it may report here."""
+
     def now_s(self) -> float:
         """Returns the time in seconds on which durations are measured.
 
-        Monotonic by default; ROS time when `use_sim_time` is set, which may stand still or go back. Until the first
-        message on /clock ROS time is 0: no time at all, so that messages wait for it and timers do not run.
+        Monotonic by default; ROS time under `use_sim_time`, which may stand still or go back. Before the first message
+        on /clock there is no ROS time: `now_s` is 0, incoming messages wait and timers do not run.
         """
+
+    def waiting_for_clock(self) -> bool:
+        """Returns True under `use_sim_time` before the first message on /clock."""
+
+    def steady_s(self) -> float:
+        """Returns monotonic seconds, also under `use_sim_time`."""
 
     def given_parameters(self) -> Mapping[str, Any]:
         """Returns what was configured for this node, nested as in the file under `ros__parameters`."""
@@ -90,14 +102,14 @@ class Middleware(Protocol):
         """Publishes on an advertised topic; fields that are left out keep their defaults.
 
         Raises:
-            ValueError: `topic` is not advertised, or the message does not fit its type.
+            MessageError: `topic` is not advertised, or the message does not match its type.
         """
 
     def has_listeners(self, topic: str) -> bool:
-        """Says whether a message on an advertised topic would be heard by anybody now; True where nobody can tell.
+        """Returns whether an advertised topic has subscribers; True where this is unknown.
 
         Raises:
-            ValueError: `topic` is not advertised.
+            MessageError: `topic` is not advertised.
         """
 
     def subscribe(
@@ -125,13 +137,25 @@ class Middleware(Protocol):
         """Ends a subscription."""
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        """Offers a service (`std_srvs/Trigger`); `handler(request)` returns the response."""
+        """Offers a service (`std_srvs/Trigger`); `handler(request)` returns the response.
 
-    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> Timer:
+        A handler that raises is one ERROR line in the log, and the caller gets a failed call (ROS 1, rosbridge) or,
+        where the middleware has no failed calls (ROS 2), `success: false` with the error as `message`.
+
+        Raises:
+            ConfigError: the type is unknown.
+        """
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Timer:
         """Calls `callback(now_s)` every `period_s` seconds of `now_s`, first after one period.
 
-        Time that goes back (a looped bag, a reset simulator) restarts the period; time that jumps ahead over
-        several periods gives one call.
+        Time that goes back (a looped bag, a reset simulator) restarts the period. Time that jumps ahead over several
+        periods gives one call.
+
+        Args:
+            period_s: the period in seconds.
+            callback: called with `now_s`.
+            steady: measure the period on `steady_s`, for work that a paused simulator must not stop.
         """
 
     def log(self, severity: Severity, text: str) -> None:
@@ -167,7 +191,11 @@ class ServedMiddleware(Middleware, Protocol):
     """
 
     def graph(self) -> Graph:
-        """Returns what there is now."""
+        """Returns the current graph.
+
+        Raises:
+            ServiceError: the middleware's name server does not answer.
+        """
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
         """Calls a service and returns its response.
@@ -179,8 +207,8 @@ class ServedMiddleware(Middleware, Protocol):
             timeout_s: how long to wait for the service and for its answer together, in s.
 
         Raises:
-            ValueError: nobody offers it, the request does not fit, it failed or did not answer in time; `str()` says
-                which.
+            MessageError: the request does not match the service's type.
+            ServiceError: the service does not exist, failed, or did not answer in time; `str()` says which.
         """
 
     def message_definition(self, type_name: str) -> str:

@@ -13,9 +13,10 @@ import math
 import operator
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from .errors import ConfigError
 from .field_path import ABSENT, Keyed, Step, key_field, number_of_text, parse_field_path
 from .middleware import Message, split_type_name
-from .parameters import ConfigError, describe
+from .parameters import describe
 
 Getter = Callable[[Any], Any]
 

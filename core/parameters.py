@@ -11,28 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterable, Iterator, Mapping, Optional, Sequence, Tuple
 
-Path = Tuple[str, ...]
-"""Keys from the root of the file (or of the node's tree) down to the one in question."""
-
-
-class ConfigError(ValueError):
-    """A configuration that cannot be used. `str()` is one line: where, what was found, what is allowed."""
-
-    def __init__(self, problem: str, path: Path = (), file: str = "", line: Optional[int] = None) -> None:
-        """Stores where the problem is.
-
-        Args:
-            problem: what was found and what is allowed.
-            path: keys down to the one in question.
-            file: where it was read from, empty when it did not come from a file.
-            line: line in `file`, counted from 1.
-        """
-        where = file if line is None else f"{file}:{line}"
-        super().__init__(": ".join(part for part in (where, ".".join(path), problem) if part))
-        self.problem = problem
-        self.path = path
-        self.file = file
-        self.line = line
+from .errors import ConfigError, Path
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from typing import Any, Dict, Mapping, NamedTuple, Set, Union
 
-from .parameters import ConfigError, Path, require_mapping
+from .errors import ConfigError, Path
+from .parameters import require_mapping
 
 PathLike = Union[str, "os.PathLike[str]"]
 

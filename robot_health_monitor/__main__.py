@@ -51,7 +51,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
-    from robot_health_monitor.core.parameters import ConfigError
+    from robot_health_monitor.core.errors import ConfigError
 
     from .arguments import parse
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Sequence
 
-from robot_health_monitor.core.parameters import ConfigError
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.yaml_file import read_yaml
 
 from .embedded import EmbeddedMonitor

@@ -7,8 +7,8 @@ import asyncio
 import ssl
 from typing import TYPE_CHECKING, Optional
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.parameters import ConfigError
 from robot_health_monitor.core.yaml_file import read_yaml
 
 from .embedded import clock

@@ -8,11 +8,11 @@ import ssl
 from typing import Callable, List, Mapping, NamedTuple, Optional, Sequence
 from urllib.parse import urlsplit
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.model import Sample, Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.parameters import ConfigError
 from robot_health_monitor.core.signal_monitor import LINK
 from robot_health_monitor.core.yaml_file import YamlFile
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient

@@ -93,7 +93,7 @@ def _run(process: str, names: Sequence[str]) -> int:
 def _run_until(interrupt: _Interrupt, process: str, names: Sequence[str]) -> int:
     import rospy
 
-    from robot_health_monitor.core.parameters import ConfigError
+    from robot_health_monitor.core.errors import ConfigError
 
     nodes: List[Any] = []
     try:
@@ -140,7 +140,7 @@ def _serve(config: MonitorConfig, alert_system: Ros1Middleware) -> List[Any]:
     Raises:
         ConfigError: its port cannot be had, or a library is missing.
     """
-    from robot_health_monitor.core.parameters import ConfigError
+    from robot_health_monitor.core.errors import ConfigError
 
     if not config.rosbridge_port:
         return []

@@ -84,7 +84,7 @@ def _run(process: str, names: Sequence[str]) -> int:
         sys.stderr.write(f"{process}: needs ROS 2, and {error.name} is not here; without ROS: robot-health run\n")
         return 2
 
-    from robot_health_monitor.core.parameters import ConfigError
+    from robot_health_monitor.core.errors import ConfigError
     from robot_health_monitor.ros2.parameter_files import ParameterFiles
 
     interrupt.note_only()
@@ -132,8 +132,8 @@ def _start(names: Sequence[str], middlewares: List[Any], files: ParameterFiles) 
     Raises:
         ConfigError: the configuration of one of them cannot be used.
     """
+    from robot_health_monitor.core.errors import ConfigError
     from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
-    from robot_health_monitor.core.parameters import ConfigError
     from robot_health_monitor.ros2.middleware import Ros2Middleware
 
     classes: Any = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
@@ -154,7 +154,7 @@ def _serve(config: MonitorConfig, alert_system: Ros2Middleware) -> List[Any]:
     Raises:
         ConfigError: its port cannot be had, or a library is missing.
     """
-    from robot_health_monitor.core.parameters import ConfigError
+    from robot_health_monitor.core.errors import ConfigError
 
     if not config.rosbridge_port:
         return []

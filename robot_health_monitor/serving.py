@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Optional
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.parameters import ConfigError
 
 from .embedded import EmbeddedMonitor
 

@@ -10,8 +10,8 @@ import rospy
 import rospy.topics
 import rosservice
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
-from robot_health_monitor.core.parameters import ConfigError
 
 from . import messages
 from .middleware import Ros1Middleware, Subscription

@@ -16,9 +16,11 @@ import rospy.core
 import rospy.rostime
 import rospy.topics
 
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Severity, resolve_name
-from robot_health_monitor.core.parameters import ConfigError, Parameter, describe
+from robot_health_monitor.core.parameters import Parameter, describe
 
 from . import messages
 
@@ -59,9 +61,16 @@ class Ros1Middleware:
         self._timers: List[_Timer] = []
         self._given: Optional[Mapping[str, Any]] = None
         self._closed = False
+        self.faults = Faults()
 
     def now_s(self) -> float:
         return self._clock()
+
+    def waiting_for_clock(self) -> bool:
+        return self._simulated and self._clock() == 0.0
+
+    def steady_s(self) -> float:
+        return time.monotonic()
 
     def given_parameters(self) -> Mapping[str, Any]:
         if self._given is None:
@@ -160,8 +169,12 @@ class Ros1Middleware:
 
         self._services.append(rospy.Service(self._resolve(service), cls, answer))
 
-    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _Timer:
-        timer = _Timer(self._clock, self._simulated, self._lock, period_s, callback, self._log_failure)
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
+        def call(due_s: float) -> None:
+            callback(self._clock())
+
+        clock, simulated = (time.monotonic, False) if steady else (self._clock, self._simulated)
+        timer = _Timer(clock, simulated, self._lock, period_s, call, self._log_failure)
         with self._lock:
             self._timers = [known for known in self._timers if known.is_alive()]
             timer.start()

@@ -6,8 +6,8 @@ import functools
 import threading
 from typing import Any, Callable, Dict, List
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
-from robot_health_monitor.core.parameters import ConfigError
 
 from . import messages
 from .middleware import Ros2Middleware, Subscription

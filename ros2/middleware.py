@@ -22,9 +22,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from robot_health_monitor.core.config import NODE_PARAMETERS
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Severity
-from robot_health_monitor.core.parameters import ConfigError, Parameter, unflatten
+from robot_health_monitor.core.parameters import Parameter, unflatten
 
 from . import messages
 
@@ -61,7 +63,9 @@ class Ros2Middleware:
         self._ros_clock = self.node.get_clock()
         self._simulated: bool = self._ros_clock.ros_time_is_active
         self._clock: Callable[[], float] = self._ros_time_s if self._simulated else time.monotonic
-        self._timer_clock = self._ros_clock if self._simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer_clock = self._ros_clock if self._simulated else self._steady_clock
+        self.faults = Faults()
         self._lock = threading.RLock()
         self._publishers: Dict[str, Tuple[Any, Any]] = {}
         self._subscriptions: List[Subscription] = []
@@ -87,6 +91,12 @@ class Ros2Middleware:
 
     def now_s(self) -> float:
         return self._clock()
+
+    def waiting_for_clock(self) -> bool:
+        return self._simulated and self._clock() == 0.0
+
+    def steady_s(self) -> float:
+        return time.monotonic()
 
     def given_parameters(self) -> Mapping[str, Any]:
         for parameter in (EXECUTOR, USE_SIM_TIME):
@@ -171,8 +181,8 @@ class Ros2Middleware:
 
         self.node.create_service(cls, _native_name(service), answer)
 
-    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> _Timer:
-        timer = _Timer(self.node)
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
+        timer = _Timer(self.node, steady)
         lock, clock, log_failure = self._lock, self._clock, self._log_failure
 
         def call() -> None:
@@ -184,7 +194,9 @@ class Ros2Middleware:
                         log_failure(error)
 
         with self._lock:
-            timer.bind(self.node.create_timer(period_s, call, clock=self._timer_clock))
+            timer.bind(
+                self.node.create_timer(period_s, call, clock=self._steady_clock if steady else self._timer_clock)
+            )
             self._timers.append(timer)
         return timer
 
@@ -276,8 +288,9 @@ class Ros2Middleware:
     def _keep(self, subscription: Subscription) -> None:
         self._subscriptions.append(subscription)
         if self._look_timer is None:
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._look_timer = self.node.create_timer(_LOOK_PERIOD_S, self._look_for_publishers, clock=steady)
+            self._look_timer = self.node.create_timer(
+                _LOOK_PERIOD_S, self._look_for_publishers, clock=self._steady_clock
+            )
 
     def _stop(self, subscription: Subscription) -> None:
         channel = subscription.channel
@@ -450,16 +463,17 @@ class _Channel:
 class _Timer:
     """An rclpy timer and whether it is still wanted."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, steady: bool) -> None:
         self.active = True
         self._node = node
+        self._steady = steady
         self._native: Any = None
 
     def bind(self, native: Any) -> None:
         self._native = native
 
     def restart(self) -> None:
-        if self.active:
+        if self.active and not self._steady:
             self._native.reset()
 
     def cancel(self) -> None:

@@ -11,7 +11,7 @@ import re
 from typing import Any, List, Mapping, Sequence
 
 from robot_health_monitor.core.config import load_config, sections
-from robot_health_monitor.core.parameters import ConfigError, Path
+from robot_health_monitor.core.errors import ConfigError, Path
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 
 _OPTION = "--params-file"

@@ -7,11 +7,11 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, SignalConfig, described_parameters, load_config
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message
+from ..errors import ConfigError
 from ..formatting import bound_text, with_unit
 from ..middleware import Message, Middleware, Severity, Subscription
 from ..model import Level, Sample, Transition
 from ..monitor import Monitor
-from ..parameters import ConfigError
 from ..signal_monitor import LINK
 from .identity import DIAGNOSTICS, base_name, refuse_change
 

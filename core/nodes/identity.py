@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..errors import ConfigError
 from ..middleware import Middleware
-from ..parameters import ConfigError
 
 FLOAT_TYPE = "std_msgs/Float32"
 DIAGNOSTICS = "/diagnostics"

@@ -10,7 +10,8 @@ import re
 from dataclasses import replace
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
-from ..parameters import ConfigError, Parameter, Path, read_parameters, require_mapping
+from ..errors import ConfigError, Path
+from ..parameters import Parameter, read_parameters, require_mapping
 from .catalogue import HOST_SOURCES
 from .host import HostBattery, HostCpuUsage, HostTemperature
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature

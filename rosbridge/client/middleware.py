@@ -9,10 +9,12 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.local import LogLine, mapping_getter
 from robot_health_monitor.core.middleware import Message, Severity, resolve_name, split_type_name
-from robot_health_monitor.core.parameters import ConfigError, Parameter, flatten, unflatten
+from robot_health_monitor.core.parameters import Parameter, flatten, unflatten
 from robot_health_monitor.core.timers import ClockTimer, ClockTimers
 
 from ..protocol.definitions import check_message
@@ -178,7 +180,9 @@ class RosbridgeMiddleware:
         self._advertised: Dict[str, str] = {}
         self._services: List[str] = []
         self._subscriptions: List[_Subscription] = []
+        self.faults = Faults()
         self._timers = ClockTimers()
+        self._steady_timers = ClockTimers()
         self._wake: Optional[asyncio.TimerHandle] = None
         self._sim_time_s: Optional[float] = None
         if use_sim_time:
@@ -187,6 +191,12 @@ class RosbridgeMiddleware:
 
     def now_s(self) -> float:
         return self._client.clock() if self._sim_time_s is None else self._sim_time_s
+
+    def waiting_for_clock(self) -> bool:
+        return self._sim_time_s == 0.0
+
+    def steady_s(self) -> float:
+        return self._client.clock()
 
     def given_parameters(self) -> Mapping[str, Any]:
         return self._given
@@ -265,10 +275,11 @@ class RosbridgeMiddleware:
             if not self._client.read_only:
                 self._link.advertise_service(resolved, type_name, answer)
 
-    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> ClockTimer:
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
+        is_steady = steady or self._sim_time_s is None
         with self._lock:
-            timer = ClockTimer(period_s, callback, self.now_s())
-            self._timers.add(timer)
+            timer = ClockTimer(period_s, callback, self.steady_s() if is_steady else self.now_s())
+            (self._steady_timers if is_steady else self._timers).add(timer)
         self._client.run_in_loop(self.arm)
         return timer
 
@@ -281,6 +292,7 @@ class RosbridgeMiddleware:
                 return
             self.closed = True
             self._timers.cancel_all()
+            self._steady_timers.cancel_all()
             for subscription in tuple(self._subscriptions):
                 self.unsubscribe(subscription)
             for topic in self._advertised:
@@ -309,27 +321,26 @@ class RosbridgeMiddleware:
 
     def arm(self) -> None:
         """Has the timers looked at when the next one is due. Called in the loop."""
-        if self._sim_time_s is not None or self._client.loop is None:
+        if self._client.loop is None:
             return
         if self._wake is not None:
             self._wake.cancel()
             self._wake = None
         with self._lock:
-            next_s = self._timers.next_s()
+            next_s = self._steady_timers.next_s()
         if next_s is not None:
-            self._wake = self._client.loop.call_later(max(0.0, next_s - self.now_s()), self._on_wake)
+            self._wake = self._client.loop.call_later(max(0.0, next_s - self.steady_s()), self._on_wake)
 
     def _on_wake(self) -> None:
         self._wake = None
-        self._run_due()
+        self._run_due(self._steady_timers, self.steady_s())
         self.arm()
 
-    def _run_due(self) -> None:
+    def _run_due(self, timers: ClockTimers, due_s: float) -> None:
         with self._lock:
-            now_s = self.now_s()
-            for timer in self._timers.take_due(now_s):
+            for timer in timers.take_due(due_s):
                 if not timer.cancelled:
-                    self.call(timer.callback, now_s)
+                    self.call(timer.callback, self.now_s())
 
     def _take_clock(self, message: Mapping[str, Any]) -> None:
         stamp = message.get("clock")
@@ -340,7 +351,7 @@ class RosbridgeMiddleware:
         if isinstance(seconds, (int, float)) and isinstance(nanoseconds, (int, float)):
             with self._lock:
                 self._sim_time_s = seconds + nanoseconds / 1e9
-                self._run_due()
+                self._run_due(self._timers, self._sim_time_s)
 
     def _log_failure(self, error: Exception) -> str:
         text = f"{type(error).__name__} in a callback: {error}"

@@ -20,6 +20,7 @@ from typing import Any, Callable, Dict, Mapping, Optional, Set
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import (
     Graph,
@@ -30,7 +31,6 @@ from robot_health_monitor.core.middleware import (
     Subscription,
     resolve_name,
 )
-from robot_health_monitor.core.parameters import ConfigError
 
 from ..protocol.connection import CBOR_SUBPROTOCOL
 from ..protocol.definitions import canonical, full_text, serializer

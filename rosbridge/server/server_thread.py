@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Mapping, Sequence
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import ServedMiddleware, Severity
-from robot_health_monitor.core.parameters import ConfigError
 
 from ..loop_thread import LoopThread
 from .access import monitor_access

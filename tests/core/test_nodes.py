@@ -6,11 +6,12 @@ from typing import Any, Dict, List, Mapping, Tuple
 
 import pytest
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
-from robot_health_monitor.core.parameters import ConfigError, flatten, unflatten
+from robot_health_monitor.core.parameters import flatten, unflatten
 from robot_health_monitor.core.sensors import configuration as sensing
 
 FLOAT32 = "std_msgs/Float32"

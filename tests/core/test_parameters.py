@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.parameters import (
-    ConfigError,
     Parameter,
     describe,
     flatten,

@@ -8,9 +8,9 @@ from typing import Any, Iterator, Tuple
 
 import pytest
 
+from robot_health_monitor.core.config import CONDITION_PARAMETERS, MONITOR_PARAMETERS, SIGNAL_PARAMETERS
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
-from robot_health_monitor.core.config import CONDITION_PARAMETERS, MONITOR_PARAMETERS, SIGNAL_PARAMETERS
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors import configuration as sensing
 

@@ -7,7 +7,7 @@ from typing import Callable, Optional
 
 import pytest
 
-from robot_health_monitor.core.parameters import ConfigError
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.yaml_file import read_yaml
 
 Write = Callable[[str], Path]

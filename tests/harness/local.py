@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware
-from robot_health_monitor.core.parameters import ConfigError
 
 
 class LocalHarness:

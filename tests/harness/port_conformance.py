@@ -22,9 +22,10 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Pro
 import pytest
 
 from robot_health_monitor.core.config import sections
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.parameters import ConfigError, Parameter, flatten, read_parameters
+from robot_health_monitor.core.parameters import Parameter, flatten, read_parameters
 from robot_health_monitor.core.yaml_file import read_yaml
 
 START_S = 100.0

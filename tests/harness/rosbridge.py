@@ -7,8 +7,8 @@ import threading
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.parameters import ConfigError
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
 from robot_health_monitor.rosbridge.loop_thread import LoopThread
 from robot_health_monitor.rosbridge.server.access import Access

@@ -12,8 +12,8 @@ from typing import Any, List
 import pytest
 
 from harness.port_conformance import FLOAT32, TRIGGER, Harness
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import ServedMiddleware, split_type_name
-from robot_health_monitor.core.parameters import ConfigError
 
 
 class ServedConformance:

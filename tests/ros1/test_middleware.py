@@ -7,8 +7,8 @@ from typing import Any, Iterator, List
 import pytest
 from harness.port_conformance import FLOAT32, TRIGGER, Recorder, RefusingNode
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.parameters import ConfigError
 
 
 @pytest.fixture

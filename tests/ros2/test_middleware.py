@@ -8,8 +8,9 @@ import pytest
 from harness.port_conformance import FLOAT32, Recorder, RefusingNode
 
 from robot_health_monitor.core.config import described_parameters, load_config
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.parameters import ConfigError, Parameter
+from robot_health_monitor.core.parameters import Parameter
 
 
 def set_atomically(ros: Any, node: Any, values: Mapping[str, Any]) -> str:

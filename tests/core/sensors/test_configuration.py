@@ -6,9 +6,9 @@ from typing import Any, Dict
 
 import pytest
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import BatterySensor
-from robot_health_monitor.core.parameters import ConfigError
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.sensors.host import HostBattery, HostCpuUsage, HostTemperature

@@ -13,9 +13,9 @@ import aiohttp
 import pytest
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.parameters import ConfigError
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
 

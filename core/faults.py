@@ -1,0 +1,54 @@
+"""Faults of the monitor itself: what keeps a part of it from working, so that it is reported and never silent.
+
+Every part that can fail (a middleware, a server, an outlet) reports to the `Faults` of its node. alert_system shows
+them: a log line when one begins or ends, and the status `alert_system: monitor` on /diagnostics.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Dict, Mapping, NamedTuple
+
+from .model import Level
+
+_LARGEST_COUNT = 100
+
+
+class Fault(NamedTuple):
+    """One fault that has not ended."""
+
+    level: Level
+    """WARN: the part works with restrictions. ERROR: it does not work."""
+    text: str
+    """One line: what does not work and why."""
+
+
+class Faults:
+    """The faults of one node, by part. May be used from any thread; bounded to 100 parts."""
+
+    def __init__(self) -> None:
+        """Starts without faults."""
+        self._lock = threading.Lock()
+        self._faults: Dict[str, Fault] = {}
+
+    def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
+        """Reports a fault, in place of an earlier one of the same part.
+
+        Args:
+            part: name of the part, for instance `clock`, `rosbridge`, `outlet alerts`.
+            text: one line: what does not work and why.
+            level: WARN or ERROR.
+        """
+        with self._lock:
+            if part in self._faults or len(self._faults) < _LARGEST_COUNT:
+                self._faults[part] = Fault(level, " ".join(text.split()))
+
+    def clear(self, part: str) -> None:
+        """Reports that a part works again; does nothing if it had no fault."""
+        with self._lock:
+            self._faults.pop(part, None)
+
+    def current(self) -> Mapping[str, Fault]:
+        """Returns a copy of the faults, by part, oldest first."""
+        with self._lock:
+            return dict(self._faults)
