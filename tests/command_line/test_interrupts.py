@@ -1,26 +1,30 @@
-"""Signals become one clean end, whenever they come."""
+"""SIGINT and SIGTERM end a process once and cleanly, whatever its main thread is doing."""
 
 from __future__ import annotations
 
 import os
 import signal
+import threading
 from typing import Iterator, List
 
 import pytest
 
-from robot_health_monitor.__main__ import Interrupts, main
+from robot_health_monitor.__main__ import main
+from robot_health_monitor.interrupts import Interrupts
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @pytest.fixture(autouse=True)
 def _handlers() -> Iterator[None]:
-    """Gives the signals back to pytest."""
-    before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
+    """Restores pytest's handlers."""
+    numbers = (*ENDING_SIGNALS, signal.SIGALRM)
+    before = {number: signal.getsignal(number) for number in numbers}
     yield
-    for number in ENDING_SIGNALS:
-        signal.signal(number, signal.SIG_IGN)  # forgets one that is blocked
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    for number in numbers:
+        signal.signal(number, signal.SIG_IGN)  # discards one that is blocked
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -33,16 +37,60 @@ def test_the_first_signal_interrupts_and_a_second_does_not_disturb_the_end() -> 
     os.kill(os.getpid(), signal.SIGTERM)  # the process is on its way out
 
 
-def test_once_somebody_listens_every_signal_is_a_call() -> None:
+def test_with_on_interrupt_every_signal_is_a_call() -> None:
     calls: List[None] = []
     with Interrupts() as interrupts:
         interrupts.on_interrupt = lambda: calls.append(None)
         os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGINT)
+        assert interrupts.came
     assert len(calls) == 2
 
 
-def test_without_an_interrupt_the_signals_are_given_back() -> None:
+def test_deferred_signals_are_raised_where_the_program_checks() -> None:
+    with Interrupts() as interrupts:
+        interrupts.defer()
+        interrupts.check()
+        interrupts.wait_until(lambda: True)
+        os.kill(os.getpid(), signal.SIGINT)
+        assert interrupts.came
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.check()
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.wait_until(lambda: False)
+
+
+def test_something_that_hangs_is_interrupted_after_all() -> None:
+    with Interrupts(patience_s=0.05) as interrupts:
+        interrupts.defer()
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            threading.Event().wait(30.0)
+
+
+def test_without_a_signal_the_handlers_are_restored() -> None:
+    numbers = (*ENDING_SIGNALS, signal.SIGALRM)
+    before = [signal.getsignal(number) for number in numbers]
+    with Interrupts(patience_s=1.0):
+        assert [signal.getsignal(number) for number in numbers] != before
+    assert [signal.getsignal(number) for number in numbers] == before
+
+
+def test_outside_the_main_thread_it_does_nothing() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    seen: List[object] = []
+
+    def enter() -> None:
+        with Interrupts():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join(10.0)
+    assert seen == [before]
+
+
+def test_main_restores_the_handlers() -> None:
     before = [signal.getsignal(number) for number in ENDING_SIGNALS]
     assert main(["--version"]) == 0
     assert [signal.getsignal(number) for number in ENDING_SIGNALS] == before

@@ -1,0 +1,98 @@
+"""SIGINT and SIGTERM: one clean end of a process, whatever its main thread is doing.
+
+Every executable and the command line use this class. It is imported before anything slow, so that a signal during the
+imports ends the process cleanly too.
+
+=============  ==========================================================================================
+runtime        use
+=============  ==========================================================================================
+plain Python   leave `on_interrupt` at None: the first signal raises KeyboardInterrupt in the main thread
+asyncio        set `on_interrupt` to a function that stops the loop
+rospy, rclpy   call `defer()`: signals only set `came`, since neither survives an exception at any point
+=============  ==========================================================================================
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import Any, Callable, List, Optional
+
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_POLL_PERIOD_S = 0.2
+
+
+class Interrupts:
+    """Handles SIGINT and SIGTERM while it is entered as a context."""
+
+    def __init__(self, patience_s: Optional[float] = None) -> None:
+        """Changes nothing until it is entered.
+
+        Args:
+            patience_s: KeyboardInterrupt is raised after all if the context is still entered this many seconds after
+                the first signal, because something hangs; None: never. Uses SIGALRM.
+        """
+        self.on_interrupt: Optional[Callable[[], object]] = None
+        """Called on every signal, in the main thread. None: the first signal raises KeyboardInterrupt."""
+        self.came = False
+        """Whether a signal has come."""
+        self._patience_s = patience_s
+        self._before: List[Any] = []
+
+    def __enter__(self) -> Interrupts:
+        """Takes the signals over; does nothing outside the main thread, which signals do not reach."""
+        try:
+            self._before = [(number, signal.signal(number, self._handle)) for number in _ENDING_SIGNALS]
+            if self._patience_s is not None:
+                self._before.append((signal.SIGALRM, signal.signal(signal.SIGALRM, self._lose_patience)))
+        except ValueError:
+            pass
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Restores the handlers. After a signal it ignores further ones instead, so that the process ends cleanly."""
+        if self.came:
+            # Blocked first: Python complains about a signal that arrives while its handler changes. Ignored as well:
+            # blocking covers this thread only, and a DDS thread may outlive Python's handlers.
+            signal.pthread_sigmask(signal.SIG_BLOCK, (*_ENDING_SIGNALS, signal.SIGALRM))
+            for number, _ in self._before:
+                signal.signal(number, signal.SIG_IGN)
+            return
+        for number, handler in self._before:
+            signal.signal(number, handler)
+
+    def defer(self) -> None:
+        """From now on signals only set `came`; see `check` and `wait_until`."""
+        self.on_interrupt = _do_nothing
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt if a signal has come."""
+        if self.came:
+            raise KeyboardInterrupt
+
+    def wait_until(self, predicate: Callable[[], bool]) -> None:
+        """Waits until `predicate()` is true; checks every 0.2 s.
+
+        Raises:
+            KeyboardInterrupt: a signal has come.
+        """
+        while not predicate():
+            self.check()
+            time.sleep(_POLL_PERIOD_S)
+        self.check()
+
+    def _handle(self, number: int, frame: object) -> None:
+        first, self.came = not self.came, True
+        if first and self._patience_s is not None:
+            signal.setitimer(signal.ITIMER_REAL, self._patience_s)
+        if self.on_interrupt is not None:
+            self.on_interrupt()
+        elif first:
+            raise KeyboardInterrupt
+
+    def _lose_patience(self, number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+
+def _do_nothing() -> None:
+    pass
