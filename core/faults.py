@@ -7,11 +7,11 @@ them: a log line when one begins or ends, and the status `alert_system: monitor`
 from __future__ import annotations
 
 import threading
-from typing import Dict, Mapping, NamedTuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple
 
 from .model import Level
 
-_LARGEST_COUNT = 100
+_MAX_PARTS = 100
 
 
 class Fault(NamedTuple):
@@ -40,7 +40,7 @@ class Faults:
             level: WARN or ERROR.
         """
         with self._lock:
-            if part in self._faults or len(self._faults) < _LARGEST_COUNT:
+            if part in self._faults or len(self._faults) < _MAX_PARTS:
                 self._faults[part] = Fault(level, " ".join(text.split()))
 
     def clear(self, part: str) -> None:
@@ -52,3 +52,13 @@ class Faults:
         """Returns a copy of the faults, by part, oldest first."""
         with self._lock:
             return dict(self._faults)
+
+    def guard(self, part: str, function: Callable[..., object], *arguments: Any) -> None:
+        """Calls a function of a part: an exception becomes the part's fault, which its next success clears."""
+        try:
+            function(*arguments)
+        except Exception as error:
+            self.report(part, f"{type(error).__name__}: {error}")
+        else:
+            if part in self._faults:
+                self.clear(part)

@@ -181,7 +181,7 @@ class LocalMiddleware:
         self.name = name
         self._bus = bus
         self._given = parameters
-        self._on_change: Optional[Callable[[Mapping[str, Any]], None]] = None
+        self._on_change: Optional[Callable[[Mapping[str, Any]], str]] = None
         self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
         self._advertised: Dict[str, Coercion] = {}
         self._subscriptions: List[_LocalSubscription] = []
@@ -203,32 +203,40 @@ class LocalMiddleware:
         return self._given
 
     def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
         self._on_change = on_change
 
-    def set_parameters(self, tree: Mapping[str, Any]) -> None:
-        """Proposes a new configuration, nested; what `ros2 param set` and `~reload` are elsewhere.
+    def set_parameters(self, tree: Mapping[str, Any]) -> str:
+        """Proposes a new configuration, nested, as `ros2 param set` and `~reload` do elsewhere.
+
+        Returns:
+            What changed, as one line.
 
         Raises:
-            ConfigError: the node refuses it; the old one stays.
+            ConfigError: the node rejects it; the old one stays.
         """
+        changes = ""
         if self._on_change is not None:
             try:
-                self._on_change(tree)
+                changes = self._on_change(tree)
             except ConfigError:
                 raise
             except Exception as error:
                 raise ConfigError(self._log_failure(error)) from error
         self._given = tree
+        return changes
 
-    def set_parameter(self, name: str, value: object) -> None:
+    def set_parameter(self, name: str, value: object) -> str:
         """Proposes one changed value, by its dotted name.
 
+        Returns:
+            What changed, as one line.
+
         Raises:
-            ConfigError: the node refuses it; the old one stays.
+            ConfigError: the node rejects it; the old one stays.
         """
-        self.set_parameters(unflatten({**dict(flatten(self._given)), name: value}))
+        return self.set_parameters(unflatten({**dict(flatten(self._given)), name: value}))
 
     def advertise(self, topic: str, type_name: str) -> None:
         resolved = self._resolve(topic)

@@ -81,14 +81,15 @@ class Middleware(Protocol):
         """Returns what was configured for this node, nested as in the file under `ros__parameters`."""
 
     def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
         """Makes `parameters` visible and changeable while the node runs; called once.
 
         Args:
             parameters: names are dotted paths below the node (`signals.battery_level.warn_below`).
-            on_change: called with the whole proposed tree, nested as `given_parameters` returns it. It raises
-                ConfigError to refuse: the reason goes to whoever asked, and the old values stay in force.
+            on_change: called with the whole proposed tree, nested as `given_parameters` returns it. It returns what
+                changed as one line (`nothing changed`), which is the response of `~reload`, or raises ConfigError to
+                reject the change: the caller gets the reason, and the old values stay in force.
         """
 
     def advertise(self, topic: str, type_name: str) -> None:

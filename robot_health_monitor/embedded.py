@@ -13,6 +13,7 @@ from robot_health_monitor.core.middleware import Middleware
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.outlets import Event, Outlet
 from robot_health_monitor.core.sensors.configuration import METRICS
 from robot_health_monitor.core.yaml_file import YamlFile
 
@@ -54,7 +55,7 @@ class EmbeddedMonitor:
         """Names of nodes in the file that are not among those that run here."""
         self._robot = robot
         self._source = source
-        self.alert_system = self._start("alert_system", lambda node: AlertSystem(node, on_transition))
+        self.alert_system = self._start("alert_system", lambda node: _alert_system(node, on_transition))
         self._start("aggregator", Aggregator)
         self._start("battery_sensor", BatterySensor)  # last, so that nobody misses its first values
         self._health: Optional[Tuple[float, float]] = None
@@ -118,6 +119,24 @@ class EmbeddedMonitor:
                 if isinstance(section, Mapping):  # what is not is left for the node to refuse
                     parameters[metric] = {**section, "source": self._source}
         return parameters
+
+
+def _alert_system(node: Middleware, on_transition: Optional[Callable[[Transition], None]]) -> AlertSystem:
+    if on_transition is None:
+        return AlertSystem(node)
+    return AlertSystem(node, {"output": transitions_to(on_transition, node)}, log_alerts=False)
+
+
+def transitions_to(on_transition: Callable[[Transition], None], node: Middleware) -> Outlet:
+    """Returns an outlet that calls `on_transition` with each transition and logs each notice."""
+
+    def outlet(event: Event) -> None:
+        if isinstance(event, Transition):
+            on_transition(event)
+        else:
+            node.log(event.severity, event.text)
+
+    return outlet
 
 
 def clock() -> Callable[[], float]:

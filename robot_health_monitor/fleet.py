@@ -17,7 +17,7 @@ from robot_health_monitor.core.signal_monitor import LINK
 from robot_health_monitor.core.yaml_file import YamlFile
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient
 
-from .embedded import sections_of_nodes
+from .embedded import sections_of_nodes, transitions_to
 
 _NAMED = re.compile(r"(?P<name>[\w.-]+)=(?P<url>.+)", re.ASCII)
 
@@ -96,7 +96,9 @@ class Robot:
         self._node = self.client.node(
             "alert_system", namespace=namespace, parameters={**parameters, "robot_name": address.name}
         )
-        self.alert_system = AlertSystem(self._node, on_transition)
+        self.alert_system = AlertSystem(
+            self._node, {"output": transitions_to(on_transition, self._node)}, log_alerts=False
+        )
 
     def close(self) -> None:
         """Ends the alert_system."""

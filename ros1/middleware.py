@@ -78,7 +78,7 @@ class Ros1Middleware:
         return self._given
 
     def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
         """Offers `~reload`, which reads the parameters again.
 

@@ -73,7 +73,7 @@ class Ros2Middleware:
         self._timers: List[_Timer] = []
         self._look_timer: Optional[Any] = None
         self._parameters: Dict[str, Parameter] = {}
-        self._on_change: Callable[[Mapping[str, Any]], None]
+        self._on_change: Callable[[Mapping[str, Any]], str]
         self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
         self._closed = False
         given = {name: _plain(parameter.value) for name, parameter in self.node.get_parameters_by_prefix("").items()}
@@ -105,7 +105,7 @@ class Ros2Middleware:
         return unflatten(self._given)
 
     def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
         """Declares them in ROS 2's sense; `use_sim_time` and `executor` are fixed from now on.
 

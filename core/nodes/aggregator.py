@@ -14,6 +14,7 @@ from ..model import Level, Status
 from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
 from ..score import health_score
+from .changes import describe_changes
 from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, refuse_change
 
 AGGREGATOR_PARAMETERS = (
@@ -90,7 +91,7 @@ class Aggregator:
             statuses = [*self._monitor.report(now_s).statuses.values(), status]
             self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
-    def _reconfigure(self, tree: Mapping[str, Any]) -> None:
+    def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         values = read_parameters(tree, AGGREGATOR_PARAMETERS)
         refuse_change("robot_name", self._values["robot_name"], values["robot_name"])
         self._thresholds = _read_thresholds(values)
@@ -98,7 +99,8 @@ class Aggregator:
         if values["publish_rate"] != self._values["publish_rate"]:
             self._timer.cancel()
             self._timer = self._middleware.create_timer(1.0 / values["publish_rate"], self._publish)
-        self._values = values
+        old, self._values = self._values, values
+        return describe_changes({"": old}, {"": values})
 
 
 def _read_thresholds(values: Mapping[str, Any]) -> Mapping[str, SignalConfig]:

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import platform
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from dataclasses import fields, replace
+from types import MappingProxyType
+from typing import Any, Callable, Dict, Mapping, Tuple
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, SignalConfig, described_parameters, load_config
-from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message
+from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
 from ..formatting import bound_text, with_unit
 from ..middleware import Message, Middleware, Severity, Subscription
 from ..model import Level, Sample, Transition
 from ..monitor import Monitor
+from ..outlets import Event, Notice, Outlet, Outlets
 from ..signal_monitor import LINK
+from .changes import Sections, describe_changes
 from .identity import DIAGNOSTICS, base_name, refuse_change
+from .self_monitor import CHECK_PERIOD_S, SelfMonitor
 
 TRIGGER_TYPE = "std_srvs/Trigger"
 TICK_PERIOD_S = 1.0
+"""Period of `Monitor.tick`, in seconds of the node's clock."""
 
+_CHANGEABLE = ("signals", "publish_rate")
+_NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
 _SEVERITY_OF_LEVEL = {
     Level.OK: Severity.INFO,
     Level.WARN: Severity.WARN,
@@ -25,45 +33,72 @@ _SEVERITY_OF_LEVEL = {
     Level.STALE: Severity.WARN,
 }
 
+_Source = Tuple[str, str, str, str]
+"""Where a signal comes from: its name, topic, type and field."""
+
 
 class AlertSystem:
-    """Judges every configured signal; logs and publishes each transition once, and its whole state every second.
+    """Judges every configured signal and emits each transition once to every outlet.
 
-    A transition brings the status of its signal to /diagnostics at once.
+    The outlets: those given, then the log, the topic `alerts` and /diagnostics. The whole state is published on
+    /diagnostics every second, with a status of the node itself.
     """
 
-    def __init__(self, middleware: Middleware, on_transition: Optional[Callable[[Transition], None]] = None) -> None:
+    def __init__(
+        self, middleware: Middleware, outlets: Mapping[str, Outlet] = _NO_OUTLETS, *, log_alerts: bool = True
+    ) -> None:
         """Starts watching.
 
         Args:
             middleware: the node's connection.
-            on_transition: called with every transition, besides the log and the topics.
+            outlets: further receivers of transitions and notices, by name. They come before the standard outlets, so
+                that a history has stored a transition before it is published.
+            log_alerts: write transitions and notices to the middleware's log. False where an outlet shows them.
 
         Raises:
             ConfigError: the configuration cannot be used.
         """
         self._middleware = middleware
-        self._on_transition = on_transition
         self._node = base_name(middleware)
         given = middleware.given_parameters()
         config = _read_monitor_config(given)
         self.monitor = Monitor(config, config.robot_name or platform.node())
-        """The monitor, for whoever wants to look at it."""
-        self._subscriptions: Dict[Tuple[str, str, str, str], Subscription] = {}
+        """Judges the signals; read it to show their state."""
+        self.outlets = Outlets(middleware.faults)
+        """Receives every transition and notice; more outlets may be added at any time."""
+        standard: Dict[str, Outlet] = {"alerts": self._publish_alert, DIAGNOSTICS: self._publish_change}
+        if log_alerts:
+            standard = {"log": self._log, **standard}
+        for name, outlet in {**outlets, **standard}.items():
+            self.outlets.add(name, outlet)
+        self._samples = 0
+        self._self_monitor = SelfMonitor(middleware, self.monitor.robot, TICK_PERIOD_S, self.outlets.emit)
+        self.self_report: Dict[str, Callable[[], str]] = self._self_monitor.reports
+        """Key-values of the node's own status: a function per key. A server adds `clients`, for instance."""
+        self.self_report["signals"] = lambda: str(len(self.monitor.config.signals))
+        self._subscriptions: Dict[_Source, Subscription] = {}
         middleware.declare_parameters(described_parameters(config), self._reconfigure)
         middleware.advertise("alerts", STATUS_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
         self._follow_topics(config)
         middleware.advertise_service("~reset", TRIGGER_TYPE, self._reset)
         middleware.create_timer(TICK_PERIOD_S, self._tick)
+        middleware.create_timer(CHECK_PERIOD_S, self._check, steady=True)
         self._report_timer = middleware.create_timer(1.0 / config.publish_rate, self._report)
+        self._reported_steady_s = middleware.steady_s()
         if "signals" not in given:
-            middleware.log(Severity.INFO, "no signals are configured: watching the three of the defaults")
+            middleware.log(Severity.INFO, f"no signals configured: watching {', '.join(DEFAULT_SIGNALS)}")
         for signal in config.signals.values():
             middleware.log(Severity.INFO, f"watching {_summary(signal)}")
+        latching = [name for name, signal in config.signals.items() if signal.latch]
+        if latching:
+            middleware.log(
+                Severity.INFO, f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
+            )
 
     def observe(self, sample: Sample) -> None:
         """Judges a sample that does not come from a topic, such as that of the signal `link`."""
+        self._samples += 1
         self._announce(self.monitor.observe(sample), sample.now_s)
 
     def close(self) -> None:
@@ -71,22 +106,27 @@ class AlertSystem:
         self._middleware.close()
 
     def _follow_topics(self, config: MonitorConfig) -> None:
-        """Subscribes to what is not subscribed to yet, and when all of that worked, ends what is no longer wanted."""
+        """Subscribes to the topics of new signals; when all succeeded, unsubscribes from those no longer used.
+
+        Raises:
+            ConfigError: a subscription was refused; nothing has changed.
+        """
         wanted = {
             (name, signal.topic, signal.type, signal.field) for name, signal in config.signals.items() if name != LINK
         }
-        added: Dict[Tuple[str, str, str, str], Subscription] = {}
+        added: Dict[_Source, Subscription] = {}
         try:
-            # Those that say most about a topic come first: what only counts its messages can then share them.
-            for key in sorted(wanted - self._subscriptions.keys(), key=lambda key: (key[3] == "", key[2] == "", key)):
-                name, topic, type_name, field = key
-                added[key] = self._subscribe(name, topic, type_name, field)
+            # Signals with a type and a field first: those that only count messages can share their subscription.
+            for source in sorted(
+                wanted - self._subscriptions.keys(), key=lambda key: (key[3] == "", key[2] == "", key)
+            ):
+                added[source] = self._subscribe(*source)
         except ConfigError:
             for subscription in added.values():
                 self._middleware.unsubscribe(subscription)
             raise
-        for key in self._subscriptions.keys() - wanted:
-            self._middleware.unsubscribe(self._subscriptions.pop(key))
+        for source in self._subscriptions.keys() - wanted:
+            self._middleware.unsubscribe(self._subscriptions.pop(source))
         self._subscriptions.update(added)
 
     def _subscribe(self, name: str, topic: str, type_name: str, field: str) -> Subscription:
@@ -96,41 +136,62 @@ class AlertSystem:
             raise ConfigError(error.problem, ("signals", name)) from None
 
     def _observer(self, name: str) -> Callable[[Any, float], None]:
-        take, notices, announce = self.monitor.take, self.monitor.notices, self._announce
+        observe, announce = self.monitor.observe, self._announce
 
         def callback(value: Any, now_s: float) -> None:
-            transitions = take(name, value, now_s)
-            if transitions or notices:
-                announce(transitions, now_s)
+            self._samples += 1
+            changes = observe(Sample(name, value, now_s))
+            if changes or self.monitor.notices:
+                announce(changes, now_s)
 
         return callback
 
     def _tick(self, now_s: float) -> None:
-        transitions = self.monitor.tick(now_s)
-        if transitions or self.monitor.notices:
-            self._announce(transitions, now_s)
+        self._self_monitor.note_tick(now_s)
+        self._announce(self.monitor.tick(now_s), now_s)
+
+    def _check(self, now_s: float) -> None:
+        """Runs on steady time."""
+        self._self_monitor.check(self._samples)
+        # Without /clock, and while a simulator is paused, the timer of the report stands still.
+        overdue_s = self._middleware.steady_s() - self._reported_steady_s
+        if overdue_s > 1.0 / self.monitor.config.publish_rate + CHECK_PERIOD_S:
+            self._report(now_s)
 
     def _report(self, now_s: float) -> None:
-        if self._middleware.has_listeners(DIAGNOSTICS):
-            self._middleware.publish(
-                DIAGNOSTICS, array_message(self.monitor.report(now_s).statuses.values(), self._node)
-            )
+        self._reported_steady_s = self._middleware.steady_s()
+        self._middleware.faults.guard("diagnostics", self._publish_report, now_s)
 
-    def _announce(self, transitions: List[Transition], now_s: float) -> None:
-        for notice in self.monitor.notices:
-            self._middleware.log(Severity.INFO, notice)
+    def _publish_report(self, now_s: float) -> None:
+        if self._middleware.has_listeners(DIAGNOSTICS):
+            statuses = [*self.monitor.report(now_s).statuses.values(), self._self_monitor.status()]
+            self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
+
+    def _announce(self, changes: Any, now_s: float) -> None:
+        for text in self.monitor.notices:
+            self.outlets.emit(Notice(now_s, Severity.INFO, text))
         self.monitor.notices.clear()
-        for transition in transitions:
-            self._middleware.log(_SEVERITY_OF_LEVEL[transition.to_level], transition.text)
-            self._middleware.publish("alerts", alert_message(transition, self._node))
-            if self._on_transition is not None:
-                self._on_transition(transition)
-        if transitions:
-            # Only what changed: when a hundred signals come back one by one, a hundred whole reports would be too many.
-            changed = dict.fromkeys(transition.signal for transition in transitions)
-            statuses = [self.monitor.status(signal, now_s) for signal in changed]
-            known = [status for status in statuses if status is not None]
-            self._middleware.publish(DIAGNOSTICS, array_message(known, self._node))
+        for transition in changes:
+            self.outlets.emit(transition)
+
+    def _log(self, event: Event) -> None:
+        severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
+        self._middleware.log(severity, event.text)
+
+    def _publish_alert(self, event: Event) -> None:
+        if isinstance(event, Transition):
+            self._middleware.publish("alerts", alert_message(event, self._node))
+        elif event.part:
+            status = replace(self._self_monitor.status(), message=event.text)
+            self._middleware.publish("alerts", status_message(status, self._node))
+
+    def _publish_change(self, event: Event) -> None:
+        """Publishes only the status that changed: a hundred signals may change one after the other."""
+        if isinstance(event, Transition):
+            status = self.monitor.status(event.signal, event.now_s)
+            self._middleware.publish(DIAGNOSTICS, array_message([status] if status else [], self._node))
+        elif event.part:
+            self._middleware.publish(DIAGNOSTICS, array_message([self._self_monitor.status()], self._node))
 
     def _reset(self, request: Message) -> Message:
         transitions = self.monitor.reset()
@@ -138,20 +199,29 @@ class AlertSystem:
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
         return {"success": True, "message": f"reset: {cleared}"}
 
-    def _reconfigure(self, tree: Mapping[str, Any]) -> None:
+    def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         old = self.monitor.config
         config = _read_monitor_config(tree)
-        for name in ("robot_name", "rosbridge_port", "rosbridge_address", "rosbridge_token"):
-            refuse_change(name, getattr(old, name), getattr(config, name))
+        for field in fields(MonitorConfig):
+            if field.name not in _CHANGEABLE:
+                refuse_change(field.name, getattr(old, field.name), getattr(config, field.name))
         self._follow_topics(config)
         if config.publish_rate != old.publish_rate:
             self._report_timer.cancel()
             self._report_timer = self._middleware.create_timer(1.0 / config.publish_rate, self._report)
         self._announce(self.monitor.configure(config), self._middleware.now_s())
+        return describe_changes(_sections(old), _sections(config))
 
 
 def _read_monitor_config(tree: Mapping[str, Any]) -> MonitorConfig:
     return load_config(tree if "signals" in tree else {**tree, "signals": DEFAULT_SIGNALS})
+
+
+def _sections(config: MonitorConfig) -> Sections:
+    return {
+        "": {"publish_rate": config.publish_rate},
+        **{name: vars(signal) for name, signal in config.signals.items()},
+    }
 
 
 def _summary(signal: SignalConfig) -> str:

@@ -9,6 +9,7 @@ from ..formatting import number_text
 from ..middleware import Middleware, Severity, Timer
 from ..parameters import Parameter, read_parameters
 from ..sensors import configuration as sensing
+from .changes import describe_changes
 from .identity import FLOAT_TYPE, refuse_change
 
 SENSOR_PARAMETERS = (
@@ -77,7 +78,7 @@ class BatterySensor:
             self._failed.add(metric)
             self._middleware.log(Severity.WARN, f"{metric} is not published: {reason}")
 
-    def _reconfigure(self, tree: Mapping[str, Any]) -> None:
+    def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         values = _read_sensor(tree)
         refuse_change("robot_name", self._values["robot_name"], values["robot_name"])
         sources = sensing.read_sources(tree)
@@ -86,12 +87,14 @@ class BatterySensor:
             if new == old and tree.get("seed") == self._tree.get("seed"):
                 sources[metric] = self._sources[metric]
         rate_changed = values["publish_rate"] != self._values["publish_rate"]
+        changes = describe_changes({"": self._values}, {"": values})
         self._tree, self._values, self._sources = tree, values, sources
         self._failed &= sources.keys()
         self._advertise()
         if rate_changed:
             self._timer.cancel()
             self._timer = self._start_timer()
+        return changes
 
 
 def _read_sensor(tree: Mapping[str, Any]) -> Dict[str, Any]:

@@ -172,7 +172,7 @@ class RosbridgeMiddleware:
         self._client = client
         self._link = client.link
         self._given = parameters
-        self._on_change: Optional[Callable[[Mapping[str, Any]], None]] = None
+        self._on_change: Optional[Callable[[Mapping[str, Any]], str]] = None
         self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
         self._lock = threading.RLock()
         self.closed = False
@@ -202,7 +202,7 @@ class RosbridgeMiddleware:
         return self._given
 
     def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], None]
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
         self._on_change = on_change
 

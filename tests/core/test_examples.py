@@ -9,8 +9,9 @@ import pytest
 
 from robot_health_monitor.core.config import load_config, sections
 from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.model import Level, Sample
+from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
+from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.yaml_file import read_yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -29,9 +30,13 @@ class Robot:
         self.tree = {name: section.tree for name, section in sections(read_yaml(CONFIG / example).tree).items()}
         self.alert_system = AlertSystem(
             self.bus.node("alert_system", parameters=self.tree["alert_system"]),
-            lambda change: self.alerts.append((change.now_s, change.signal, change.to_level.name)),
+            {"test": self._record},
         )
         self._robot = self.bus.node("robot")
+
+    def _record(self, event: Event) -> None:
+        assert isinstance(event, Transition)
+        self.alerts.append((event.now_s, event.signal, event.to_level.name))
 
     def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
         self._robot.advertise(topic, type_name)

@@ -133,9 +133,14 @@ def test_a_service_that_nobody_offers_says_which_there_are() -> None:
 
 def test_a_whole_configuration_can_be_proposed() -> None:
     proposed: List[Mapping[str, Any]] = []
+
+    def on_change(tree: Mapping[str, Any]) -> str:
+        proposed.append(tree)
+        return "publish_rate: 2 -> 3"
+
     node = LocalBus().node("alert_system", parameters={"publish_rate": 2.0})
-    node.declare_parameters([], proposed.append)
+    node.declare_parameters([], on_change)
     tree: Dict[str, Any] = {"publish_rate": 3.0}
-    node.set_parameters(tree)
+    assert node.set_parameters(tree) == "publish_rate: 2 -> 3"
     assert proposed == [tree]
     assert node.given_parameters() == tree

@@ -88,7 +88,7 @@ class Equivalence:
         """Returns what the timeline brings about, in order."""
         results: List[Union[Transition, Refusal]] = []
         node = _Watched(harness.node("alert_system", parameters=PARAMETERS))
-        AlertSystem(node, on_transition=results.append)
+        AlertSystem(node, {"test": lambda event: results.append(event) if isinstance(event, Transition) else None})
         clock = _Clock(harness, node)
         for event in read_timeline():
             clock.advance(event.time_s)
@@ -157,7 +157,9 @@ class _Watched:
 
         return self.wrapped.subscribe(topic, type_name, counted, field=field)
 
-    def create_timer(self, period_s: float, callback: Callable[[float], None]) -> Timer:
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Timer:
+        if steady:
+            return self.wrapped.create_timer(period_s, callback, steady=True)
         times_s: List[float] = []
         self._ticks.append(times_s)
 

@@ -24,7 +24,9 @@ import pytest
 from robot_health_monitor.core.config import sections
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Middleware, Severity
+from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Event, Outlet
 from robot_health_monitor.core.parameters import Parameter, flatten, read_parameters
 from robot_health_monitor.core.yaml_file import read_yaml
 
@@ -177,9 +179,20 @@ class RefusingNode:
         self.trees: List[Mapping[str, Any]] = []
         middleware.declare_parameters([self.RATE, self.BOUND], self._on_change)
 
-    def _on_change(self, tree: Mapping[str, Any]) -> None:
+    def _on_change(self, tree: Mapping[str, Any]) -> str:
         read_parameters(tree, [self.RATE], sections=["signals"])
         self.trees.append(tree)
+        return f"change {len(self.trees)}"
+
+
+def levels_to(levels: List[Tuple[str, str]]) -> Outlet:
+    """Returns an outlet that appends the signal and the new level of each transition."""
+
+    def outlet(event: Event) -> None:
+        if isinstance(event, Transition):
+            levels.append((event.signal, event.to_level.name))
+
+    return outlet
 
 
 def plain(tree: Mapping[str, Any]) -> Dict[str, Any]:
@@ -654,7 +667,7 @@ class PortConformance:
         told: List[Tuple[str, str]] = []
         configured = {"signals": {name: {**signal, **waits} for name, signal in signals.items()}}
         node = harness.node("alert_system", parameters=configured)
-        AlertSystem(node, lambda change: told.append((change.signal, change.to_level.name)))
+        AlertSystem(node, {"test": levels_to(told)})
 
         def hears(topic: str, type_name: str, message: Mapping[str, Any], signal: str, level: str) -> None:
             def heard() -> bool:
@@ -695,7 +708,7 @@ class PortConformance:
         tree = sections(read_yaml(file).tree)["alert_system"].tree
         told: List[Tuple[str, str]] = []
         node = harness.node("alert_system", parameters=tree)
-        AlertSystem(node, lambda change: told.append((change.signal, change.to_level.name)))
+        AlertSystem(node, {"test": levels_to(told)})
 
         def warned() -> bool:
             harness.publish(topic, type_name, message)
@@ -947,7 +960,7 @@ class PortConformance:
         assert refusing.trees[-1]["publish_rate"] == 5.0
 
     def test_a_change_that_the_node_fails_on_is_refused_and_logged(self, harness: Harness) -> None:
-        def fail(tree: Mapping[str, Any]) -> None:
+        def fail(tree: Mapping[str, Any]) -> str:
             raise RuntimeError("cannot change now")
 
         node = harness.node("alert_system", parameters={"publish_rate": 2.0})

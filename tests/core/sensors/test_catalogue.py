@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import pytest
+from harness.port_conformance import levels_to
 
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
@@ -378,11 +379,8 @@ def test_a_metric_that_vanishes_turns_stale_and_comes_back_while_the_others_go_o
     machine(WORKSTATION, MEMORY)
     bus = LocalBus()
     signals = {"board": {"unit": "degC", "warn_above": 60.0}, "memory": {"unit": "%", "warn_above": 90.0}}
-    alerts: List[Any] = []
-    AlertSystem(
-        bus.node("alert_system", parameters={"signals": signals}),
-        lambda change: alerts.append((change.signal, change.to_level.name)),
-    )
+    alerts: List[Tuple[str, str]] = []
+    AlertSystem(bus.node("alert_system", parameters={"signals": signals}), {"test": levels_to(alerts)})
     off = {metric: {"source": "none"} for metric in ("battery_level", "temperature", "cpu_usage")}
     host = {
         "board": {"source": "temperature", "sensor": "acpitz/0"},

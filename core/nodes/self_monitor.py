@@ -1,0 +1,149 @@
+"""How alert_system monitors itself: its faults, its clock, its tick, and the figures of its own status."""
+
+from __future__ import annotations
+
+from typing import Callable, Dict
+
+from ..faults import Fault
+from ..formatting import number_text
+from ..middleware import Middleware, Severity
+from ..model import Level, Status
+from ..outlets import Event, Notice
+from ..version import package_version
+
+MONITOR = "monitor"
+"""Name of the status, which /diagnostics shows as `alert_system: monitor`."""
+
+CHECK_PERIOD_S = 1.0
+"""Period of `SelfMonitor.check`, in seconds of steady time."""
+
+_CLOCK_GRACE_S = 10.0
+_CLOCK_REMINDER_S = 60.0
+_MAX_LATENESS_S = 5.0
+_MIN_HEALTHY_S = 3.0
+"""How long a part must work before its fault is announced as ended; keeps an intermittent fault to one line."""
+
+_SEVERITY_OF_LEVEL = {Level.WARN: Severity.WARN, Level.ERROR: Severity.ERROR}
+
+
+class SelfMonitor:
+    """Announces the faults of its node as notices and keeps the node's own status.
+
+    Runs on steady time, so that it also works without /clock and while a simulator is paused.
+    """
+
+    def __init__(self, middleware: Middleware, robot: str, tick_period_s: float, emit: Callable[[Event], None]) -> None:
+        """Starts without faults.
+
+        Args:
+            middleware: the node's connection; its `faults` are announced.
+            robot: `hardware_id` of the status.
+            tick_period_s: expected period of `note_tick` in s.
+            emit: receives a notice when a fault begins or ends.
+        """
+        self._middleware = middleware
+        self._robot = robot
+        self._tick_period_s = tick_period_s
+        self._emit = emit
+        self._start_s = self._checked_s = middleware.steady_s()
+        self._announced: Dict[str, Level] = {}
+        self._healthy_since_s: Dict[str, float] = {}
+        self._clock_reminder_s = _CLOCK_GRACE_S
+        self._samples = 0
+        self._samples_per_s = 0.0
+        self._tick_s = middleware.now_s()
+        self._tick_steady_s = self._start_s
+        self._last_lateness_s = 0.0
+        self.reports: Dict[str, Callable[[], str]] = {
+            "version": package_version,
+            "uptime_s": lambda: f"{self._middleware.steady_s() - self._start_s:.0f}",
+            "signals": lambda: "0",
+            "samples_per_s": lambda: number_text(self._samples_per_s),
+            "dropped": lambda: "0",
+            "tick_late_s": lambda: f"{self._lateness_s():.3f}",
+            "clients": lambda: "0",
+            "pending_notifications": lambda: "0",
+        }
+        """Key-values of the status: a function per key, called for each status. Any part may add or replace some."""
+
+    def note_tick(self, now_s: float) -> None:
+        """Call at each tick of the node, with the time that the tick was given."""
+        self._last_lateness_s = self._lateness_s()
+        self._tick_s = now_s
+        self._tick_steady_s = self._middleware.steady_s()
+
+    def check(self, samples: int) -> None:
+        """Looks for faults that began or ended. Call every `CHECK_PERIOD_S` of steady time.
+
+        Args:
+            samples: how many samples the node has received since it started.
+        """
+        steady_s = self._middleware.steady_s()
+        if steady_s > self._checked_s:
+            self._samples_per_s = (samples - self._samples) / (steady_s - self._checked_s)
+        self._samples, self._checked_s = samples, steady_s
+        self._check_clock(steady_s - self._start_s)
+        self._check_tick()
+        self._announce_faults(steady_s)
+
+    def status(self) -> Status:
+        """Returns the node's own status: its level is that of its worst fault."""
+        faults = self._middleware.faults.current()
+        values = {key: self._read(report) for key, report in tuple(self.reports.items())}
+        values.update((f"fault: {part}", fault.text) for part, fault in faults.items())
+        if not faults:
+            return Status(MONITOR, Level.OK, "no faults", self._robot, values)
+        part, worst = max(faults.items(), key=lambda item: item[1].level.severity)
+        return Status(MONITOR, worst.level, _fault_text(part, worst), self._robot, values)
+
+    @staticmethod
+    def _read(report: Callable[[], str]) -> str:
+        try:
+            return report()
+        except Exception as error:  # the report of a part that has failed must not hide the others
+            return f"unknown ({type(error).__name__}: {error})"
+
+    def _lateness_s(self) -> float:
+        """Returns by how much the tick is late, in s.
+
+        Counts only what both clocks agree on: simulated time may run fast, and it may be paused.
+        """
+        elapsed_s = min(self._middleware.now_s() - self._tick_s, self._middleware.steady_s() - self._tick_steady_s)
+        return max(0.0, elapsed_s - self._tick_period_s)
+
+    def _check_clock(self, uptime_s: float) -> None:
+        faults = self._middleware.faults
+        if not self._middleware.waiting_for_clock():
+            faults.clear("clock")
+        elif uptime_s >= self._clock_reminder_s:
+            text = f"use_sim_time is set, but /clock has been silent for {uptime_s:.0f} s: no signal is judged"
+            faults.report("clock", text, Level.WARN)
+            self._clock_reminder_s += _CLOCK_REMINDER_S
+            self._announced.pop("clock", None)  # announces it again
+
+    def _check_tick(self) -> None:
+        lateness_s = max(self._last_lateness_s, self._lateness_s())
+        if lateness_s > _MAX_LATENESS_S:
+            text = f"{lateness_s:.1f} s late (period {self._tick_period_s:g} s): overloaded or suspended"
+            self._middleware.faults.report("tick", text, Level.WARN)
+        else:
+            self._middleware.faults.clear("tick")
+        self._last_lateness_s = 0.0
+
+    def _announce_faults(self, steady_s: float) -> None:
+        faults = self._middleware.faults.current()
+        for part, fault in faults.items():
+            self._healthy_since_s.pop(part, None)
+            announced = self._announced.get(part)
+            if announced is None or fault.level.severity > announced.severity:
+                self._announced[part] = fault.level
+                severity = _SEVERITY_OF_LEVEL.get(fault.level, Severity.ERROR)
+                self._emit(Notice(self._middleware.now_s(), severity, _fault_text(part, fault), part))
+        for part in tuple(self._announced.keys() - faults.keys()):
+            if steady_s - self._healthy_since_s.setdefault(part, steady_s) >= _MIN_HEALTHY_S:
+                del self._announced[part], self._healthy_since_s[part]
+                self._emit(Notice(self._middleware.now_s(), Severity.INFO, f"{part} works again", part))
+
+
+def _fault_text(part: str, fault: Fault) -> str:
+    return f"{part}: {fault.text}"
