@@ -2,10 +2,11 @@
 
 from .config import MonitorConfig, SignalConfig, load_config
 from .errors import ConfigError
-from .model import Level, Report, Sample, Status, Transition
+from .model import Changes, Level, Report, Sample, Status, Transition
 from .monitor import Monitor
 
 __all__ = [
+    "Changes",
     "ConfigError",
     "Level",
     "Monitor",

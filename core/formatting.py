@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from typing import Optional
 
 _DIGITS = (4, 6, 9, 17)
@@ -51,6 +52,17 @@ def datum_text(value: object) -> str:
         text = f"a {type(value).__name__}"
     text = " ".join("".join(letter if letter.isprintable() else " " for letter in text[:200]).split())
     return text if len(text) <= 40 else text[:37] + "..."
+
+
+def printable(text: str) -> str:
+    """Replaces control, format and bidirectional marks, line separators and surrogates by `?`.
+
+    For names and texts from outside, so that they can neither control a terminal nor forge a line.
+    """
+    if text.isprintable():
+        return text
+    # Categories Cc, Cf, Cs, Co, Cn, Zl and Zp are not printable; neither are spaces other than " ", which are harmless.
+    return "".join(letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else "?" for letter in text)
 
 
 def _plain(value: float, digits: int) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterable, Mapping, NamedTuple, NoReturn, Optional, TypeVar
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, NoReturn, Optional, Tuple, TypeVar
 
 Value = TypeVar("Value")
 
@@ -62,8 +62,25 @@ class Sample(NamedTuple):
     """The number as it came; what is not a finite real number is judged as bad data, never dropped."""
     now_s: float
     """When it arrived, in seconds on the adapter's clock (monotonic, or ROS time under use_sim_time)."""
-    stamp_s: Optional[float] = None
-    """The message's own stamp in seconds since its epoch, shown to people, never used to judge; None: it has none."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """The state of one signal, shaped as diagnostic_msgs/DiagnosticStatus."""
+
+    name: str
+    """Name of the signal."""
+    level: Level
+    """The true level now."""
+    message: str
+    """Why, in a few words."""
+    hardware_id: str
+    """The robot's name."""
+    values: Mapping[str, str] = field(hash=False)
+    """Key-values for people and tools; see docs/rules.md."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", FrozenDict(self.values))
 
 
 @dataclass(frozen=True)
@@ -91,7 +108,9 @@ class Transition:
     fingerprint: str
     """16 hexadecimal digits that name this alert (robot and signal), the same across restarts and middlewares."""
     text: str
-    """The line that people read, without the time."""
+    """The alert line, without the time."""
+    status: Status = field(hash=False)
+    """The resulting status of the signal."""
     statistics: Mapping[str, float] = field(default_factory=dict, hash=False)
     """The window's defined statistics at that moment, by name."""
     repeat: bool = False
@@ -104,23 +123,11 @@ class Transition:
         return f"{self.now_s:.3f} {self.text}"
 
 
-@dataclass(frozen=True)
-class Status:
-    """The state of one signal, shaped as diagnostic_msgs/DiagnosticStatus."""
+class Changes(List[Transition]):
+    """The transitions that one call caused, and notices for the log."""
 
-    name: str
-    """Name of the signal."""
-    level: Level
-    """The true level now."""
-    message: str
-    """Why, in a few words."""
-    hardware_id: str
-    """The robot's name."""
-    values: Mapping[str, str]
-    """Key-values for people and tools; see docs/rules.md."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", FrozenDict(self.values))
+    notices: Tuple[str, ...] = ()
+    """INFO lines, for example that time went back."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Dict, List, Optional
 
 from .config import CONDITIONS, MonitorConfig, read_signal
-from .model import Level, Report, Sample, Status, Transition
+from .formatting import printable
+from .model import Changes, Level, Report, Sample, Status
 from .signal_monitor import LINK, SignalMonitor
 
 _LARGEST = 1.7976931348623157e308
@@ -35,16 +36,15 @@ class Monitor:
         """
         self.robot = robot or config.robot_name
         self.config = config
-        self.notices: List[str] = []
-        """Lines worth an INFO in the log, oldest first, at most 100; whoever writes them clears the list."""
         self._signals: Dict[str, SignalMonitor] = {}
         # NaN is not smaller than any time, so that the first call goes the careful way.
         self._now_s = float("nan")
         self._followers: Dict[str, List[SignalMonitor]] = {}
         self._all_followers: List[SignalMonitor] = []
         self._link_down = False
+        self._link_cause = ""
 
-    def observe(self, sample: Sample) -> List[Transition]:
+    def observe(self, sample: Sample) -> Changes:
         """Takes a sample.
 
         Args:
@@ -53,30 +53,46 @@ class Monitor:
         Returns:
             The transitions that it causes: at most one of its own signal, and of those that follow it by a condition.
         """
-        return self.take(*sample)
-
-    def take(self, name: str, value: object, now_s: float, stamp_s: Optional[float] = None) -> List[Transition]:
-        """Takes a sample given by its parts, as `observe` does: a `Sample` less to make per message."""
+        name, value, now_s = sample
+        changes = Changes()
         if not self._now_s <= now_s <= _LARGEST:
-            now_s = self._take_odd_time(now_s)
+            now_s = self._take_odd_time(now_s, changes)
         self._now_s = now_s
         signal = self._signals.get(name)
         if signal is None:
             if name != LINK:
-                return []
+                return changes
             signal = self._signals[LINK] = SignalMonitor(LINK_CONFIG, self.robot, now_s)
-        transition = signal.observe(value, now_s, stamp_s)
+        if name == LINK:
+            signal.cause = self._link_cause
+        transition = signal.observe(value, now_s)
         if name == LINK:
             self._follow_link(now_s)
         elif self._link_down:
             signal.inhibit(now_s)
         followers = self._followers.get(name)
-        if followers is None:
-            return [] if transition is None else [transition]
-        followed = [follower.follow(self.fresh_value, now_s) for follower in followers]
-        return [transition for transition in (transition, *followed) if transition is not None]
+        if transition is not None:
+            changes.append(transition)
+        if followers is not None:
+            followed = [follower.follow(self.fresh_value, now_s) for follower in followers]
+            changes.extend(transition for transition in followed if transition is not None)
+        return changes
 
-    def tick(self, now_s: float) -> List[Transition]:
+    def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
+        """Takes the state of the link to the robot: a sample of the signal `link`, with a cause.
+
+        Args:
+            up: whether the robot can be reached.
+            cause: why it cannot, for example `connection refused`; ignored while `up`.
+            now_s: the time in seconds.
+
+        Returns:
+            The transitions that it causes.
+        """
+        self._link_cause = "" if up else printable(cause)
+        return self.observe(Sample(LINK, 1.0 if up else 0.0, now_s))
+
+    def tick(self, now_s: float) -> Changes:
         """Lets time pass.
 
         Args:
@@ -85,13 +101,15 @@ class Monitor:
         Returns:
             The transitions that it causes, in the order of the configuration.
         """
+        changes = Changes()
         if not self._now_s <= now_s <= _LARGEST:
-            now_s = self._take_odd_time(now_s)
+            now_s = self._take_odd_time(now_s, changes)
         self._now_s = now_s
         ticked = [signal.tick(now_s) for name, signal in self._signals.items() if name == LINK or not self._link_down]
         for follower in self._all_followers:
             ticked.append(follower.follow(self.fresh_value, now_s))
-        return [transition for transition in ticked if transition is not None]
+        changes.extend(transition for transition in ticked if transition is not None)
+        return changes
 
     def report(self, now_s: float) -> Report:
         """Returns the whole state as of the last `observe` or `tick`; ages are counted up to `now_s`, in seconds."""
@@ -117,16 +135,16 @@ class Monitor:
         known = self._signals.get(signal)
         return None if known is None else known.fresh_value
 
-    def reset(self) -> List[Transition]:
+    def reset(self) -> Changes:
         """Clears every latch.
 
         Returns:
             The transitions that it causes, in the order of the configuration, at the time of the last call.
         """
         transitions = [signal.reset(self._now_s) for signal in self._signals.values()]
-        return [transition for transition in transitions if transition is not None]
+        return Changes(transition for transition in transitions if transition is not None)
 
-    def configure(self, config: MonitorConfig) -> List[Transition]:
+    def configure(self, config: MonitorConfig) -> Changes:
         """Takes a new configuration; signals whose own configuration is the same are not disturbed.
 
         Args:
@@ -137,7 +155,7 @@ class Monitor:
         """
         self.config = config
         if not self._signals:
-            return []
+            return Changes()
         transitions = []
         signals: Dict[str, SignalMonitor] = {}
         for name, signal_config in config.signals.items():
@@ -153,9 +171,9 @@ class Monitor:
         self._inhibit_all(self._now_s)
         self._find_followers()
         transitions.extend(follower.follow(self.fresh_value, self._now_s) for follower in self._all_followers)
-        return [transition for transition in transitions if transition is not None]
+        return Changes(transition for transition in transitions if transition is not None)
 
-    def _take_odd_time(self, now_s: float) -> float:
+    def _take_odd_time(self, now_s: float, changes: Changes) -> float:
         """Returns the time to go on with: the first one, one that went back, or the last one for no time at all."""
         if not -_LARGEST <= now_s <= _LARGEST:
             now_s = self._now_s if self._signals else 0.0
@@ -165,9 +183,8 @@ class Monitor:
             }
             self._find_followers()
         elif now_s < self._now_s:
-            self._notice(
-                f"time went back by {self._now_s - now_s:.3f} s: windows, pending timers and staleness start again"
-            )
+            went_back_s = self._now_s - now_s
+            changes.notices = (f"time went back by {went_back_s:.3f} s: windows, pending timers and staleness restart",)
             for signal in self._signals.values():
                 signal.restart_time(now_s)
             self._inhibit_all(now_s)
@@ -183,10 +200,6 @@ class Monitor:
                 self._all_followers.append(signal)
             for name in followed:
                 self._followers.setdefault(name, []).append(signal)
-
-    def _notice(self, text: str) -> None:
-        if len(self.notices) < 100:
-            self.notices.append(text)
 
     def _follow_link(self, now_s: float) -> None:
         reached = self.fresh_value(LINK)

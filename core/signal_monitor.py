@@ -63,13 +63,13 @@ class SignalMonitor:
         "_rules",
         "_settings",
         "_stale",
-        "_stamp_s",
         "_statistic",
         "_statistic_unit",
         "_suspicion",
         "_valid_max",
         "_valid_min",
         "_window",
+        "cause",
         "config",
         "level",
     )
@@ -93,7 +93,6 @@ class SignalMonitor:
         self._good_samples = 0
         self._bad_samples = 0
         self._latest: object = None
-        self._stamp_s: Optional[float] = None
         self._judged: Optional[float] = None
         self._last_seen_s = now_s
         self._stale = False
@@ -105,6 +104,8 @@ class SignalMonitor:
         self._announced_rule: Optional[Rule] = None
         self.level = Level.OK
         """The true level."""
+        self.cause = ""
+        """Why the link is down, if known."""
         self._take_config(config)
 
     @property
@@ -113,9 +114,9 @@ class SignalMonitor:
         self._work_in()
         return None if self._stale or self._invalid.condition else self._window.last()
 
-    def observe(self, value: object, now_s: float, stamp_s: Optional[float] = None) -> Optional[Transition]:
+    def observe(self, value: object, now_s: float) -> Optional[Transition]:
         """Takes a sample that arrived at `now_s` (seconds, not before the call before)."""
-        if type(value) is float and self._calm_min < value <= self._calm_max and stamp_s is None:
+        if type(value) is float and self._calm_min < value <= self._calm_max:
             # Nothing follows from it: see _take_healthy_values. On a robot other programs run between two samples and
             # leave none of this code and its data in the processor's caches, so that every step of it takes ten times
             # as long as in a loop. What can be done for many samples at once is done later, by _work_in.
@@ -126,7 +127,7 @@ class SignalMonitor:
                 self._work_in()
             return None
         self._work_in()
-        return self._judge(value, now_s, stamp_s)
+        return self._judge(value, now_s)
 
     def _work_in(self) -> None:
         """Catches up on the samples that were only noted; whatever looks at the state does so first."""
@@ -139,17 +140,15 @@ class SignalMonitor:
             self._good_samples += len(noted) // 2
             self._latest = self._judged = noted[-2]
             self._last_seen_s = noted[-1]
-            self._stamp_s = None
             self._noted = []
 
-    def _judge(self, value: object, now_s: float, stamp_s: Optional[float]) -> Optional[Transition]:
+    def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf
         number = value if type(value) is float else _as_float(value)
         came = number
         if self._converts:
             number = self._convert(number)
         self._latest = value
-        self._stamp_s = stamp_s
         self._last_seen_s = now_s
         if self._frozen_since_s is not None:
             self._thaw(now_s)
@@ -307,8 +306,6 @@ class SignalMonitor:
         values["bad_samples"] = str(self._bad_samples)
         if self._seen:
             values["age_s"] = number_text(now_s - self._last_seen_s)
-        if self._stamp_s is not None:
-            values["stamp_s"] = repr(self._stamp_s)
         values.update(self._settings)
         values["state"] = self._state()
         values["since"] = f"{self._level_since_s:.3f}"
@@ -444,6 +441,7 @@ class SignalMonitor:
             robot=self._robot,
             fingerprint=self._fingerprint,
             text=text,
+            status=self.status(now_s),
             statistics=self._window.statistics(),
             repeat=repeat,
         )
@@ -474,7 +472,9 @@ class SignalMonitor:
 
     def _reason(self, level: Level, now_s: float) -> str:
         if self.config.name == LINK and level is not Level.STALE:
-            return "up" if level is Level.OK else "down"
+            if level is Level.OK:
+                return "up"
+            return f"down: {self.cause}" if self.cause else "down"
         silence = duration_text(now_s - self._last_seen_s)
         if level is Level.STALE:
             if self._seen:

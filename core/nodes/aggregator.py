@@ -10,7 +10,7 @@ from ..config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, SignalConf
 from ..diagnostics import ARRAY_TYPE, array_message
 from ..formatting import number_text
 from ..middleware import Middleware, Severity
-from ..model import Level, Status
+from ..model import Level, Sample, Status
 from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
 from ..score import health_score
@@ -64,10 +64,10 @@ class Aggregator:
         self._middleware.close()
 
     def _observer(self, name: str) -> Callable[[Any, float], None]:
-        take = self._monitor.take
+        observe = self._monitor.observe
 
         def callback(value: Any, now_s: float) -> None:
-            take(name, value, now_s)
+            observe(Sample(name, value, now_s))
 
         return callback
 

@@ -12,7 +12,7 @@ from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message,
 from ..errors import ConfigError
 from ..formatting import bound_text, with_unit
 from ..middleware import Message, Middleware, Severity, Subscription
-from ..model import Level, Sample, Transition
+from ..model import Changes, Level, Sample, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets
 from ..signal_monitor import LINK
@@ -141,7 +141,7 @@ class AlertSystem:
         def callback(value: Any, now_s: float) -> None:
             self._samples += 1
             changes = observe(Sample(name, value, now_s))
-            if changes or self.monitor.notices:
+            if changes or changes.notices:
                 announce(changes, now_s)
 
         return callback
@@ -167,10 +167,9 @@ class AlertSystem:
             statuses = [*self.monitor.report(now_s).statuses.values(), self._self_monitor.status()]
             self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
-    def _announce(self, changes: Any, now_s: float) -> None:
-        for text in self.monitor.notices:
+    def _announce(self, changes: Changes, now_s: float) -> None:
+        for text in changes.notices:
             self.outlets.emit(Notice(now_s, Severity.INFO, text))
-        self.monitor.notices.clear()
         for transition in changes:
             self.outlets.emit(transition)
 
@@ -188,8 +187,7 @@ class AlertSystem:
     def _publish_change(self, event: Event) -> None:
         """Publishes only the status that changed: a hundred signals may change one after the other."""
         if isinstance(event, Transition):
-            status = self.monitor.status(event.signal, event.now_s)
-            self._middleware.publish(DIAGNOSTICS, array_message([status] if status else [], self._node))
+            self._middleware.publish(DIAGNOSTICS, array_message([event.status], self._node))
         elif event.part:
             self._middleware.publish(DIAGNOSTICS, array_message([self._self_monitor.status()], self._node))
 

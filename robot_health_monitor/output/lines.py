@@ -114,8 +114,9 @@ def plain_line(event: Event, time_format: str = "%Y-%m-%d %H:%M:%S", *, name_rob
 
 
 def json_line(transition: Transition) -> str:
-    """Writes a transition as one JSON object with its fields: levels by name, what JSON has no number for as null."""
-    fields: Dict[str, Any] = {name: getattr(transition, name) for name in Transition.__dataclass_fields__}
+    """Returns a transition as one JSON object: levels by name, NaN and infinities as null, without the whole status."""
+    names = [name for name in Transition.__dataclass_fields__ if name != "status"]
+    fields: Dict[str, Any] = {name: getattr(transition, name) for name in names}
     return json.dumps({name: _as_json(value) for name, value in fields.items()}, default=repr)
 
 

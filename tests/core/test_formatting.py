@@ -7,7 +7,14 @@ from typing import Any, Optional
 
 import pytest
 
-from robot_health_monitor.core.formatting import bound_text, datum_text, duration_text, number_text, with_unit
+from robot_health_monitor.core.formatting import (
+    bound_text,
+    datum_text,
+    duration_text,
+    number_text,
+    printable,
+    with_unit,
+)
 
 
 @pytest.mark.parametrize(
@@ -104,3 +111,23 @@ def test_a_datum_is_written_on_one_line_without_control_characters() -> None:
 
     assert text is not None and text.isprintable()
     assert text.startswith("header: seq: 1 stamp: 2")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("husky 1: Akku für 3 °C", "husky 1: Akku für 3 °C"),
+        ("a\u00a0b", "a\u00a0b"),  # no-break space
+        ("\x1b[2Jgone", "?[2Jgone"),  # C0
+        ("\x9b2Jgone", "?2Jgone"),  # C1: CSI in one character
+        ("a\x7fb", "a?b"),  # DEL
+        ("first\nsecond\r\tthird", "first?second??third"),
+        ("a\u2028b\u2029c", "a?b?c"),  # line and paragraph separator
+        ("\u202eevil\u2066", "?evil?"),  # bidirectional marks
+        ("zero\u200bwidth\ufeff", "zero?width?"),  # format characters
+        ("half \ud800", "half ?"),  # a lone surrogate
+        ("", ""),
+    ],
+)
+def test_text_from_outside_can_neither_control_a_terminal_nor_forge_a_line(text: str, shown: str) -> None:
+    assert printable(text) == shown

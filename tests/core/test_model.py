@@ -9,7 +9,7 @@ import pickle
 
 import pytest
 
-from robot_health_monitor.core import Level, Report, Sample, Status, Transition
+from robot_health_monitor.core import Changes, Level, Report, Sample, Status, Transition
 
 
 def transition(**changes: object) -> Transition:
@@ -25,6 +25,7 @@ def transition(**changes: object) -> Transition:
         "robot": "atlas",
         "fingerprint": "0123456789abcdef",
         "text": "battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)",
+        "status": Status("battery_level", Level.WARN, "19.5 % is below 20 %", "atlas", {"value": "19.5"}),
     }
     return Transition(**{**values, **changes})  # type: ignore[arg-type]
 
@@ -86,8 +87,14 @@ def test_equal_transitions_are_equal() -> None:
     assert transition() != transition(now_s=313.0)
 
 
-def test_a_sample_has_no_stamp_unless_it_is_told() -> None:
-    assert Sample("battery_level", 19.5, 1.0).stamp_s is None
+def test_no_changes_equal_an_empty_list_and_have_no_notices() -> None:
+    assert Changes() == [] and not Changes()
+    assert Changes().notices == ()
+
+
+def test_changes_are_a_list_of_transitions() -> None:
+    assert Changes([transition()]) == [transition()]
+    assert isinstance(Changes(), list)
 
 
 def test_transitions_and_reports_can_be_copied_pickled_and_taken_apart() -> None:

@@ -165,7 +165,7 @@ class TestAlertSystem:
         stage.bus.run_due(40.0)
         stage.bus.run_due(45.0)
         lines = [text for text in stage.log(Severity.INFO) if "went back" in text]
-        assert lines == ["time went back by 59.000 s: windows, pending timers and staleness start again"]
+        assert lines == ["time went back by 59.000 s: windows, pending timers and staleness restart"]
 
 
 class TestAggregator:

@@ -40,7 +40,6 @@ CALLS: Sequence[Tuple[str, Sequence[float]]] = (
     *[("level", VALUES)] * 3,
     *[("level", (50.0,))] * 3,
     ("many", (50.0, 60.0)),
-    ("stamped", (50.0,)),
     ("tick", (0.0, 1.0, 4.0)),
     ("charging", (0.0, 1.0)),
     ("link", (0.0, 1.0)),
@@ -73,8 +72,6 @@ def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type)
             told.append(monitor.reset())
         elif what == "configure":
             told.append(monitor.configure(config(warn_below=argument)))
-        elif what == "stamped":
-            told.append(monitor.observe(Sample("level", number(argument), now_s, now_s + 1e9)))
         elif what == "many":
             for step in range(120):
                 now_s += 0.01

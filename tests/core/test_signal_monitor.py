@@ -31,8 +31,8 @@ def test_a_status_carries_value_unit_statistics_bounds_state_since_and_counts() 
     signal = watch(
         unit="%", valid_min=0.0, valid_max=100.0, warn_below=20.0, error_below=10.0, hysteresis=2.0, for_s=1.0
     )
-    signal.observe(16.0, 10.0, stamp_s=1234.5)
-    signal.observe(14.0, 12.0, stamp_s=1236.5)
+    signal.observe(16.0, 10.0)
+    signal.observe(14.0, 12.0)
     signal.observe(math.nan, 12.0)
     status = signal.status(13.0)
 
@@ -66,15 +66,6 @@ def test_a_status_carries_value_unit_statistics_bounds_state_since_and_counts() 
         "flapping": "false",
         "fingerprint": status.values["fingerprint"],
     }
-
-
-def test_the_messages_own_stamp_is_shown_and_never_judged() -> None:
-    signal = watch(stale_after_s=5.0)
-    signal.observe(50.0, 100.0, stamp_s=-1e9)
-    assert signal.status(101.0).values["stamp_s"] == "-1000000000.0"
-    assert signal.tick(104.0) is None
-    signal.observe(50.0, 105.0)
-    assert "stamp_s" not in signal.status(105.0).values
 
 
 def test_before_the_first_sample_there_is_no_value_and_no_age() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from robot_health_monitor.core import Level, Transition
+from robot_health_monitor.core import Level, Status, Transition
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.installed_files import find_installed
@@ -27,6 +27,7 @@ def transition(value: Any = 19.5, to_level: Level = Level.WARN, **fields: Any) -
         "robot": "atlas",
         "fingerprint": "0123456789abcdef",
         "text": "battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)",
+        "status": Status("battery_level", to_level, "19.5 % is below 20 %", "atlas", {}),
     }
     return Transition(**{**known, **fields})
 
