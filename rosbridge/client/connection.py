@@ -24,8 +24,8 @@ from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Set, Tup
 
 import aiohttp
 
-from ..protocol import connection as protocol
-from ..protocol.connection import CBOR_SUBPROTOCOL, Connection, Operation
+from .. import protocol
+from ..protocol import CBOR_SUBPROTOCOL, Connection, Operation
 from ..protocol.definitions import canonical
 from ..protocol.errors import Id, ProtocolError
 from ..protocol.limits import DEFAULT_LIMITS, Limits

@@ -1,7 +1,7 @@
-"""Message definitions: reading them, telling clients of them, and ROS 1's wire format made from them.
+"""Message definitions: parsing, checking messages, and ROS 1 serialization.
 
-A middleware with ROS has the definitions of everything installed. For one without, `KNOWN` holds those that this
-package itself sends, so that clients which want raw bytes (Foxglove) are served by `robot-health run` too.
+Middlewares with ROS have the definitions of all installed types. For those without, this module has the definitions of
+the types that this package publishes, so that `robot-health run` also serves clients that need raw bytes (Foxglove).
 """
 
 from __future__ import annotations
@@ -10,7 +10,22 @@ import re
 import struct
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.middleware import split_type_name
+
+from .errors import shown
+
+__all__ = [
+    "Definition",
+    "Field",
+    "canonical",
+    "check_message",
+    "full_text",
+    "null_reader",
+    "parse",
+    "serializer",
+    "service_definition",
+]
 
 _HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
 _KEY_VALUE = "string key\nstring value\n"
@@ -45,6 +60,7 @@ _SERVICES: Dict[str, Tuple[str, str]] = {
 }
 
 _SEPARATOR = "=" * 80
+_NAN = float("nan")
 _PRIMITIVES = {
     "bool": "?",
     "byte": "b",
@@ -61,6 +77,7 @@ _PRIMITIVES = {
     "float64": "d",
 }
 _LINE = re.compile(r"^(?P<type>[\w/]+)(<=\d+)?(?P<array>\[(?P<length>[^\]]*)\])?\s+(?P<name>\w+)\s*(?P<rest>.*)$")
+_STRING_CONSTANT = re.compile(r"^\s*w?string(<=\d+)?\s+\w+\s*=")
 
 
 class Field(NamedTuple):
@@ -70,7 +87,7 @@ class Field(NamedTuple):
     type: str
     """A primitive (`float32`), `string`, `time`, or another message's type (`std_msgs/Header`)."""
     length: int
-    """-1: one value; 0: an array of any length; else the length of the array."""
+    """-1: not an array; 0: an array of any length; else the length of the array."""
 
 
 class Definition(NamedTuple):
@@ -79,17 +96,17 @@ class Definition(NamedTuple):
     type: str
     fields: Sequence[Field]
     constants: Sequence[Tuple[str, str]]
-    """(name, value as text)."""
+    """(name, value as text) per constant."""
 
 
 def canonical(type_name: str) -> str:
-    """Returns a type name in the spelling `package/Type`."""
+    """Returns a type name as `package/Type`."""
     split = split_type_name(type_name)
     return "/".join(split) if split else type_name
 
 
 def full_text(type_name: str) -> str:
-    """Returns a known message type's definition with those of the types that it holds; empty when it is not known."""
+    """Returns the definition of a known type, with the types that it contains; empty for an unknown type."""
     text = _TEXTS.get(canonical(type_name))
     if text is None:
         return ""
@@ -103,7 +120,7 @@ def full_text(type_name: str) -> str:
 
 
 def parse(type_name: str, text: str) -> Dict[str, Definition]:
-    """Reads a full text; returns the definitions in it by type, the type itself first."""
+    """Parses a full definition; returns the definitions in it by type, `type_name` first."""
     definitions: Dict[str, Definition] = {}
     current = canonical(type_name)
     lines: List[str] = []
@@ -118,19 +135,19 @@ def parse(type_name: str, text: str) -> Dict[str, Definition]:
     return definitions
 
 
-def service_definition(type_name: str, answer: bool) -> Dict[str, Definition]:
-    """Returns the definition of a known service's request (or, with `answer`, of its response); empty otherwise."""
+def service_definition(type_name: str, response: bool) -> Dict[str, Definition]:
+    """Returns the definition of the request of a known service, or of its response; empty for an unknown service."""
     texts = _SERVICES.get(canonical(type_name))
     if texts is None:
         return {}
-    name = canonical(type_name) + ("Response" if answer else "Request")
-    return parse(name, texts[answer])
+    name = canonical(type_name) + ("Response" if response else "Request")
+    return parse(name, texts[response])
 
 
 def serializer(type_name: str, text: str = "") -> Optional[Callable[[Mapping[str, Any]], bytes]]:
-    """Returns a function that turns a message into ROS 1's wire format; None when its type is not known.
+    """Returns a function that serializes a message as ROS 1 does; None for an unknown type.
 
-    The function raises ValueError for a message that does not fit.
+    The function raises MessageError for a message that does not match its type.
     """
     definitions = parse(type_name, text or full_text(type_name))
     root = canonical(type_name)
@@ -142,17 +159,17 @@ def serializer(type_name: str, text: str = "") -> Optional[Callable[[Mapping[str
         try:
             _write_message(definitions, root, message, parts)
         except (struct.error, TypeError, AttributeError, OverflowError, UnicodeEncodeError) as error:
-            raise ValueError(f"the message does not fit {root}: {error}") from None
+            raise MessageError(f"message does not match {root}: {error}") from None
         return b"".join(parts)
 
     return serialize
 
 
 def check_message(type_name: str, message: Mapping[str, Any]) -> None:
-    """Checks the kinds of a message's own fields, where the type is known here.
+    """Checks the fields of a message whose type is known here.
 
     Raises:
-        ValueError: a field's value is of another kind.
+        MessageError: a value is of the wrong kind.
     """
     text = _TEXTS.get(canonical(type_name))
     if text is None:
@@ -163,7 +180,39 @@ def check_message(type_name: str, message: Mapping[str, Any]) -> None:
         value = message[field.name]
         fits = isinstance(value, str) if field.type == "string" else isinstance(value, (int, float))
         if not fits and (field.type == "string" or field.type in _PRIMITIVES):
-            raise ValueError(f"{type_name} needs {'a text' if field.type == 'string' else 'a number'} as {field.name}")
+            expected = "a string" if field.type == "string" else "a number"
+            raise MessageError(f"{type_name}: {field.name}: expected {expected}, got {shown(value)}")
+
+
+def null_reader(type_name: str, text: str = "") -> Callable[[Mapping[str, Any]], Mapping[str, Any]]:
+    """Returns a function that replaces null by NaN in the float fields of a message.
+
+    rosbridge writes NaN as null. Messages of unknown types are returned unchanged.
+    """
+    definitions = parse(type_name, text or full_text(type_name))
+    root = canonical(type_name)
+    return lambda message: _with_nan(definitions, root, message)
+
+
+def _with_nan(definitions: Mapping[str, Definition], type_name: str, message: Mapping[str, Any]) -> Mapping[str, Any]:
+    definition = definitions.get(type_name)
+    if definition is None:
+        return message
+    read = dict(message)
+    for field in definition.fields:
+        value = read.get(field.name, "")
+        if field.type in ("float32", "float64"):
+            if value is None:
+                read[field.name] = _NAN
+            elif isinstance(value, list):
+                read[field.name] = [_NAN if item is None else item for item in value]
+        elif field.type in definitions and isinstance(value, dict):
+            read[field.name] = _with_nan(definitions, field.type, value)
+        elif field.type in definitions and isinstance(value, list):
+            read[field.name] = [
+                _with_nan(definitions, field.type, item) if isinstance(item, dict) else item for item in value
+            ]
+    return read
 
 
 def _definition(type_name: str, lines: Sequence[str]) -> Definition:
@@ -171,7 +220,9 @@ def _definition(type_name: str, lines: Sequence[str]) -> Definition:
     constants: List[Tuple[str, str]] = []
     package = type_name.partition("/")[0]
     for line in lines:
-        found = _LINE.match(line.split("#")[0].strip() if "=" not in line.split("#")[0] else line.strip())
+        # In a string constant, everything after the equals sign belongs to the value.
+        is_string_constant = _STRING_CONSTANT.match(line) is not None
+        found = _LINE.match((line if is_string_constant else line.partition("#")[0]).strip())
         if found is None:
             continue
         kind, rest = found["type"], found["rest"]
@@ -222,7 +273,7 @@ def _write_message(
             continue
         values = value or [None] * field.length
         if field.length and len(values) != field.length:
-            raise ValueError(f"{field.name} has {len(values)} values instead of {field.length}")
+            raise MessageError(f"{field.name}: expected {field.length} values, got {len(values)}")
         if not field.length:
             parts.append(struct.pack("<I", len(values)))
         for item in values:
@@ -233,7 +284,7 @@ def _write_value(definitions: Mapping[str, Definition], kind: str, value: Any, p
     form = _PRIMITIVES.get(kind)
     if form is not None:
         if value is None:
-            value = float("nan") if form in "fd" else 0
+            value = _NAN if form in "fd" else 0
         parts.append(struct.pack(f"<{form}", value))
     elif kind == "string":
         data = (value or "").encode("utf-8")

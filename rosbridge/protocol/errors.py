@@ -1,18 +1,22 @@
-"""The one error that a peer can cause."""
+"""The error for messages that are not valid rosbridge."""
 
 from __future__ import annotations
 
 from typing import Union
 
+from robot_health_monitor.core.errors import MessageError
+
+__all__ = ["Id", "ProtocolError", "shown"]
+
 Id = Union[str, int, None]
-"""What a peer names an interaction by; None: it did not."""
+"""Identifies an operation; None: the peer gave none."""
 
 
-class ProtocolError(ValueError):
-    """What a peer sent is not rosbridge, or more than is allowed. `str()` is one line that says what is wrong."""
+class ProtocolError(MessageError):
+    """A message that is not valid rosbridge or exceeds a limit. `str()` is one line."""
 
-    def __init__(self, problem: str, op: str = "", id: Id = None) -> None:  # noqa: A002 - the protocol's own word
-        """Stores what is wrong and with which operation, as far as that is known."""
+    def __init__(self, problem: str, op: str = "", id: Id = None) -> None:  # noqa: A002 - the protocol's word
+        """Stores the problem and the operation that caused it, if known."""
         super().__init__(f"{op}: {problem}" if op else problem)
         self.problem = problem
         self.op = op
@@ -20,12 +24,12 @@ class ProtocolError(ValueError):
 
 
 def shown(value: object, length: int = 40) -> str:
-    """Returns a value's text for an error message, cut where it is long."""
+    """Returns a value for an error message, at most `length` characters, without control characters."""
     if isinstance(value, (str, bytes)):
         value = value[: length + 1]
     elif isinstance(value, (list, dict)):
-        return "a list" if isinstance(value, list) else "a mapping"
+        return "a list" if isinstance(value, list) else "an object"
     elif isinstance(value, int) and abs(value) >= 10**length:
         return "a very large number"
-    text = repr(value)
+    text = ascii(value)
     return text if len(text) <= length else text[: length - 3] + "..."

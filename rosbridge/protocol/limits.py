@@ -1,35 +1,45 @@
-"""How much one peer may ask of this process. Everything that a peer can make grow has its bound here."""
+"""The limits for one peer. Everything that a peer can make grow is bounded here."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+__all__ = ["DEFAULT_LIMITS", "Limits"]
+
 
 class Limits(NamedTuple):
-    """Bounds for one connection; what is beyond them is refused, never shortened."""
+    """Limits for one connection. What exceeds a limit is refused, never shortened."""
 
     message_bytes: int = 1_000_000
-    """Largest message, as it arrives, after its fragments are joined and after it is unpacked."""
+    """Size of a received message, before and after its fragments are joined."""
+    first_message_bytes: int = 4_096
+    """Size of the first message of a client that has not presented the token."""
     name_chars: int = 512
-    """Longest name of a topic, service, action or type, and longest id."""
+    """Length of the name of a topic, service, action or type, and of an id."""
     nesting: int = 64
-    """Deepest nesting of lists and mappings."""
-    integer_digits: int = 400
-    """Longest whole number; the time that Python takes to read one grows with the square of its length."""
+    """Nesting depth of lists and objects."""
+    containers: int = 50_000
+    """Lists and objects in a received message."""
     partial_messages: int = 16
-    """Messages whose fragments are incomplete, at the same time."""
+    """Incomplete fragmented messages at the same time."""
     fragments: int = 10_000
     """Fragments of one message."""
+    fragment_chars: int = 256
+    """Smallest `fragment_size` that a peer may request: each fragment costs about 100 bytes more."""
     fragment_timeout_s: float = 60.0
     """An incomplete message is dropped this long after its last fragment, in s."""
     subscriptions: int = 1_000
     """Subscriptions of one client."""
     advertisements: int = 100
-    """Topics and services together that one client offers."""
+    """Topics and services that one client advertises."""
     calls: int = 100
-    """Service calls of one client that wait for their answer at the same time."""
-    queue_messages: int = 100_000
-    """Longest `queue_length` of a subscription; a longer one counts as this."""
+    """Pending service calls of one client."""
+    queue_messages: int = 10_000
+    """Largest `queue_length` of a subscription; a larger one counts as this."""
+    queue_bytes: int = 1_000_000
+    """Memory of the messages that wait for one client: those to be sent, and those held back by `throttle_rate`."""
+    sent_bytes: int = 16_000_000
+    """Estimated size of a message to be sent; larger ones are dropped."""
 
 
 DEFAULT_LIMITS = Limits()

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 from robot_health_monitor.core.middleware import resolve_name
 
-from ..protocol.connection import Auth
+from ..protocol import Auth
 
 LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of web pages that this machine serves itself, on any port."""

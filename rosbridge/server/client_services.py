@@ -6,7 +6,7 @@ import asyncio
 import itertools
 from typing import Any, Dict, Mapping, Protocol, Tuple
 
-from ..protocol.connection import CallService, Operation, ServiceResponse
+from ..protocol import CallService, Operation, ServiceResponse
 from ..protocol.errors import Id
 
 

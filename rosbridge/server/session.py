@@ -6,8 +6,8 @@ import asyncio
 import time
 from typing import TYPE_CHECKING, Any, Awaitable, Callable, Dict, Mapping, Optional, Set, Type
 
-from ..protocol import connection as protocol
-from ..protocol.connection import Connection, Operation, Wire
+from .. import protocol
+from ..protocol import Connection, Operation, Wire
 from ..protocol.definitions import canonical, service_definition
 from ..protocol.errors import Id, ProtocolError
 from .access import allowed
@@ -226,7 +226,7 @@ def _request_fields(request: protocol.CallService, server: Server) -> Mapping[st
     if len(request.args) == 1 and isinstance(request.args[0], dict):
         return request.args[0]
     type_name = server.offers.types.get(service, "")
-    for definition in service_definition(type_name, answer=False).values():
+    for definition in service_definition(type_name, response=False).values():
         names = [field.name for field in definition.fields]
         if len(request.args) <= len(names):
             return dict(zip(names, request.args))

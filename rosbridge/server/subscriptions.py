@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Deque, Generic, Iterable, NamedTuple, Optional, TypeVar
 
-from ..protocol.connection import COMPRESSIONS, Subscribe
+from ..protocol import COMPRESSIONS, Subscribe
 from ..protocol.limits import Limits
 
 T = TypeVar("T")

@@ -6,8 +6,9 @@ import asyncio
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence
 
+from ..protocol import Connection, Wire
 from ..protocol.cbor import encode_cbor
-from ..protocol.connection import Connection, Wire, encode_json
+from ..protocol.codec import encode_json
 from ..protocol.png import encode_png
 from .frames import FrameMaker
 from .subscriptions import Options, Pacer

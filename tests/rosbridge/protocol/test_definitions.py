@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+import math
 import struct
 from typing import Any, Dict
 
 import pytest
 
+from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.rosbridge.protocol.definitions import (
     Field,
     check_message,
     full_text,
+    null_reader,
     parse,
     serializer,
     service_definition,
@@ -59,7 +62,7 @@ def test_messages_are_written_as_ros_1_writes_them(type_name: str, message: Dict
 def test_a_message_that_does_not_fit_is_an_error(message: Dict[str, Any]) -> None:
     serialize = serializer("std_msgs/Float32")
     assert serialize is not None
-    with pytest.raises(ValueError):
+    with pytest.raises(MessageError, match="message does not match std_msgs/Float32"):
         serialize(message)
 
 
@@ -87,7 +90,8 @@ def test_a_definition_is_read_as_gendeps_prints_it() -> None:
         Field("few", "uint8", 0),
         Field("thing", "other_msgs/Thing", -1),
     ]
-    assert [name for name, _ in found["some_msgs/Outer"].constants] == ["LEVEL", "NAME"]
+    # A comment belongs to the value of a string constant (wiki.ros.org/msg), and to no other.
+    assert found["some_msgs/Outer"].constants == [("LEVEL", "3"), ("NAME", "a # b")]
 
 
 def test_a_full_text_holds_every_type_within_it_once() -> None:
@@ -100,11 +104,11 @@ def test_a_full_text_holds_every_type_within_it_once() -> None:
 
 
 def test_services_of_std_srvs_are_known() -> None:
-    (request,) = service_definition("std_srvs/SetBool", answer=False).values()
-    (response,) = service_definition("std_srvs/srv/Trigger", answer=True).values()
+    (request,) = service_definition("std_srvs/SetBool", response=False).values()
+    (response,) = service_definition("std_srvs/srv/Trigger", response=True).values()
     assert [field.name for field in request.fields] == ["data"]
     assert [field.name for field in response.fields] == ["success", "message"]
-    assert service_definition("some_srvs/Unknown", answer=False) == {}
+    assert service_definition("some_srvs/Unknown", response=False) == {}
 
 
 @pytest.mark.parametrize(("type_name", "fits"), [("std_msgs/Float32", False), ("std_msgs/String", True)])
@@ -112,6 +116,29 @@ def test_a_message_is_checked_where_its_type_is_known(type_name: str, fits: bool
     if fits:
         check_message(type_name, {"data": "full"})
     else:
-        with pytest.raises(ValueError, match="needs a number as data"):
+        with pytest.raises(MessageError, match="std_msgs/Float32: data: expected a number, got 'full'"):
             check_message(type_name, {"data": "full"})
     check_message("nav_msgs/Odometry", {"data": "full"})
+
+
+def test_null_is_read_as_nan_in_float_fields_only() -> None:
+    definition = (
+        "string name\nfloat64 x\nfloat32[] ranges\nInner inner\nInner[] list\n"
+        + "=" * 80
+        + "\nMSG: some_msgs/Inner\nfloat32 y\nint32 n\n"
+    )
+    read = null_reader("some_msgs/Outer", definition)
+    inner = {"y": None, "n": None}
+    message = {"name": None, "x": None, "ranges": [None, 1.0], "inner": inner, "list": [inner, inner]}
+    assert repr(read(message)) == repr(
+        {
+            "name": None,
+            "x": math.nan,
+            "ranges": [math.nan, 1.0],
+            "inner": {"y": math.nan, "n": None},
+            "list": [{"y": math.nan, "n": None}, {"y": math.nan, "n": None}],
+        }
+    )
+    assert message["x"] is None
+    assert null_reader("unknown_msgs/Type")({"x": None}) == {"x": None}
+    assert math.isnan(null_reader("std_msgs/Float32")({"data": None})["data"])

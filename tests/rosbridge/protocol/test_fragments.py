@@ -9,7 +9,7 @@ from robot_health_monitor.rosbridge.protocol.fragments import Reassembly, split
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 
 
-def fragment(data: str, num: Any, total: Any, id: Any = "a") -> Any:  # noqa: A002 - the protocol's own word
+def fragment(data: str, num: Any, total: Any, id: Any = "a") -> Any:  # noqa: A002 - the protocol's word
     return {"op": "fragment", "id": id, "data": data, "num": num, "total": total}
 
 
@@ -58,7 +58,7 @@ def test_a_number_beyond_its_total_is_refused(num: Any, total: Any) -> None:
 def test_a_total_that_changes_drops_the_message() -> None:
     reassembly = Reassembly(Limits())
     reassembly.add(fragment("a", 0, 2), 0.0)
-    with pytest.raises(ProtocolError, match="found 3 as total where it was 2"):
+    with pytest.raises(ProtocolError, match="total: expected 2 as before, got 3"):
         reassembly.add(fragment("b", 1, 3), 0.0)
     assert reassembly.add(fragment("b", 1, 2), 0.0) is None
 

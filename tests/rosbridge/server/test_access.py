@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from robot_health_monitor.rosbridge.protocol.connection import Auth
+from robot_health_monitor.rosbridge.protocol import Auth
 from robot_health_monitor.rosbridge.server.access import Access, allowed, is_loopback
 
 

@@ -123,13 +123,13 @@ class TestSubscribing:
     async def test_long_messages_come_in_fragments_when_asked_for(robot: Robot) -> None:
         robot.node.advertise("/text", "std_msgs/String")
         async with robot.peer() as peer:
-            await peer.subscribe("/text", fragment_size=50)
-            robot.node.publish("/text", {"data": "x" * 100})
+            await peer.subscribe("/text", fragment_size=256)
+            robot.node.publish("/text", {"data": "x" * 1000})
             first = await peer.receive()
-            assert (first["op"], first["num"]) == ("fragment", 0) and len(first["data"]) == 50
+            assert (first["op"], first["num"]) == ("fragment", 0) and len(first["data"]) == 256
             rest = [await peer.receive() for _ in range(first["total"] - 1)]
             whole = json.loads("".join(fragment["data"] for fragment in [first, *rest]))
-            assert whole == {"op": "publish", "topic": "/text", "msg": {"data": "x" * 100}}
+            assert whole == {"op": "publish", "topic": "/text", "msg": {"data": "x" * 1000}}
 
     @staticmethod
     @with_robot()
@@ -225,7 +225,9 @@ class TestPublishingAndServices:
         async with robot.peer() as peer:
             await peer.send("call_service", service="/rosapi/topics", compression="png")
             assert (await peer.receive())["op"] == "png"
-            await peer.send("call_service", service="/rosapi/topics", fragment_size=20)
+            await peer.send(
+                "call_service", service="/rosapi/message_details", args={"type": "rosgraph_msgs/Log"}, fragment_size=256
+            )
             assert (await peer.receive())["op"] == "fragment"
 
     @staticmethod

@@ -1,0 +1,46 @@
+"""One example of every rosbridge operation, with the fields of ROSBRIDGE_PROTOCOL.md."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List
+
+EXAMPLES: List[Dict[str, Any]] = [
+    {"op": "advertise", "id": "a1", "topic": "/in", "type": "std_msgs/Float32"},
+    {"op": "advertise", "topic": "/in", "type": "std_msgs/Float32", "latch": True, "queue_size": 10},
+    {"op": "unadvertise", "id": "a1", "topic": "/in"},
+    {"op": "publish", "id": "p1", "topic": "/in", "msg": {"data": 19.5}},
+    {"op": "subscribe", "topic": "/out"},
+    {
+        "op": "subscribe",
+        "id": "s1",
+        "topic": "/out",
+        "type": "std_msgs/Float32",
+        "throttle_rate": 100.0,
+        "queue_length": 5,
+        "fragment_size": 1000,
+        "compression": "png",
+    },
+    {"op": "unsubscribe", "id": "s1", "topic": "/out"},
+    {"op": "call_service", "service": "/reset", "args": {}},
+    {
+        "op": "call_service",
+        "id": 7,
+        "service": "/reset",
+        "args": [1, "two"],
+        "fragment_size": 500,
+        "compression": "png",
+    },
+    {"op": "service_response", "service": "/reset", "values": {"success": True}, "result": True, "id": "c1"},
+    {"op": "service_response", "service": "/reset", "values": "it failed", "result": False, "id": "c1"},
+    {"op": "advertise_service", "service": "/reset", "type": "std_srvs/Trigger"},
+    {"op": "unadvertise_service", "service": "/reset"},
+    {"op": "advertise_action", "action": "/dock", "type": "docking/Dock"},
+    {"op": "unadvertise_action", "action": "/dock"},
+    {"op": "send_action_goal", "action": "/dock", "action_type": "docking/Dock", "args": {}, "feedback": True},
+    {"op": "cancel_action_goal", "action": "/dock", "id": "g1"},
+    {"op": "action_feedback", "action": "/dock", "values": {"done": 0.5}, "id": "g1"},
+    {"op": "action_result", "action": "/dock", "values": {}, "status": 4, "result": True, "id": "g1"},
+    {"op": "set_level", "level": "warning"},
+    {"op": "status", "level": "error", "msg": "bad JSON", "id": "p1"},
+    {"op": "auth", "mac": "a", "client": "b", "dest": "c", "rand": "d", "t": 1.0, "level": "user", "end": 2.0},
+]
