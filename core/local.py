@@ -34,14 +34,21 @@ class LogLine(NamedTuple):
 class LocalBus:
     """Topics, services and time shared by the nodes of one process."""
 
-    def __init__(self, start_s: float = 0.0, on_log: Optional[Callable[[LogLine], None]] = None) -> None:
+    def __init__(
+        self,
+        start_s: float = 0.0,
+        on_log: Optional[Callable[[LogLine], None]] = None,
+        wall_time_s: Optional[Callable[[], float]] = None,
+    ) -> None:
         """Makes an empty bus.
 
         Args:
             start_s: the time at the start, in seconds.
             on_log: called with every log line; None keeps them in `log_lines`.
+            wall_time_s: seconds since 1970, for the stamps of messages; None: the time of the bus.
         """
         self.now_s = start_s
+        self.wall_time_s: Callable[[], float] = wall_time_s or (lambda: self.now_s)
         self.log_lines: List[LogLine] = []
         self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
         self.types: Dict[str, str] = {}
@@ -245,7 +252,7 @@ class LocalMiddleware:
 
     def publish(self, topic: str, message: Message) -> None:
         resolved = self._require_advertised(topic)
-        self._bus._deliver(resolved, self._advertised[resolved](message, self._bus.now_s))
+        self._bus._deliver(resolved, self._advertised[resolved](message, self._bus.wall_time_s()))
 
     def has_listeners(self, topic: str) -> bool:
         return bool(self._bus._subscriptions.get(self._require_advertised(topic)))

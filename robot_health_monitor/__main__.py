@@ -1,26 +1,27 @@
 """The command line: `robot-health`, or `python -m robot_health_monitor`.
 
-Here is what every command shares: interrupts, exit codes, what happens when the output breaks. All else is imported
-once an interrupt finds this ready to end cleanly.
+Interrupts, exit codes and broken output, for every command. Everything else is imported once an interrupt can end the
+process cleanly.
 """
 
 from __future__ import annotations
 
 import os
-import signal
 import sys
-from typing import Any, Callable, List, Optional, Sequence
+from typing import TYPE_CHECKING, Callable, Dict, Optional, Sequence
 
-FINE, ALERTS_FOUND, WRONG = 0, 1, 2
-"""Exit codes: fine; the run found alerts, where judging was its job; usage or configuration."""
+from .interrupts import Interrupts
 
-_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+if TYPE_CHECKING:
+    import argparse
 
+FINE, ALERTS_FOUND, WRONG_USAGE, FAILED = 0, 1, 2, 3
+"""Exit codes: success; alerts were found; usage or configuration error; the command itself failed."""
 
 _LIBRARIES = {
-    "yaml": "PyYAML is not installed, which reads configuration files",
-    "aiohttp": "aiohttp is not installed, which connects to rosbridge servers",
-    "cbor2": "cbor2 is not installed, which reads messages of rosbridge servers",
+    "yaml": "PyYAML is not installed: it reads configuration files",
+    "aiohttp": "aiohttp is not installed: it connects to rosbridge servers",
+    "cbor2": "cbor2 is not installed: it decodes messages of rosbridge servers",
 }
 
 
@@ -41,13 +42,17 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             return code
         except KeyboardInterrupt:
             return FINE
-        except BrokenPipeError:  # whoever read has seen enough
+        except BrokenPipeError:  # the reader has seen enough, as `| head`
             _abandon_stdout()
             return FINE
+        except ModuleNotFoundError as error:
+            return _fail(_LIBRARIES.get(error.name or "", f"{error.name} is not installed"))
         except OSError as error:
             _abandon_stdout()
-            print(f"robot-health: the output cannot be written: {error.strerror or error}", file=sys.stderr)
-            return WRONG
+            return _fail(f"the output cannot be written: {error.strerror or error}")
+        except Exception as error:
+            _abandon_stdout()
+            return _fail(f"internal error: {_place_of(error)}{type(error).__name__}: {error}")
 
 
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
@@ -57,88 +62,87 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
 
     try:
         arguments = parse(argv)
-    except SystemExit as end:  # help, the version, or wrong usage; what it wrote is still to be flushed
+    except SystemExit as end:  # help, the version or wrong usage; its output is yet to be flushed
         return int(end.code or FINE)
+    commands: Dict[str, Callable[[], int]] = {
+        "run": lambda: _run(arguments, interrupts),
+        "connect": lambda: _connect(arguments, interrupts),
+        "check": lambda: _check(arguments),
+        "sources": lambda: _sources(arguments),
+    }
     try:
-        if arguments.command == "run":
-            from .run_command import run
-
-            alerts_found = run(arguments, interrupts)
-            return ALERTS_FOUND if alerts_found else FINE
-        if arguments.command == "connect":
-            from .connect_command import connect
-
-            alerts_found = connect(arguments, interrupts)
-            return ALERTS_FOUND if alerts_found else FINE
-        if arguments.command == "sources":
-            from .sources_command import show_sources
-
-            show_sources(arguments.json)
-            return FINE
-        from .check_command import check
-
-        return FINE if check(arguments.files) else WRONG
-    except ModuleNotFoundError as error:
-        purpose = _LIBRARIES.get(error.name or "")
-        if purpose is None:
-            raise
-        print(f"robot-health: {purpose}", file=sys.stderr)
-        return WRONG
+        return commands[arguments.command]()
     except ConfigError as error:
-        print(str(error).replace("\n", "\\n"), file=sys.stderr)  # one line, whatever a file's name holds
-        return WRONG
+        _write_error(str(error))
+        return WRONG_USAGE
 
 
-class Interrupts:
-    """Turns SIGINT and SIGTERM into a clean end: KeyboardInterrupt, or a call of `on_interrupt` once that is set."""
+def _run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    from .run_command import run
 
-    def __init__(self) -> None:
-        """Changes nothing yet."""
-        self.on_interrupt: Optional[Callable[[], object]] = None
-        self._interrupted = False
-        self._before: List[Any] = []
+    return ALERTS_FOUND if run(arguments, interrupts) else FINE
 
-    def __enter__(self) -> Interrupts:
-        """Takes the signals."""
-        try:
-            self._before = [(number, signal.signal(number, self._handle)) for number in _ENDING_SIGNALS]
-        except ValueError:
-            pass  # not in the main thread, which is the only one that signals reach
-        return self
 
-    def __exit__(self, *error: object) -> None:
-        """Gives the signals back; after an interrupt, a second one must not disturb the clean end of the process."""
-        if self._interrupted:
-            # Not SIG_IGN: Python complains of a race when a signal comes while its handler changes.
-            signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING_SIGNALS)
-            return
-        for number, handler in self._before:
-            signal.signal(number, handler)
+def _connect(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    from .connect_command import connect
 
-    def _handle(self, number: int, frame: object) -> None:
-        first, self._interrupted = not self._interrupted, True
-        if self.on_interrupt is not None:
-            self.on_interrupt()
-        elif first:
-            raise KeyboardInterrupt
+    return ALERTS_FOUND if connect(arguments, interrupts) else FINE
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from .check_command import check
+
+    return FINE if check(arguments.files) else WRONG_USAGE
+
+
+def _sources(arguments: argparse.Namespace) -> int:
+    from .sources_command import show_sources
+
+    show_sources(arguments.json)
+    return FINE
 
 
 def _prepare_streams() -> None:
-    """Makes sure that stdout and stderr are there, and that no character is too much for them."""
+    """Ensures that stdout and stderr exist, and that they accept every character."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is None:  # closed by whoever started us
+        if stream is None:  # the parent process closed it
             setattr(sys, name, open(os.devnull, "w"))  # lasts as long as the process
         elif hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 
 
 def _abandon_stdout() -> None:
-    """Lets the flush at Python's end go into nothing."""
+    """Discards what Python flushes at its end."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, ValueError):
-        pass  # no file below it
+        pass  # it has no file descriptor
+
+
+def _fail(text: str) -> int:
+    _write_error(f"robot-health: {text}")
+    return FAILED
+
+
+def _write_error(text: str) -> None:
+    from robot_health_monitor.core.formatting import printable
+
+    try:
+        sys.stderr.write(f"{printable(text)}\n")
+        sys.stderr.flush()
+    except OSError:
+        pass  # the exit code is all that is left
+
+
+def _place_of(error: BaseException) -> str:
+    """Returns file and line of the code that raised an error, for a report of the bug."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    if trace is None:
+        return ""
+    return f"{os.path.basename(trace.tb_frame.f_code.co_filename)}:{trace.tb_lineno}: "
 
 
 if __name__ == "__main__":

@@ -1,82 +1,60 @@
-"""`robot-health connect`: watches robots over rosbridge, with no ROS installed here."""
+"""`robot-health connect`: watches robots over rosbridge, without ROS on this machine."""
 
 from __future__ import annotations
 
 import argparse
-import asyncio
 import ssl
-from typing import TYPE_CHECKING, Optional
+import time
+from contextlib import asynccontextmanager
+from typing import AsyncIterator, Awaitable, Optional
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.yaml_file import read_yaml
 
-from .embedded import clock
 from .fleet import Fleet, read_addresses
 from .installed_files import find_installed
+from .interrupts import Interrupts
+from .live_session import run_session
 from .output.choice import choose_output
-from .output.lines import Events
-
-if TYPE_CHECKING:
-    from .__main__ import Interrupts
-
-_SHOW_PERIOD_S = 0.1
+from .output.events import Events
+from .tokens import find_token
 
 
 def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     """Watches robots until an interrupt, or for `--duration`.
 
     Returns:
-        Whether it ran to the end of its duration and found alerts.
+        Whether the duration has passed and there were alerts.
 
     Raises:
-        ConfigError: an address or the configuration cannot be used.
-        BrokenPipeError: nobody reads the output any more.
+        ConfigError: an address, the token file or the configuration cannot be used.
     """
     addresses = read_addresses(arguments.urls)
     file = arguments.thresholds or find_installed("config/thresholds.yaml")
-    events = Events(Severity[arguments.log_level])
+    output = choose_output(arguments.json, name_robots=len(addresses) > 1)
+    events = Events(output.add, Severity[arguments.log_level])
+
+    def warn(text: str) -> None:
+        events.on_log(LogLine(time.monotonic(), "connect", Severity.WARN, text))
+
     fleet = Fleet(
         addresses,
         read_yaml(file) if file else None,
         namespace=arguments.namespace,
-        token=arguments.token,
+        token=find_token(arguments.token_file, warn),
         ssl_context=_trust(arguments.ca),
-        clock=clock(),
+        clock=time.monotonic,
         on_log=events.on_log,
-        on_transition=events.on_transition,
+        outlet=events.outlet,
     )
-    output = choose_output(arguments.json, name_robots=len(addresses) > 1)
 
-    async def run_until_stopped() -> bool:
-        """Returns whether it came to its end without an interrupt."""
-        loop = asyncio.get_running_loop()
-        stop = asyncio.Event()
-        interrupts.on_interrupt = lambda: loop.call_soon_threadsafe(stop.set)
-        output.attach(loop, fleet)
-        running, stopped = asyncio.ensure_future(fleet.run()), asyncio.ensure_future(stop.wait())
-        end_s = None if arguments.duration is None else loop.time() + arguments.duration
-        try:
-            while not stopped.done() and not running.done() and (end_s is None or loop.time() < end_s):
-                output.show(events.take(), fleet)
-                await asyncio.wait({running, stopped}, timeout=_SHOW_PERIOD_S, return_when=asyncio.FIRST_COMPLETED)
-            if running.done():
-                running.result()  # it has failed, for otherwise it goes on
-            return not stop.is_set()
-        finally:
-            interrupts.on_interrupt = bool  # does nothing: the end is under way
-            fleet.close()
-            for task in (running, stopped):
-                task.cancel()
-            await asyncio.wait({running, stopped})
+    @asynccontextmanager
+    async def work() -> AsyncIterator[Awaitable[None]]:
+        yield fleet.run()
 
-    try:
-        to_the_end = asyncio.run(run_until_stopped())
-        output.show(events.take(), fleet)
-    finally:
-        output.close()
-        fleet.close()
-    return to_the_end and events.alerts > 0
+    return run_session(fleet, work(), events, output, interrupts, arguments.duration)
 
 
 def _trust(ca_file: Optional[str]) -> Optional[ssl.SSLContext]:

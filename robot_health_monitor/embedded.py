@@ -1,4 +1,4 @@
-"""The monitor in one process without any middleware: the three nodes on a `LocalBus`, driven by an asyncio loop."""
+"""The monitor in one process, without ROS: the three nodes on a `LocalBus`, driven by an asyncio loop."""
 
 from __future__ import annotations
 
@@ -8,16 +8,22 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import Section, sections
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Middleware
-from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
-from robot_health_monitor.core.outlets import Event, Outlet
+from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
+from robot_health_monitor.core.outlets import Outlet
+from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors.configuration import METRICS
 from robot_health_monitor.core.yaml_file import YamlFile
 
-_HEALTH_KEEPS_S = 3.0
+NODES = ("alert_system", "aggregator", "battery_sensor")
+"""The nodes that run here, by their names in a configuration file."""
+_KEPT_PERIODS = 3
+"""A system_health is shown for this many periods after it was published."""
+_PUBLISH_RATE: Parameter = next(parameter for parameter in AGGREGATOR_PARAMETERS if parameter.name == "publish_rate")
 
 
 class EmbeddedMonitor:
@@ -29,43 +35,50 @@ class EmbeddedMonitor:
         *,
         robot: str = "",
         source: str = "",
-        start_s: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+        wall_time_s: Callable[[], float] = time.time,
         on_log: Optional[Callable[[LogLine], None]] = None,
-        on_transition: Optional[Callable[[Transition], None]] = None,
+        outlet: Optional[Outlet] = None,
     ) -> None:
-        """Starts the nodes; time stands still until `bus.run_due` is called.
+        """Starts the nodes; time stands still until `run`, or `bus.run_due`, is called.
 
         Args:
-            file: the configuration of the nodes, each under its name; None: their defaults.
-            robot: the robot's name, in place of the file's.
-            source: where all metrics come from, in place of the file's: simulated or host.
-            start_s: the time at the start, in seconds.
-            on_log: called with every line that a node logs.
-            on_transition: called with every transition, right after its line was logged.
+            file: configuration of the nodes, each under its name; None: their defaults.
+            robot: name of the robot, in place of the one in the file.
+            source: source of all metrics, in place of the ones in the file: simulated, host or none.
+            clock: monotonic seconds.
+            wall_time_s: seconds since 1970, for the stamps of messages.
+            on_log: receives the log lines of the nodes; None keeps them in `bus.log_lines`.
+            outlet: receives transitions and notices, which are then not logged; None: they are logged.
 
         Raises:
             ConfigError: the configuration cannot be used; the message names file and line.
         """
-        self.bus = LocalBus(start_s, on_log)
-        self.alert_system: AlertSystem
+        self._clock = clock
+        self.bus = LocalBus(clock(), on_log, wall_time_s)
         self._nodes: List[Any] = []
+        self._middlewares: Dict[str, Middleware] = {}
         self._file = file
         self._sections = {} if file is None else sections_of_nodes(file)
-        self.unused_sections = sorted(self._sections.keys() - {"alert_system", "aggregator", "battery_sensor"})
-        """Names of nodes in the file that are not among those that run here."""
+        self.unused_sections = sorted(self._sections.keys() - set(NODES))
+        """Names of nodes in the file that do not run here."""
         self._robot = robot
         self._source = source
-        self.alert_system = self._start("alert_system", lambda node: _alert_system(node, on_transition))
+        outlets = {} if outlet is None else {"output": outlet}
+        self.alert_system: AlertSystem = self._start(
+            "alert_system", lambda node: AlertSystem(node, outlets, log_alerts=outlet is None)
+        )
         self._start("aggregator", Aggregator)
-        self._start("battery_sensor", BatterySensor)  # last, so that nobody misses its first values
+        if source != "none":
+            self._start("battery_sensor", BatterySensor)  # last: its first values have subscribers
         self._health: Optional[Tuple[float, float]] = None
-        listener = self.bus.node("terminal")
-        listener.subscribe("system_health", "std_msgs/Float32", self._take_health, field="data")
+        listener = self.bus.node("output")
+        listener.subscribe("system_health", "std_msgs/Float32", self._note_health, field="data")
         self._nodes.append(listener)
 
     @property
     def monitors(self) -> Sequence[Monitor]:
-        """The one monitor that there is."""
+        """The monitor of the one robot."""
         return (self.alert_system.monitor,)
 
     @property
@@ -73,23 +86,37 @@ class EmbeddedMonitor:
         """The time of the bus, in seconds."""
         return self.bus.now_s
 
+    @property
+    def faults(self) -> Faults:
+        """The faults that alert_system reports."""
+        return self._middlewares["alert_system"].faults
+
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """Returns the parameters that were given, nested, by the full name of their node."""
         return {node.name: node.given_parameters() for node in self.bus.nodes}
 
     @property
     def system_health(self) -> Optional[float]:
-        """The latest system_health, None while it is not published."""
-        if self._health is None or self.bus.now_s - self._health[1] > _HEALTH_KEEPS_S:
+        """The latest system_health; None: it is no longer published."""
+        if self._health is None:
             return None
-        return self._health[0]
+        value, published_s = self._health
+        rate_hz = self._middlewares["aggregator"].given_parameters().get(_PUBLISH_RATE.name, _PUBLISH_RATE.default)
+        return value if self.bus.now_s - published_s <= _KEPT_PERIODS / float(rate_hz) else None
+
+    async def run(self) -> None:
+        """Runs the timers of the nodes in real time, until it is cancelled."""
+        while True:
+            self.bus.run_due(self._clock())
+            due_s = self.bus.next_due_s()
+            await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
 
     def close(self) -> None:
         """Ends the nodes."""
         for node in self._nodes:
             node.close()
 
-    def _take_health(self, value: float, now_s: float) -> None:
+    def _note_health(self, value: float, now_s: float) -> None:
         self._health = value, now_s
 
     def _start(self, name: str, make: Callable[[Middleware], Any]) -> Any:
@@ -105,69 +132,21 @@ class EmbeddedMonitor:
                 raise ConfigError(error.problem, path) from None
             raise self._file.locate(ConfigError(error.problem, path)) from None
         self._nodes.append(node)
+        self._middlewares[name] = middleware
         return node
 
     def _parameters(self, name: str, given: Mapping[str, Any]) -> Mapping[str, Any]:
         parameters: Dict[str, Any] = dict(given)
         if self._robot:
             parameters["robot_name"] = self._robot
-        elif "alert_system" in self._sections:  # one robot, which the file need not name three times
+        elif "alert_system" in self._sections:  # one robot: the file need not name it three times
             parameters = {"robot_name": self._sections["alert_system"].tree.get("robot_name", ""), **parameters}
         if name == "battery_sensor" and self._source:
             for metric in METRICS:
                 section = parameters.get(metric, {})
-                if isinstance(section, Mapping):  # what is not is left for the node to refuse
+                if isinstance(section, Mapping):  # anything else is for the node to reject
                     parameters[metric] = {**section, "source": self._source}
         return parameters
-
-
-def _alert_system(node: Middleware, on_transition: Optional[Callable[[Transition], None]]) -> AlertSystem:
-    if on_transition is None:
-        return AlertSystem(node)
-    return AlertSystem(node, {"output": transitions_to(on_transition, node)}, log_alerts=False)
-
-
-def transitions_to(on_transition: Callable[[Transition], None], node: Middleware) -> Outlet:
-    """Returns an outlet that calls `on_transition` with each transition and logs each notice."""
-
-    def outlet(event: Event) -> None:
-        if isinstance(event, Transition):
-            on_transition(event)
-        else:
-            node.log(event.severity, event.text)
-
-    return outlet
-
-
-def clock() -> Callable[[], float]:
-    """Returns a clock that starts with the seconds since 1970 and then runs as the monotonic one does.
-
-    The stamps of messages mean something to whoever receives them, and a step of the system's clock changes nothing.
-    """
-    offset_s = time.time() - time.monotonic()
-    return lambda: offset_s + time.monotonic()
-
-
-async def run_timers(
-    bus: LocalBus, now_s: Callable[[], float], stop: asyncio.Event, after_due: Callable[[], None]
-) -> None:
-    """Runs the timers of a bus in real time until `stop` is set.
-
-    Args:
-        bus: whose timers to run.
-        now_s: the clock.
-        stop: ends it.
-        after_due: called each time after timers have run.
-    """
-    while not stop.is_set():
-        bus.run_due(now_s())
-        after_due()
-        due_s = bus.next_due_s()
-        wait_s = None if due_s is None else max(0.0, due_s - now_s())
-        try:
-            await asyncio.wait_for(stop.wait(), wait_s)
-        except asyncio.TimeoutError:
-            pass  # the next timer is due
 
 
 def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:

@@ -9,15 +9,17 @@ from typing import Callable, List, Mapping, NamedTuple, Optional, Sequence
 from urllib.parse import urlsplit
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.model import Sample, Transition
+from robot_health_monitor.core.model import Sample
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.signal_monitor import LINK
 from robot_health_monitor.core.yaml_file import YamlFile
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient
 
-from .embedded import sections_of_nodes, transitions_to
+from .embedded import sections_of_nodes
 
 _NAMED = re.compile(r"(?P<name>[\w.-]+)=(?P<url>.+)", re.ASCII)
 
@@ -77,7 +79,7 @@ class Robot:
         ssl_context: Optional[ssl.SSLContext],
         clock: Callable[[], float],
         on_log: Callable[[LogLine], None],
-        on_transition: Callable[[Transition], None],
+        outlet: Callable[[str], Outlet],
     ) -> None:
         """Starts the alert_system; the link comes up in `client.run`.
 
@@ -96,9 +98,7 @@ class Robot:
         self._node = self.client.node(
             "alert_system", namespace=namespace, parameters={**parameters, "robot_name": address.name}
         )
-        self.alert_system = AlertSystem(
-            self._node, {"output": transitions_to(on_transition, self._node)}, log_alerts=False
-        )
+        self.alert_system = AlertSystem(self._node, {"output": outlet(address.name)}, log_alerts=False)
 
     def close(self) -> None:
         """Ends the alert_system."""
@@ -112,6 +112,8 @@ class Robot:
 class Fleet:
     """Several robots, judged by one configuration."""
 
+    faults: Optional[Faults] = None
+    """Not shown: the monitor's own faults are per robot."""
     system_health: Optional[float] = None
     """There is no one number for several robots."""
 
@@ -125,7 +127,7 @@ class Fleet:
         ssl_context: Optional[ssl.SSLContext] = None,
         clock: Callable[[], float],
         on_log: Callable[[LogLine], None],
-        on_transition: Callable[[Transition], None],
+        outlet: Callable[[str], Outlet],
     ) -> None:
         """Makes the robots; `run` connects to them.
 
@@ -137,7 +139,7 @@ class Fleet:
             ssl_context: for `wss://`; None trusts the system's certificate authorities.
             clock: the time in seconds.
             on_log: called with every log line; its node is the robot's name.
-            on_transition: called with every transition, right after its line was logged.
+            outlet: returns the outlet for a robot's transitions and notices, by its name.
 
         Raises:
             ConfigError: the configuration cannot be used; the message names file and line.
@@ -155,7 +157,7 @@ class Fleet:
                     ssl_context=ssl_context,
                     clock=clock,
                     on_log=on_log,
-                    on_transition=on_transition,
+                    outlet=outlet,
                 )
             except ConfigError as error:
                 if file is None or section is None:

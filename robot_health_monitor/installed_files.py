@@ -1,4 +1,4 @@
-"""Finds the files that are installed beside the package: package.xml and config/thresholds.yaml."""
+"""Finds files that are installed with the package, such as config/thresholds.yaml."""
 
 from __future__ import annotations
 
@@ -10,27 +10,10 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def find_installed(name: str) -> Optional[Path]:
-    """Returns where `config/thresholds.yaml` or `package.xml` is, None when it is nowhere.
+    """Returns the path of `config/thresholds.yaml` or another installed file; None: it is not installed.
 
-    In a source tree they stand beside the package. pip, colcon and catkin put them into `share/robot_health_monitor` of
-    the prefix below which they put the package.
+    The source tree has it beside the package; pip, colcon and catkin install it in
+    `<prefix>/share/robot_health_monitor`.
     """
     places = [_PACKAGE.parent, *(above / "share" / _PACKAGE.name for above in _PACKAGE.parents)]
     return next((place / name for place in places if (place / name).is_file()), None)
-
-
-def version() -> str:
-    """Returns the one version number, which stands in package.xml."""
-    manifest = find_installed("package.xml")
-    if manifest is not None:
-        from xml.etree import ElementTree
-
-        found = ElementTree.parse(manifest).findtext("version")
-        if found:
-            return found.strip()
-    from importlib import metadata
-
-    try:
-        return metadata.version(_PACKAGE.name)
-    except metadata.PackageNotFoundError:
-        return "unknown"

@@ -1,71 +1,81 @@
-"""`robot-health run`: the monitor in this process, shown on a terminal, in a pipe or to a program."""
+"""`robot-health run`: the monitor in this process, without ROS."""
 
 from __future__ import annotations
 
 import argparse
-import asyncio
-from typing import TYPE_CHECKING
+from contextlib import asynccontextmanager
+from typing import AsyncIterator, Awaitable
 
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.yaml_file import read_yaml
 
-from .embedded import EmbeddedMonitor, clock, run_timers
+from .embedded import EmbeddedMonitor
 from .installed_files import find_installed
+from .interrupts import Interrupts
+from .live_session import run_session
 from .output.choice import choose_output
-from .output.lines import Events
-from .serving import start_server
-
-if TYPE_CHECKING:
-    from .__main__ import Interrupts
+from .output.events import Events
+from .serving import DEFAULT_PORT, ServerSettings, serve, stop_serving
+from .tokens import find_token
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     """Runs the monitor until an interrupt, or for `--duration`.
 
     Returns:
-        Whether it ran to the end of its duration and found alerts.
+        Whether the duration has passed and there were alerts.
 
     Raises:
-        ConfigError: the configuration cannot be used, or the port that was asked for.
-        BrokenPipeError: nobody reads the output any more.
+        ConfigError: the configuration, the token file or the requested port cannot be used.
     """
     file = arguments.thresholds or find_installed("config/thresholds.yaml")
-    events = Events(Severity[arguments.log_level])
-    now_s = clock()
+    output = choose_output(arguments.json)
+    events = Events(output.add, Severity[arguments.log_level])
     monitor = EmbeddedMonitor(
         read_yaml(file) if file else None,
         robot=arguments.robot,
         source=arguments.source,
-        start_s=now_s(),
         on_log=events.on_log,
-        on_transition=events.on_transition,
+        outlet=events.outlet("alert_system"),
     )
-    output = choose_output(arguments.json)
-
-    async def run_until_stopped() -> bool:
-        """Returns whether it came to its end without an interrupt."""
-        loop = asyncio.get_running_loop()
-        stop = asyncio.Event()
-        interrupts.on_interrupt = lambda: loop.call_soon_threadsafe(stop.set)
-        output.attach(loop, monitor)
-        server = await start_server(monitor, arguments)
-        try:
-            timers = asyncio.ensure_future(
-                run_timers(monitor.bus, now_s, stop, lambda: output.show(events.take(), monitor))
-            )
-            interrupted, _ = await asyncio.wait({timers}, timeout=arguments.duration)
-            stop.set()
-            await timers
-            return not interrupted
-        finally:
-            interrupts.on_interrupt = bool  # does nothing: the end is under way
-            if server is not None:
-                await server.close()
-
     try:
-        to_the_end = asyncio.run(run_until_stopped())
-        output.show(events.take(), monitor)
-    finally:
-        output.close()
+        settings = server_settings(arguments, monitor)
+    except ConfigError:
         monitor.close()
-    return to_the_end and events.alerts > 0
+        raise
+
+    @asynccontextmanager
+    async def work() -> AsyncIterator[Awaitable[None]]:
+        server = await serve(monitor, settings, required=arguments.port is not None)
+        try:
+            yield monitor.run()
+        finally:
+            if server is not None:
+                await stop_serving(server)
+
+    return run_session(monitor, work(), events, output, interrupts, arguments.duration)
+
+
+def server_settings(arguments: argparse.Namespace, monitor: EmbeddedMonitor) -> ServerSettings:
+    """Returns the settings of the server: those of the command line, then of the configuration, then the defaults.
+
+    Raises:
+        ConfigError: the token file cannot be used.
+    """
+    config = monitor.alert_system.monitor.config
+
+    def warn(text: str) -> None:
+        monitor.bus.on_log(LogLine(monitor.now_s, "rosbridge", Severity.WARN, text))
+
+    token_file = arguments.token_file or getattr(config, "rosbridge_token_file", "")
+    return ServerSettings(
+        port=config.rosbridge_port or DEFAULT_PORT if arguments.port is None else arguments.port,
+        address=arguments.host or config.rosbridge_address,
+        token=find_token(token_file, warn),
+        origins=arguments.origin,
+        allow_publish=arguments.allow_publish,
+        allow_call=arguments.allow_call,
+        allow_offer=arguments.allow_offer,
+    )

@@ -1,61 +1,139 @@
-"""The rosbridge server of `robot-health run`, in the monitor's own event loop."""
+"""Starts a rosbridge server beside an alert_system. Every executable that serves clients starts it here."""
 
 from __future__ import annotations
 
-import argparse
-from typing import TYPE_CHECKING, Optional
+import asyncio
+from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import Severity
-
-from .embedded import EmbeddedMonitor
+from robot_health_monitor.core.local import LocalMiddleware, LogLine
+from robot_health_monitor.core.middleware import ServedMiddleware, Severity
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.outlets import Event
 
 if TYPE_CHECKING:
     from robot_health_monitor.rosbridge.server.server import Server
 
-_DEFAULT_PORT = 9090
+    from .embedded import EmbeddedMonitor
+
+DEFAULT_PORT = 9090
+_FAULT = "rosbridge"
+_CLOSE_S = 1.5
+"""Longest time to close connections."""
+_SEVERITY_OF_LEVEL = {
+    Level.OK: Severity.INFO,
+    Level.WARN: Severity.WARN,
+    Level.ERROR: Severity.ERROR,
+    Level.STALE: Severity.WARN,
+}
 
 
-async def start_server(monitor: EmbeddedMonitor, arguments: argparse.Namespace) -> Optional[Server]:
-    """Serves the monitor's topics, services and log as the arguments say.
+class ServerSettings(NamedTuple):
+    """Where a server listens, and what its clients may do besides reading."""
 
-    Returns:
-        The server; None when the default port is taken or a library is missing: the log says so, and the monitor does
-        its work without.
+    port: int
+    """0: a free one."""
+    address: str = "127.0.0.1"
+    """Any address except loopback requires a token."""
+    token: str = ""
+    """Token that clients must present; empty: none."""
+    origins: Sequence[str] = ()
+    """Origins of web pages that may connect, besides those of this machine."""
+    allow_publish: Sequence[str] = ()
+    """Topics that clients may publish on; `*` and `?` as in file names."""
+    allow_call: Sequence[str] = ()
+    """Services that clients may call, besides rosapi and `reset` and `reload` of alert_system."""
+    allow_offer: Sequence[str] = ()
+    """Services that clients may offer."""
+
+
+def make_server(
+    middleware: ServedMiddleware,
+    alert_system: str,
+    settings: ServerSettings,
+    parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
+    *,
+    threads: bool,
+) -> Server:
+    """Returns a server that is not started.
+
+    Args:
+        middleware: a node for the server; not closed here.
+        alert_system: the fully qualified name of the alert node.
+        settings: where it listens and what clients may do.
+        parameters: what clients may read of the nodes' parameters, by the full name of the node.
+        threads: whether the middleware calls back from other threads than the server's loop.
 
     Raises:
-        ConfigError: a port or address that was asked for cannot be had, or is not protected.
+        ConfigError: the address is not protected.
+        ModuleNotFoundError: a library is not installed.
+    """
+    from robot_health_monitor.rosbridge.server.access import LOCAL_PAGES, Access
+    from robot_health_monitor.rosbridge.server.server import Server
+
+    access = Access(
+        publish=settings.allow_publish,
+        services=(f"{alert_system}/reset", f"{alert_system}/reload", *settings.allow_call),
+        offer=settings.allow_offer,
+        origins=(*LOCAL_PAGES, *settings.origins),
+        token=settings.token,
+    )
+    return Server(
+        middleware, host=settings.address, port=settings.port, access=access, threads=threads, parameters=parameters
+    )
+
+
+async def serve(monitor: EmbeddedMonitor, settings: ServerSettings, *, required: bool) -> Optional[Server]:
+    """Serves an embedded monitor in the running loop; `stop_serving` ends it.
+
+    Args:
+        monitor: its topics, services and log are served.
+        settings: where and for whom.
+        required: whether a port that is in use is an error.
+
+    Returns:
+        The server; None: it cannot be started, which is now a fault of alert_system.
+
+    Raises:
+        ConfigError: the address is not protected, or the required port cannot be opened.
     """
     node = monitor.bus.node("rosbridge")
     try:
-        from robot_health_monitor.rosbridge.server.access import LOCAL_PAGES, monitor_access
-        from robot_health_monitor.rosbridge.server.server import Server
-    except ModuleNotFoundError as error:
-        node.log(Severity.WARN, f"not served: {error.name} is not installed")
-        return None
-    access = monitor_access(
-        "/alert_system",
-        [signal.topic for signal in monitor.alert_system.monitor.config.signals.values()],
-        token=arguments.token,
-        origins=(*LOCAL_PAGES, *arguments.origin),
-    )
-    port = _DEFAULT_PORT if arguments.port is None else arguments.port
-    server = Server(node, host=arguments.host, port=port, access=access, threads=False, parameters=monitor.parameters)
-    try:
+        server = make_server(node, "/alert_system", settings, monitor.parameters, threads=False)
         await server.start()
-    except OSError as error:
-        problem = f"port {port} of {arguments.host} cannot be had ({error.strerror or error})"
-        if arguments.port is not None:
-            raise ConfigError(f"{problem}; --port 0 takes a free one") from None
-        node.log(Severity.WARN, f"not served: {problem}; --port chooses another")
+    except ModuleNotFoundError as error:
+        node.close()
+        monitor.faults.report(_FAULT, f"not served: {error.name} is not installed")
         return None
+    except OSError as error:
+        node.close()
+        problem = f"port {settings.port} of {settings.address} cannot be opened: {error.strerror or error}"
+        if required:
+            raise ConfigError(f"{problem}; --port 0 picks a free one") from None
+        monitor.faults.report(_FAULT, f"not served: {problem}; --port chooses another")
+        return None
+    _show_log(monitor, node, server)
+    node.log(Severity.INFO, f"serving on ws://{settings.address}:{server.port}")
+    return server
+
+
+async def stop_serving(server: Server) -> None:
+    """Closes the port and every connection."""
+    await asyncio.wait({asyncio.ensure_future(server.close())}, timeout=_CLOSE_S)
+
+
+def _show_log(monitor: EmbeddedMonitor, node: LocalMiddleware, server: Server) -> None:
+    """Publishes log lines and alerts on /rosout, which the local middleware lacks."""
     on_log = monitor.bus.on_log
 
-    def show_log(line: LogLine) -> None:
+    def publish_line(line: LogLine) -> None:
         on_log(line)
         server.publish_log(line)
 
-    monitor.bus.on_log = show_log
-    node.log(Severity.INFO, f"serving on ws://{arguments.host}:{server.port}")
-    return server
+    def publish_event(event: Event) -> None:
+        severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
+        server.publish_log(LogLine(event.now_s, "/alert_system", severity, event.text))
+
+    monitor.bus.on_log = publish_line
+    monitor.alert_system.outlets.add("rosout", publish_event)
+    monitor.alert_system.self_report["clients"] = lambda: str(server.clients)

@@ -1,1 +1,1 @@
-"""What the command line writes: a live table, plain lines or JSON."""
+"""Output of the command line: a live table, plain lines or JSON."""

@@ -1,6 +1,6 @@
-"""The live view of a terminal: a table that stays at the bottom, alert lines that scroll by above it.
+"""The live view of a terminal: a table that stays at the bottom while events scroll by above it.
 
-rich lays out and colours; the cursor is moved here, because rich's own Live leaves fragments behind when a window
+rich lays out and colours. The cursor is moved here, because rich's own Live leaves fragments behind when a window
 becomes narrower.
 """
 
@@ -12,26 +12,40 @@ import re
 import signal
 import time
 from collections import deque
-from typing import Deque, Dict, List, Optional, Sequence, TextIO, Tuple
+from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Report, Status, Transition
 
-from .choice import Shown
-from .lines import Event, plain_line
+from .display import Shown
+from .events import Entry
+from .plain import dropped_line, plain_line
+from .stream_writer import StreamWriter
 
 _STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "magenta"}
+_STYLE_OF_UNKNOWN = "cyan"
 _STYLE_OF_SEVERITY = {Severity.WARN: "yellow", Severity.ERROR: "red", Severity.FATAL: "bold red"}
+_UNKNOWN_STATES = ("waiting", "unreachable")
+"""States in which the level is not known: neither OK nor an alarm."""
 _STYLING = re.compile("\x1b\\[[0-9;]*m")
 _BARS = "▁▂▃▄▅▆▇█"
 _TREND_SAMPLES = 16
+_STATISTICS = ("mean", "min", "max")
+_GAP = 2
+"""Blanks between columns."""
+_WIDEST_NAME = 24
+_MIN_MESSAGE = 16
+"""Narrowest message column worth showing, in cells."""
 _REDRAW_S = 0.9
-"""A little less than the second after which there is something new to show."""
+"""Slightly less than the period of the values."""
+_SUSPEND_S = 0.5
+"""Time to restore the terminal before Ctrl-Z stops the process."""
 
 _HIDE_CURSOR = "\x1b[?25l"
 _SHOW_CURSOR = "\x1b[?25h"
@@ -39,72 +53,135 @@ _CLEAR_LINE = "\x1b[2K"
 _CLEAR_BELOW = "\x1b[J"
 
 
+class _State(NamedTuple):
+    """What the table shows."""
+
+    reports: Sequence[Report]
+    system_health: Optional[float]
+    trends: Mapping[Tuple[str, str], Sequence[float]]
+    """The latest values by robot and signal."""
+
+
 class LiveView:
-    """Draws monitors on a terminal."""
+    """Draws monitors on a terminal.
+
+    The state is read in the loop's thread; layout and writing happen in the writer's.
+    """
 
     def __init__(self, stream: TextIO, name_robots: bool = False) -> None:
-        """Takes the terminal; `close` gives it back.
+        """Prepares the view; `start` begins drawing.
 
         Args:
             stream: the terminal to draw on.
-            name_robots: write the robot's name before each transition, for there may be several.
+            name_robots: put the robot's name before each transition.
         """
         self._stream = stream
         self._name_robots = name_robots
         self._console = Console(file=stream, highlight=False, soft_wrap=False)
+        self._writer = StreamWriter(stream, self._render, first=_HIDE_CURSOR, last=f"\n{_SHOW_CURSOR}")
         self._frame: List[Tuple[str, int]] = []
         """The lines of the table as it stands on the terminal, and their widths in cells."""
+        self._state: Optional[_State] = None
         self._trends: Dict[Tuple[str, str], Deque[float]] = {}
         self._started_s = time.monotonic()
         self._drawn_s = float("-inf")
-        stream.write(_HIDE_CURSOR)
+        self._has_news = False
+        self._suspending = False
+        self._cursor_hidden = True
 
-    def show(self, events: Sequence[Event], shown: Shown) -> None:
-        """Writes events above the table, and draws the table anew when it is time to."""
+    @property
+    def reader_is_gone(self) -> bool:
+        """Whether the terminal was closed."""
+        return self._writer.reader_is_gone
+
+    @property
+    def problem(self) -> str:
+        """Why the terminal is not written at present; empty: it is."""
+        return self._writer.problem
+
+    def start(self, loop: asyncio.AbstractEventLoop, shown: Shown) -> None:
+        """Begins drawing; redraws when the window is resized, restores the terminal while Ctrl-Z stops the process."""
+        loop.add_signal_handler(signal.SIGWINCH, self._writer.wake)
+        loop.add_signal_handler(signal.SIGTSTP, self._stop_process)
+        self._writer.start()
+
+    def add(self, entry: Entry) -> None:
+        """Writes an event above the table; never blocks."""
+        self._has_news = True
+        self._writer.put(entry)
+
+    def show(self, shown: Shown) -> None:
+        """Redraws the table once a second, and at once after an event."""
         now_s = time.monotonic()
         due = now_s - self._drawn_s >= _REDRAW_S
         if due:
             self._drawn_s = now_s
             self._note_trends(shown)
-        if due or events:
-            self.draw(events, shown)
-
-    def draw(self, events: Sequence[Event], shown: Shown) -> None:
-        """Writes events above the table and draws the table, fitted to the size that the terminal has now."""
-        width, height = self._size()
-        self._console.size = (width, height)
-        reports = [monitor.report(shown.now_s) for monitor in shown.monitors]
-        with self._console.capture() as lines:
-            for event in events:
-                self._console.print(_event_text(event, self._name_robots))
-        with self._console.capture() as frame:
-            self._console.print(self._title(reports, shown.system_health, width), no_wrap=True, overflow="ellipsis")
-            self._console.print(self._table(reports, width, height))
-        to_top = self._to_top(width)
-        self._frame = [(line, cell_len(_STYLING.sub("", line))) for line in frame.get().rstrip().split("\n")]
-        first, rest = (lines.get() + "\n".join(line for line, _ in self._frame)).split("\n", 1)
-        # The first line is cleared by itself: tmux takes a clear from the top of the screen on for the end of a screen
-        # worth keeping, and puts a copy of it into its history.
-        self._stream.write(f"{to_top}{_CLEAR_LINE}{first}\n{_CLEAR_BELOW}{rest}")
-        self._stream.flush()
-
-    def attach(self, loop: asyncio.AbstractEventLoop, shown: Shown) -> None:
-        """Redraws when the window changes its size, and gives the terminal back while Ctrl-Z stops the process."""
-        loop.add_signal_handler(signal.SIGWINCH, lambda: self.draw((), shown))
-        loop.add_signal_handler(signal.SIGTSTP, lambda: self._stop_process(shown))
+        if due or self._has_news:
+            self._has_news = False
+            reports = [monitor.report(shown.now_s) for monitor in shown.monitors]
+            trends = {key: tuple(trend) for key, trend in self._trends.items()}
+            self._state = _State(reports, shown.system_health, trends)
+            self._writer.wake()
 
     def close(self) -> None:
-        """Gives the terminal back, with the last table left on it."""
-        self._stream.write(f"\n{_SHOW_CURSOR}")
-        self._stream.flush()
+        """Restores the terminal, with the last table left on it."""
+        self._writer.close()
 
-    def _stop_process(self, shown: Shown) -> None:
-        self.close()
+    def _stop_process(self) -> None:
+        self._suspending = True
+        self._writer.wake()
+        self._writer.drain(_SUSPEND_S)
         os.kill(os.getpid(), signal.SIGSTOP)
-        # Here the process goes on, perhaps a day later, and draws below whatever others wrote.
-        self._frame = []
-        self._stream.write(_HIDE_CURSOR)
-        self.draw((), shown)
+        # Continued, perhaps a day later: the table is drawn below what others have written meanwhile.
+        self._suspending = False
+        self._writer.wake()
+
+    def _note_trends(self, shown: Shown) -> None:
+        trends = {}
+        for monitor in shown.monitors:
+            for name in monitor.config.signals:
+                value = monitor.fresh_value(name)
+                trend = self._trends.get((monitor.robot, name), deque(maxlen=_TREND_SAMPLES))
+                trend.append(float("nan") if value is None else value)
+                trends[monitor.robot, name] = trend
+        self._trends = trends
+
+    # In the writer's thread
+
+    def _render(self, entries: Sequence[Entry], dropped: int) -> str:
+        """Returns what writes events above the table and draws the table, fitted to the terminal's present size."""
+        suspending = self._suspending
+        width, height = self._size()
+        self._console.size = (width, height)
+        with self._console.capture() as lines:
+            if dropped:
+                self._console.print(Text(dropped_line(dropped), style="bold red"))
+            for entry in entries:
+                self._console.print(_entry_text(entry, self._name_robots))
+        to_top = self._to_top(width)
+        self._frame = self._table_lines(width, height)
+        first, _, rest = (lines.get() + "\n".join(line for line, _ in self._frame)).partition("\n")
+        cursor = "" if self._cursor_hidden else _HIDE_CURSOR
+        self._cursor_hidden = True
+        # The first line is cleared by itself: a clear from the top of the screen on makes tmux copy the screen into
+        # its history.
+        text = f"{cursor}{to_top}{_CLEAR_LINE}{first}\n{_CLEAR_BELOW}{rest}"
+        if suspending:
+            text += f"\n{_SHOW_CURSOR}"
+            self._frame = []
+            self._cursor_hidden = False
+        return text
+
+    def _table_lines(self, width: int, height: int) -> List[Tuple[str, int]]:
+        """Returns the lines of the table with their widths in cells."""
+        state = self._state
+        if state is None:
+            return []
+        with self._console.capture() as table:
+            self._console.print(self._title(state, width), no_wrap=True, overflow="ellipsis")
+            self._print_table(state, width, height)
+        return [(line, cell_len(_STYLING.sub("", line))) for line in table.get().rstrip().split("\n")]
 
     def _size(self) -> Tuple[int, int]:
         try:
@@ -114,79 +191,63 @@ class LiveView:
         return max(size.columns, 20) if size.columns else 80, size.lines or 24
 
     def _to_top(self, width: int) -> str:
-        """Returns what brings the cursor to the top of the last table, which wraps when a window becomes narrower."""
+        """Returns what moves the cursor to the top of the last table, which wraps when a window becomes narrower."""
         rows = sum(max(1, -(-cells // width)) for _, cells in self._frame)
         return "\r" + (f"\x1b[{rows - 1}A" if rows > 1 else "")
 
-    def _note_trends(self, shown: Shown) -> None:
-        for monitor in shown.monitors:
-            for name in monitor.config.signals:
-                value = monitor.fresh_value(name)
-                trend = self._trends.setdefault((monitor.robot, name), deque(maxlen=_TREND_SAMPLES))
-                trend.append(float("nan") if value is None else value)
-
-    def _title(self, reports: Sequence[Report], health: Optional[float], width: int) -> Text:
-        overall = Level.worst(report.overall for report in reports)
-        if len(reports) == 1:
-            title = Text(reports[0].robot, style="bold")
+    def _title(self, state: _State, width: int) -> Text:
+        statuses = [status for report in state.reports for status in report.statuses.values()]
+        worst = max(statuses, key=_rank, default=None)
+        if len(state.reports) == 1:
+            title = Text(printable(state.reports[0].robot), style="bold")
             title.append(" is ", style="not bold")
         else:
-            title = Text(f"{len(reports)} robots", style="bold")
-            title.append(", the worst is ", style="not bold")
-        title.append(overall.name, style=_STYLE_OF_LEVEL[overall])
-        if health is not None and width >= 60:
-            title.append(f"   system_health {health:.1f}", style="not bold")
+            title = Text(f"{len(state.reports)} robots", style="bold")
+            title.append(", worst: ", style="not bold")
+        title.append(_level_text(worst) if worst else Text("OK", style=_STYLE_OF_LEVEL[Level.OK]))
+        if state.system_health is not None and width >= 60:
+            title.append(f"   system_health {state.system_health:.1f}", style="not bold")
         minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)
         title.append(f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}", style="not bold dim")
         if width >= 60:
             title.append("   Ctrl-C ends", style="not bold dim")
         return title
 
-    def _table(self, reports: Sequence[Report], width: int, height: int) -> Table:
-        wide, widest = width >= 76, width >= 110
-        table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-        if len(reports) > 1:
-            table.add_column("robot", no_wrap=True, overflow="ellipsis", max_width=16)
-        table.add_column("signal", no_wrap=True, overflow="ellipsis", max_width=max(8, width - 22) if not wide else 24)
-        table.add_column("value", no_wrap=True, justify="right", min_width=10)
-        table.add_column("level", no_wrap=True, min_width=5)
-        if wide:
-            for statistic in ("mean", "min", "max"):
-                table.add_column(statistic, no_wrap=True, justify="right", min_width=5)
-            table.add_column("trend", no_wrap=True, min_width=_TREND_SAMPLES)
-        if widest:
-            table.add_column("message", no_wrap=True, overflow="ellipsis")
-        statuses = [(report.robot, status) for report in reports for status in report.statuses.values()]
+    def _print_table(self, state: _State, width: int, height: int) -> None:
+        several = len(state.reports) > 1
+        statuses = [(report.robot, status) for report in state.reports for status in report.statuses.values()]
         room = max(1, height - 4)
         hidden = len(statuses) - room
-        if hidden > 0:  # those that matter most
-            statuses = sorted(statuses, key=lambda item: -item[1].level.severity)[:room]
+        if hidden > 0:  # the worst ones
+            statuses = sorted(statuses, key=lambda item: -_rank(item[1]))[:room]
+        layout = _Layout([status for _, status in statuses], width, 16 + _GAP if several else 0)
+        table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
+        if several:
+            table.add_column("robot", no_wrap=True, overflow="ellipsis", max_width=16)
+        table.add_column("signal", no_wrap=True, overflow="ellipsis", max_width=layout.name)
+        table.add_column("value", no_wrap=True, overflow="ellipsis", justify="right", min_width=10)
+        table.add_column("level", no_wrap=True, min_width=5)
+        if layout.statistics:
+            for statistic in _STATISTICS:
+                table.add_column(statistic, no_wrap=True, justify="right", min_width=5)
+            table.add_column("trend", no_wrap=True, min_width=_TREND_SAMPLES)
+        if layout.message:
+            table.add_column("message", no_wrap=True, overflow="ellipsis", max_width=layout.message)
         for robot, status in statuses:
-            name = [Text(robot)] if len(reports) > 1 else []
-            table.add_row(*name, *self._row(robot, status, wide, widest))
+            row = [Text(printable(robot))] if several else []
+            row += [Text(printable(status.name)), Text(_value_text(status)), _level_text(status)]
+            if layout.statistics:
+                row += [Text(printable(status.values.get(statistic, "-"))) for statistic in _STATISTICS]
+                row.append(Text(self._trend(state.trends.get((robot, status.name), ())), style=_style(status)))
+            if layout.message:
+                row.append(Text(printable(status.message)))
+            table.add_row(*row)
+        self._console.print(table)
         if hidden > 0:
-            table.add_row(Text(f"and {hidden} more", style="dim"))
-        return table
+            self._console.print(Text(f"and {hidden} more", style="dim"))
 
-    def _row(self, robot: str, status: Status, wide: bool, widest: bool) -> List[Text]:
-        style = _STYLE_OF_LEVEL[status.level]
-        values = status.values
-        value = values["value"] or "-"
-        row = [
-            Text(status.name),
-            Text(f"{value} {values['unit']}".strip()),
-            Text(status.level.name, style=style),
-        ]
-        if wide:
-            row += [Text(values.get(statistic, "-")) for statistic in ("mean", "min", "max")]
-            row.append(Text(self._trend(robot, status.name), style=style))
-        if widest:
-            row.append(Text(status.message))
-        return row
-
-    def _trend(self, robot: str, name: str) -> str:
-        """Draws the last values of a signal between their own extremes; a blank where there was none."""
-        values = self._trends.get((robot, name), ())
+    def _trend(self, values: Sequence[float]) -> str:
+        """Draws values between their own extremes; a blank where there was none."""
         known = [value for value in values if value == value]
         if not known or not self._console.encoding.lower().startswith("utf"):
             return ""
@@ -198,9 +259,55 @@ class LiveView:
         )
 
 
-def _event_text(event: Event, name_robots: bool) -> Text:
+class _Layout:
+    """Which columns fit. Reasons come first: statistics give way to the message of a signal that is not OK."""
+
+    def __init__(self, statuses: Sequence[Status], width: int, used: int) -> None:
+        """Fits columns for `statuses` into `width` cells, of which `used` are taken."""
+        longest = max((cell_len(status.name) for status in statuses), default=6)
+        self.name = min(max(longest, 6), _WIDEST_NAME, max(8, width - 22))
+        """Width of the names."""
+        value = max([10, *(cell_len(_value_text(status)) for status in statuses)])
+        level = max([5, *(cell_len(_level_text(status).plain) for status in statuses)])
+        room = width - used - self.name - value - level - 2 * _GAP
+        cells = [max([5, *(cell_len(status.values.get(name, "")) for status in statuses)]) for name in _STATISTICS]
+        statistics = sum(cells) + _TREND_SAMPLES + 4 * _GAP
+        reasons = [cell_len(status.message) for status in statuses if status.level is not Level.OK]
+        self.statistics = room >= statistics + (max(reasons) + _GAP if reasons else 0)
+        """Whether to show statistics and trend."""
+        room -= (statistics if self.statistics else 0) + _GAP
+        self.message = room if room >= _MIN_MESSAGE else 0
+        """Width of the message; 0: not shown."""
+
+
+def _is_unknown(status: Status) -> bool:
+    return status.values.get("state") in _UNKNOWN_STATES
+
+
+def _rank(status: Status) -> int:
+    """Orders statuses from OK to the worst; an unknown one is above OK and below every alarm."""
+    if _is_unknown(status):
+        return 1
+    return 2 * status.level.severity
+
+
+def _style(status: Status) -> str:
+    return _STYLE_OF_UNKNOWN if _is_unknown(status) else _STYLE_OF_LEVEL[status.level]
+
+
+def _level_text(status: Status) -> Text:
+    text = status.values["state"] if _is_unknown(status) else status.level.name
+    return Text(text, style=_style(status))
+
+
+def _value_text(status: Status) -> str:
+    return printable(f"{status.values.get('value') or '-'} {status.values.get('unit', '')}".strip())
+
+
+def _entry_text(entry: Entry, name_robots: bool) -> Text:
+    event = entry.event
     if isinstance(event, Transition):
         style = _STYLE_OF_LEVEL[event.to_level]
     else:
         style = _STYLE_OF_SEVERITY.get(event.severity, "dim")
-    return Text(plain_line(event, "%H:%M:%S", name_robots=name_robots), style=style)
+    return Text(plain_line(entry, "%H:%M:%S", name_robots=name_robots), style=style)

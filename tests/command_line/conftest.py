@@ -75,7 +75,9 @@ def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Ca
 @pytest.fixture
 def on_terminal(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
     """Returns a function that starts `robot-health` on a terminal: (arguments, columns, lines, variables)."""
-    terminal_process = pytest.importorskip("terminal_process", reason="pyte, which keeps the screen, is not installed")
+    pytest.importorskip("pyte", reason="pyte, which keeps the screen, is not installed")
+    from harness import terminal_process
+
     started: List[Any] = []
 
     def start(*arguments: object, columns: int = 80, lines: int = 24, **variables: str) -> Any:

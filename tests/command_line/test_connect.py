@@ -106,9 +106,9 @@ def test_a_robot_that_is_not_there_is_one_alert_with_the_reason_in_the_log(
 def test_a_wrong_token_is_called_this_sides_fault(robot_health: Start, calm: Path, thresholds: Path) -> None:
     robot = robot_health("run", "--thresholds", calm, "--port", 0, ROBOT_HEALTH_TOKEN="s3cret")
     url = f"ws://127.0.0.1:{port_of(robot)}"
-    watcher = robot_health("connect", url, "--thresholds", thresholds, "--token", "guessed")
+    watcher = robot_health("connect", url, "--thresholds", thresholds, ROBOT_HEALTH_TOKEN="guessed")
     assert "own fault: the server refuses this client (401)" in watcher.wait_for_text("is down: ")
-    right = robot_health("connect", url, "--thresholds", thresholds, "--token", "s3cret", "--duration", 3)
+    right = robot_health("connect", url, "--thresholds", thresholds, "--duration", 3, ROBOT_HEALTH_TOKEN="s3cret")
     assert right.wait() == 0
     assert alerts(right) == []
 
@@ -141,12 +141,12 @@ def test_a_port_that_was_asked_for_and_is_taken_ends_the_run(robot_health: Start
     port = port_of(start_robot(robot_health, calm))
     second = start_robot(robot_health, calm, port)
     assert second.wait() == 2
-    assert f"port {port} of 127.0.0.1 cannot be had" in second.errors[0]
+    assert f"port {port} of 127.0.0.1 cannot be opened" in second.errors[0]
 
 
 def test_an_address_that_others_can_reach_needs_a_token(robot_health: Start, calm: Path) -> None:
     process = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0")
     assert process.wait() == 2
     assert "without protection" in process.errors[0]
-    served = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0", "--token", "s3cret")
+    served = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0", ROBOT_HEALTH_TOKEN="s3cret")
     served.wait_for_text("serving on ws://0.0.0.0:")

@@ -1,0 +1,132 @@
+"""Runs monitors and shows them until an interrupt, the end of a duration, or the loss of the reader."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any, AsyncContextManager, Awaitable, Optional, Protocol
+
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.model import Level
+
+from .interrupts import Interrupts
+from .output.display import Output, Shown
+from .output.events import Events, LibraryLog
+
+_SHOW_PERIOD_S = 0.1
+_END_S = 1.5
+"""Longest wait for the work to end."""
+_FAULT = "output"
+
+
+class Watched(Shown, Protocol):
+    """Monitors that run and can be shown."""
+
+    @property
+    def faults(self) -> Optional[Faults]:
+        """Where an output that cannot be written is reported; None: nowhere."""
+
+    def close(self) -> None:
+        """Ends the monitors."""
+
+
+def run_session(
+    watched: Watched,
+    work: AsyncContextManager[Awaitable[Any]],
+    events: Events,
+    output: Output,
+    interrupts: Interrupts,
+    duration_s: Optional[float] = None,
+) -> bool:
+    """Runs `work` and shows `watched`; closes `watched` and `output` at the end.
+
+    The output never delays the monitors. If it cannot be written, that is a fault and monitoring continues; if its
+    reader is gone (`| head`, a terminal that was closed), the session ends.
+
+    Args:
+        watched: the monitors to show.
+        work: opens what is needed, such as a port, and gives what to run until it is cancelled. Output starts once it
+            is entered, so that an error there stands alone.
+        events: what the monitors announced.
+        output: shows the monitors.
+        interrupts: SIGINT and SIGTERM.
+        duration_s: end after this time; None: run until interrupted.
+
+    Returns:
+        Whether the session lasted `duration_s` and there were alerts.
+
+    Raises:
+        Exception: whatever `work` raises.
+    """
+    library_log = LibraryLog(events)
+    logging.getLogger().addHandler(library_log)
+    logging.captureWarnings(True)
+    try:
+        completed = asyncio.run(_run(watched, work, output, interrupts, duration_s))
+    finally:
+        watched.close()
+        output.close()
+        logging.captureWarnings(False)
+        logging.getLogger().removeHandler(library_log)
+    return completed and events.alerts > 0
+
+
+async def _run(
+    watched: Watched,
+    work: AsyncContextManager[Awaitable[Any]],
+    output: Output,
+    interrupts: Interrupts,
+    duration_s: Optional[float],
+) -> bool:
+    """Returns whether the whole duration has passed."""
+    loop = asyncio.get_running_loop()
+    stop = asyncio.Event()
+    interrupts.on_interrupt = lambda: loop.call_soon_threadsafe(stop.set)
+    try:
+        async with work as monitoring:
+            output.start(loop, watched)
+            running = asyncio.ensure_future(monitoring)
+            stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
+            try:
+                return await _show(watched, output, running, stopped, duration_s)
+            finally:
+                running.cancel()
+                stopped.cancel()
+                await asyncio.wait({running, stopped}, timeout=_END_S)
+    finally:
+        interrupts.on_interrupt = bool  # does nothing: the end is under way
+
+
+async def _show(
+    watched: Watched,
+    output: Output,
+    running: asyncio.Future[Any],
+    stopped: asyncio.Future[Any],
+    duration_s: Optional[float],
+) -> bool:
+    """Shows the monitors until one of the futures is done; returns whether the whole duration has passed."""
+    loop = asyncio.get_running_loop()
+    end_s = float("inf") if duration_s is None else loop.time() + duration_s
+    while not output.reader_is_gone:
+        output.show(watched)
+        _report_problem(output, watched.faults)
+        if loop.time() >= end_s:
+            return True
+        wait_s = min(_SHOW_PERIOD_S, end_s - loop.time())
+        done, _ = await asyncio.wait({running, stopped}, timeout=wait_s, return_when=asyncio.FIRST_COMPLETED)
+        if running in done:
+            running.result()  # raises: otherwise it would go on
+        if done:
+            return False
+    return False
+
+
+def _report_problem(output: Output, faults: Optional[Faults]) -> None:
+    if faults is None:
+        return
+    problem = output.problem
+    known = faults.current().get(_FAULT)
+    if problem and (known is None or known.text != problem):
+        faults.report(_FAULT, problem, Level.WARN)
+    elif known is not None and not problem:
+        faults.clear(_FAULT)

@@ -1,0 +1,50 @@
+"""The interface between monitors that run and the output that shows them."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Optional, Protocol, Sequence
+
+from robot_health_monitor.core.monitor import Monitor
+
+from .events import Entry
+
+
+class Shown(Protocol):
+    """One robot or several."""
+
+    @property
+    def monitors(self) -> Sequence[Monitor]:
+        """One monitor per robot."""
+
+    @property
+    def now_s(self) -> float:
+        """Seconds on the monitors' clock."""
+
+    @property
+    def system_health(self) -> Optional[float]:
+        """The latest system_health; None: not published, or several robots."""
+
+
+class Output(Protocol):
+    """Shows monitors. Writing has its own thread: no method waits for a reader, except `close`, for at most 1 s."""
+
+    @property
+    def reader_is_gone(self) -> bool:
+        """Whether nothing reads the output any more: the pipe's reader has exited, the terminal is closed."""
+
+    @property
+    def problem(self) -> str:
+        """Why the output is not written at present; empty: it is."""
+
+    def start(self, loop: asyncio.AbstractEventLoop, shown: Shown) -> None:
+        """Begins writing what was added before and after. Called in the loop's thread."""
+
+    def add(self, entry: Entry) -> None:
+        """Writes an event; never blocks. While the output is not read, the oldest entries are dropped and counted."""
+
+    def show(self, shown: Shown) -> None:
+        """Shows the current state; called several times a second, in the loop's thread."""
+
+    def close(self) -> None:
+        """Writes what is left and restores the terminal, unless the output is not read."""

@@ -1,0 +1,73 @@
+"""Plain lines for pipes, files and simple terminals."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Sequence, TextIO
+
+from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.model import Transition
+
+from .display import Shown
+from .events import Entry
+from .stream_writer import StreamWriter
+
+
+class PlainLines:
+    """Writes one line per event."""
+
+    def __init__(self, stream: TextIO, name_robots: bool = False) -> None:
+        """Prepares the output; `start` begins writing.
+
+        Args:
+            stream: where to write.
+            name_robots: put the robot's name before each transition.
+        """
+        self._name_robots = name_robots
+        self._writer = StreamWriter(stream, self._render)
+
+    @property
+    def reader_is_gone(self) -> bool:
+        """Whether nothing reads the output any more."""
+        return self._writer.reader_is_gone
+
+    @property
+    def problem(self) -> str:
+        """Why the output is not written at present; empty: it is."""
+        return self._writer.problem
+
+    def start(self, loop: object, shown: Shown) -> None:
+        """Begins writing."""
+        self._writer.start()
+
+    def add(self, entry: Entry) -> None:
+        """Writes an event; never blocks."""
+        self._writer.put(entry)
+
+    def show(self, shown: Shown) -> None:
+        """Does nothing: plain output has no table."""
+
+    def close(self) -> None:
+        """Writes what is left, as far as it is read."""
+        self._writer.close()
+
+    def _render(self, entries: Sequence[Entry], dropped: int) -> str:
+        lines = [plain_line(entry, name_robots=self._name_robots) for entry in entries]
+        if dropped:
+            lines.insert(0, dropped_line(dropped))
+        return "".join(f"{line}\n" for line in lines)
+
+
+def plain_line(entry: Entry, time_format: str = "%Y-%m-%d %H:%M:%S", *, name_robots: bool = False) -> str:
+    """Formats an event for people, with the local time, without control characters."""
+    event = entry.event
+    time_text = datetime.fromtimestamp(entry.wall_s).strftime(time_format)
+    if isinstance(event, Transition):
+        robot = f"{event.robot}: " if name_robots else ""
+        return printable(f"{time_text} {robot}{event.text}")
+    return printable(f"{time_text} [{event.severity.name}] {event.node.rpartition('/')[2]}: {event.text}")
+
+
+def dropped_line(dropped: int) -> str:
+    """Returns the line in place of events that were dropped because the output was not read."""
+    return f"... {dropped} {'line' if dropped == 1 else 'lines'} dropped: the output was not read"

@@ -1,0 +1,75 @@
+"""Reads the token that protects a rosbridge server: from a file, or from an environment variable.
+
+Never from an argument or a parameter: every user of the machine can read those.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from typing import Callable
+
+from robot_health_monitor.core.errors import ConfigError
+
+TOKEN_VARIABLE = "ROBOT_HEALTH_TOKEN"
+LARGEST_TOKEN = 1024
+"""Longest token in bytes; it travels in an HTTP header."""
+
+
+def find_token(file: str, warn: Callable[[str], object]) -> str:
+    """Returns the token from a file or, without a file, from the environment; empty: there is none.
+
+    Args:
+        file: path of the file; empty: none.
+        warn: called with one line if other users may read the file.
+
+    Raises:
+        ConfigError: the file cannot be read or holds no token.
+    """
+    if file:
+        return read_token_file(file, warn)
+    token = os.environ.get(TOKEN_VARIABLE, "").strip()
+    problem = _problem(token) if token else ""
+    if problem:
+        raise ConfigError(f"{TOKEN_VARIABLE}: {problem}")
+    return token
+
+
+def read_token_file(file: str, warn: Callable[[str], object]) -> str:
+    """Returns the token in a file, without the white space around it.
+
+    Args:
+        file: path of the file; `~` is the home directory.
+        warn: called with one line if other users may read the file.
+
+    Raises:
+        ConfigError: the file cannot be read, is empty, or holds more than one token; the error names the file and
+            never the contents.
+    """
+    path = os.path.expanduser(file)
+    try:
+        with open(path, "rb") as stream:
+            mode = os.fstat(stream.fileno()).st_mode
+            # More than the largest token, for the line end; a device such as /dev/zero has no end.
+            contents = stream.read(LARGEST_TOKEN + 3)
+    except (OSError, ValueError) as error:
+        problem = error.strerror if isinstance(error, OSError) else str(error)
+        raise ConfigError(f"token cannot be read: {problem}", file=file) from None
+    token = contents.strip().decode("utf-8", "replace")
+    problem = _problem(token)
+    if problem:
+        raise ConfigError(problem, file=file)
+    if stat.S_ISREG(mode) and mode & stat.S_IROTH:
+        warn(f"{file}: every user of this machine can read this token; protect it with chmod 600")
+    return token
+
+
+def _problem(token: str) -> str:
+    """Returns what is wrong with a token; empty: nothing."""
+    if not token:
+        return "expected a token, got an empty file"
+    if len(token) > LARGEST_TOKEN:
+        return f"expected a token of at most {LARGEST_TOKEN} bytes, got more"
+    if not all("!" <= character <= "~" for character in token):
+        return "expected one token of printable ASCII characters without blanks"
+    return ""

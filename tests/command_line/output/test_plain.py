@@ -1,0 +1,46 @@
+"""Events as plain lines, on which no robot can forge a line or control the terminal."""
+
+from __future__ import annotations
+
+import pytest
+from harness.transitions import transition
+
+from robot_health_monitor.core.local import LogLine
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.output.events import Entry
+from robot_health_monitor.output.plain import plain_line
+
+HOSTILE = [
+    "\x1b[2J",  # clears the screen
+    "\x9b2J",  # the same as one C1 character
+    "\x1b]0;title\x07",
+    "\n2026-01-01 00:00:00 battery_level OK: forged",
+    "\r",
+    "\x08\x7f",
+    "\u202e",  # right-to-left override
+    "\u2066",
+    "\u2028",
+    "\ud800",
+]
+
+
+def test_a_log_line_names_severity_and_node() -> None:
+    line = LogLine(0.0, "/robot1/alert_system", Severity.INFO, "watching")
+    assert plain_line(Entry(0.0, line), "at") == "at [INFO] alert_system: watching"
+
+
+def test_a_transition_names_its_robot_where_there_are_several() -> None:
+    entry = Entry(0.0, transition(text="battery_level WARN: low", robot="husky"))
+    assert plain_line(entry, "at") == "at battery_level WARN: low"
+    assert plain_line(entry, "at", name_robots=True) == "at husky: battery_level WARN: low"
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_no_text_of_a_robot_controls_the_terminal(text: str) -> None:
+    entries = [
+        Entry(0.0, transition(text=f"battery{text}", robot=f"husky{text}")),
+        Entry(0.0, LogLine(0.0, f"/node{text}", Severity.INFO, f"hello{text}")),
+    ]
+    for entry in entries:
+        line = plain_line(entry, name_robots=True)
+        assert line.isprintable() and line.isascii()
