@@ -1,13 +1,15 @@
-"""The path of a number inside a message: `data`, `battery.percentage`, `cell_voltage[0]`, `status["motor"].level`.
+"""The path of a value inside a message: `data`, `battery.percentage`, `cell_voltage[0]`, `status["motor"].level`.
 
-A name goes into a field, a whole number in brackets to an element, a quoted text in brackets to the element of that
-`name` (or `key`): that is how a status is picked out of /diagnostics, and a value out of a status.
+A name selects a field, a number in brackets an element by its index, a quoted text in brackets the element with that
+`name` (or `key`): it selects a status in /diagnostics, and a value in a status.
 """
 
 from __future__ import annotations
 
 import re
-from typing import Any, Iterable, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple, Union
+
+from .errors import ConfigError
 
 
 class Keyed(NamedTuple):
@@ -21,12 +23,13 @@ Step = Union[str, int, Keyed]
 
 _PART = re.compile(
     r"""(?P<dot>\.)?(?P<name>[A-Za-z_]\w*)  # data, .percentage
-    |   \[(?P<index>\d+)\]                  # [0]
+    |   \[(?P<index>\d{1,9})\]              # [0]
     |   \[(?P<quote>["'])(?P<key>.*?)(?P=quote)\]  # ["motor: left"]
     """,
     re.ASCII | re.VERBOSE,
 )
 _KEY_FIELDS = ("name", "key")
+_BOOLEANS = {"true": 1.0, "false": 0.0}
 
 
 class _Absent:
@@ -37,7 +40,7 @@ class _Absent:
 
 
 ABSENT = _Absent()
-"""What a keyed step finds when there is no such element: the message says nothing about this signal."""
+"""Result of a path whose keyed element is not in the message: the message does not concern the signal."""
 
 
 def parse_field_path(path: str) -> Tuple[Step, ...]:
@@ -47,17 +50,15 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
     ('status', Keyed(key='motor: left'), 'values', 0)
 
     Raises:
-        ValueError: it is no path; the message is the second half of one.
+        ValueError: it is not a path.
     """
     steps = []
     position = 0
     while position < len(path):
         part = _PART.match(path, position)
-        # a dot stands before every name but the first, and nowhere else
+        # Every name but the first follows a dot, and nothing else does.
         if part is None or (part["name"] is not None and (part["dot"] is None) != (position == 0)):
-            raise ValueError(
-                f'but {path[position:]!r} is neither a name nor an index such as [0] nor a key such as ["motor"]'
-            )
+            raise ValueError(f'{path[position:]!r} is not a name, an index such as [0] or a key such as ["motor"]')
         if part["name"] is not None:
             steps.append(part["name"])
         elif part["index"] is not None:
@@ -66,27 +67,66 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
             steps.append(Keyed(part["key"]))
         position = part.end()
     if steps and not isinstance(steps[0], str):
-        raise ValueError(f"but {path!r} does not begin with a field's name")
+        raise ValueError("a path starts with the name of a field")
     return tuple(steps)
 
 
+def mapping_getter(field: str) -> Callable[[Any], Any]:
+    """Returns a function that reads the path `field` from a message that is a mapping.
+
+    The function returns the whole message for an empty path, None for an index beyond the end, and ABSENT if no
+    element has the key. It raises KeyError, TypeError or AttributeError if the message has no such field.
+
+    Raises:
+        ConfigError: `field` is not a path.
+    """
+    try:
+        steps = parse_field_path(field)
+    except ValueError as error:
+        raise ConfigError(f"field {field!r}: {error}") from None
+    if len(steps) == 1:
+        key = steps[0]
+        return lambda message: message[key]
+
+    def get(message: Any) -> Any:
+        for step in steps:
+            if isinstance(step, Keyed):
+                message = _element(message, step.key)
+                if message is ABSENT:
+                    return ABSENT
+            elif isinstance(step, int) and step >= len(message):
+                return None
+            else:
+                message = message[step]
+        if steps and isinstance(steps[-1], Keyed) and "key" in message:
+            return number_of_text(message.get("value"))
+        return message
+
+    return get
+
+
 def key_field(fields: Iterable[str]) -> Optional[str]:
-    """Returns which of an element's fields a keyed step compares: `name` or `key`, None when it has neither."""
-    there = set(fields)
-    return next((name for name in _KEY_FIELDS if name in there), None)
+    """Returns the field of an element that a key is compared with: `name` or `key`, None if it has neither."""
+    present = set(fields)
+    return next((name for name in _KEY_FIELDS if name in present), None)
 
 
 def number_of_text(text: Any) -> Any:
-    """Returns the number that a key-value's text is (1 for True, 0 for False), or what it is if it is none."""
+    """Returns the number in the text of a key-value (True: 1, False: 0); what is not a number is returned as it is."""
     if not isinstance(text, str):
         return text
-    flag = _FLAGS.get(text.lower())
-    if flag is not None:
-        return flag
+    boolean = _BOOLEANS.get(text.lower())
+    if boolean is not None:
+        return boolean
     try:
-        return text if "_" in text else float(text)  # float() would take 1_000
+        return text if "_" in text else float(text)  # float() would accept 1_000
     except ValueError:
         return text
 
 
-_FLAGS = {"true": 1.0, "false": 0.0}
+def _element(elements: Any, key: str) -> Any:
+    for element in elements:
+        field = key_field(element)
+        if field is not None and element[field] == key:
+            return element
+    return ABSENT

@@ -137,7 +137,7 @@ class NativeMessages:
         try:
             path = parse_field_path(field)
         except ValueError as error:
-            raise ConfigError(f"{topic}: found the field {field!r} of {type_name}, {error}") from None
+            raise ConfigError(f"{topic}: field {field!r} of {type_name}: {error}") from None
         if not path:
             return self.to_mapping
         try:

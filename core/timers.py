@@ -6,13 +6,11 @@ import math
 from typing import Callable, List, Optional
 
 
-class ClockTimer:
-    """One timer: due every period after its start."""
+class PeriodicSchedule:
+    """When something periodic is due: every period after a start, however late it is noticed."""
 
-    def __init__(self, period_s: float, callback: Callable[[float], None], now_s: float) -> None:
+    def __init__(self, period_s: float, now_s: float) -> None:
         """Starts a period at `now_s`."""
-        self.callback = callback
-        self.cancelled = False
         self._period_s = period_s
         self._start_s = now_s
         self._periods = 1
@@ -22,25 +20,35 @@ class ClockTimer:
         """When it is due next, in s."""
         return self._start_s + self._periods * self._period_s
 
-    def cancel(self) -> None:
-        """Stops it. May be called twice, and from its own callback."""
-        self.cancelled = True
-
-    def restart(self, now_s: float) -> None:
-        """Starts a new period at `now_s`."""
-        self._start_s, self._periods = now_s, 1
-
     def advance(self, now_s: float) -> None:
-        """Makes the next period after `now_s` the one that is due; the beat stays that of the start."""
+        """Makes the first period that ends after `now_s` due next. Periods that were missed are skipped."""
         passed = math.floor((now_s - self._start_s) / self._period_s)
         self._periods = max(self._periods, passed) + 1
 
+    def restart(self, now_s: float) -> None:
+        """Starts a new period at `now_s`; call when the clock went back."""
+        self._start_s, self._periods = now_s, 1
+
+
+class ClockTimer(PeriodicSchedule):
+    """A timer: a schedule with a callback. Implements `middleware.Timer`."""
+
+    def __init__(self, period_s: float, callback: Callable[[float], None], now_s: float) -> None:
+        """Starts a period at `now_s`."""
+        super().__init__(period_s, now_s)
+        self.callback = callback
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        """Stops the timer. May be called twice, and from its own callback."""
+        self.cancelled = True
+
 
 class ClockTimers:
-    """The timers of one node."""
+    """The timers that run on one clock."""
 
     def __init__(self) -> None:
-        """Starts with none."""
+        """Starts without timers."""
         self._timers: List[ClockTimer] = []
         self._last_s = float("-inf")
 
@@ -54,18 +62,23 @@ class ClockTimers:
             timer.cancel()
         self._timers.clear()
 
+    def restart(self, now_s: float) -> None:
+        """Restarts every period at `now_s`."""
+        self._last_s = now_s
+        for timer in self._timers:
+            timer.restart(now_s)
+
     def next_s(self) -> Optional[float]:
-        """Returns when the next one is due, in s; None when there is none."""
+        """Returns when the next timer is due, in s; None without timers."""
         return min((timer.due_s for timer in self._timers if not timer.cancelled), default=None)
 
     def take_due(self, now_s: float) -> List[ClockTimer]:
-        """Returns the timers that are due, in the order of their times, each once; all start anew if time went back."""
+        """Returns the timers that are due, earliest first, each once. If time went back, all periods restart."""
         self._timers = [timer for timer in self._timers if not timer.cancelled]
-        went_back, self._last_s = now_s < self._last_s, now_s
-        if went_back:
-            for timer in self._timers:
-                timer.restart(now_s)
+        if now_s < self._last_s:
+            self.restart(now_s)
             return []
+        self._last_s = now_s
         due = sorted((timer for timer in self._timers if timer.due_s <= now_s), key=lambda timer: timer.due_s)
         for timer in due:
             timer.advance(now_s)

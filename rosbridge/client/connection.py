@@ -24,6 +24,8 @@ from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Set, Tup
 
 import aiohttp
 
+from robot_health_monitor.core.errors import ServiceError
+
 from .. import protocol
 from ..protocol import CBOR_SUBPROTOCOL, Connection, Operation
 from ..protocol.definitions import canonical
@@ -338,7 +340,7 @@ class Link:
         else:
             try:
                 response = protocol.ServiceResponse(request.service, dict(handler(arguments)), True, request.id)
-            except ValueError as error:
+            except (ValueError, ServiceError) as error:
                 response = protocol.ServiceResponse(request.service, str(error), False, request.id)
         self.send(response)
 

@@ -11,8 +11,8 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.local import LogLine, mapping_getter
+from robot_health_monitor.core.field_path import ABSENT, mapping_getter
+from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Message, Severity, resolve_name, split_type_name
 from robot_health_monitor.core.parameters import Parameter, flatten, unflatten
 from robot_health_monitor.core.timers import ClockTimer, ClockTimers

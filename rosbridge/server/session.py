@@ -6,6 +6,8 @@ import asyncio
 import time
 from typing import TYPE_CHECKING, Any, Awaitable, Callable, Dict, Mapping, Optional, Set, Type
 
+from robot_health_monitor.core.errors import ServiceError
+
 from .. import protocol
 from ..protocol import Connection, Operation, Wire
 from ..protocol.definitions import canonical, service_definition
@@ -170,7 +172,7 @@ class Session:
     async def _call(self, request: protocol.CallService) -> None:
         try:
             values = await self._server.call(request.service, _request_fields(request, self._server), request.timeout)
-        except (ValueError, asyncio.TimeoutError) as error:
+        except (ValueError, ServiceError, asyncio.TimeoutError) as error:
             self._answer(request, str(error) or "no answer in time", result=False)
         else:
             self._answer(request, values, result=True)

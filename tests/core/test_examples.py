@@ -64,7 +64,7 @@ class Robot:
             self.publish("/diagnostics", "diagnostic_msgs/DiagnosticArray", {"status": [others, status]})
             self.publish("/diagnostics", "diagnostic_msgs/DiagnosticArray", {"status": [others]})
             for number in range(int(values.get("hz", 100.0))):
-                self.bus.run_due(self.bus.now_s + 1.0 / values.get("hz", 100.0))
+                self.bus.run_until(self.bus.now_s + 1.0 / values.get("hz", 100.0))
                 self.publish("/imu/data", "sensor_msgs/Imu", {})
                 self.publish("/odom", "nav_msgs/Odometry", {})
                 if number % 10 == 0:
@@ -155,7 +155,7 @@ def test_a_discharge_of_a_differential_drive_robot_is_one_alert_of_its_voltage()
 def test_a_differential_drive_robot_that_falls_silent_is_stale() -> None:
     robot = Robot("differential_drive.yaml")
     robot.drive(15)
-    robot.bus.run_due(robot.bus.now_s + 10.0)
+    robot.bus.run_until(robot.bus.now_s + 10.0)
     assert set(robot.levels.values()) == {"STALE"}
 
 
@@ -163,7 +163,7 @@ def test_a_raspberry_pi_watches_itself() -> None:
     pytest.importorskip("psutil")
     robot = Robot("raspberry_pi.yaml")
     BatterySensor(robot.bus.node("battery_sensor", parameters=robot.tree["battery_sensor"]))
-    robot.bus.run_due(20.0)
+    robot.bus.run_until(20.0)
     levels = robot.levels
     for signal in ("memory", "sd_card", "load_5min"):
         assert levels[signal] != "STALE"
@@ -187,6 +187,6 @@ def test_a_mixed_fleet_is_judged_robot_by_robot_and_a_lost_link_is_one_alert() -
 
     husky.alert_system.observe(Sample("link", 1.0, husky.bus.now_s))
     husky.alert_system.observe(Sample("link", 0.0, husky.bus.now_s))
-    husky.bus.run_due(husky.bus.now_s + 60.0)
+    husky.bus.run_until(husky.bus.now_s + 60.0)
     assert husky.changes == [("link", "ERROR")]
     assert husky.alert_system.monitor.report(husky.bus.now_s).statuses["battery"].level is Level.OK

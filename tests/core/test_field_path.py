@@ -8,7 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_health_monitor.core.field_path import ABSENT, Keyed, key_field, number_of_text, parse_field_path
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.field_path import (
+    ABSENT,
+    Keyed,
+    key_field,
+    mapping_getter,
+    number_of_text,
+    parse_field_path,
+)
 
 
 @pytest.mark.parametrize(
@@ -54,17 +62,17 @@ def test_a_path_is_split_into_names_indices_and_keys(path: str, steps: object) -
         ("größe", "'öße'"),
     ],
 )
-def test_what_is_no_path_is_refused_with_the_rest_that_nobody_understands(path: str, rest: str) -> None:
+def test_a_text_that_is_not_a_path_is_rejected_with_the_part_that_is_wrong(path: str, rest: str) -> None:
     with pytest.raises(ValueError) as caught:
         parse_field_path(path)
-    assert str(caught.value) == (f'but {rest} is neither a name nor an index such as [0] nor a key such as ["motor"]')
+    assert str(caught.value) == f'{rest} is not a name, an index such as [0] or a key such as ["motor"]'
 
 
 @pytest.mark.parametrize("path", ["[0]", '["motor"]', "[0].data"])
 def test_a_path_begins_with_the_name_of_a_field(path: str) -> None:
     with pytest.raises(ValueError) as caught:
         parse_field_path(path)
-    assert str(caught.value) == f"but {path!r} does not begin with a field's name"
+    assert str(caught.value) == "a path starts with the name of a field"
 
 
 @given(st.text())
@@ -118,3 +126,40 @@ def test_a_text_with_underscores_is_no_number_though_python_reads_it_as_one() ->
 
 def test_absent_says_its_name() -> None:
     assert repr(ABSENT) == "ABSENT"
+
+
+BATTERY = {
+    "percentage": 0.5,
+    "header": {"frame_id": "base"},
+    "cell_voltage": [3.5, 4.25],
+    "status": [{"name": "motor", "level": 2, "values": [{"key": "T", "value": "81.0"}]}],
+}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("", BATTERY),
+        ("percentage", 0.5),
+        ("header.frame_id", "base"),
+        ("cell_voltage[1]", 4.25),
+        ("cell_voltage[2]", None),
+        ('status["motor"].level', 2),
+        ('status["motor"].values["T"]', 81.0),
+        ('status["motor"].values["T"].value', "81.0"),
+        ('status["wheel"].level', ABSENT),
+    ],
+)
+def test_a_getter_reads_its_path_from_a_mapping(field: str, value: object) -> None:
+    assert mapping_getter(field)(BATTERY) == value
+
+
+@pytest.mark.parametrize("field", ["voltage", "header.stamp", "percentage.data"])
+def test_a_getter_raises_for_a_field_that_is_missing(field: str) -> None:
+    with pytest.raises((KeyError, TypeError)):
+        mapping_getter(field)(BATTERY)
+
+
+def test_a_getter_of_a_text_that_is_not_a_path_is_a_configuration_error() -> None:
+    with pytest.raises(ConfigError, match=r"^field 'cells\[x\]': '\[x\]' is not a name"):
+        mapping_getter("cells[x]")

@@ -401,8 +401,8 @@ def test_a_path_to_nowhere_is_refused_with_what_is_there(type_name: str, field: 
     assert str(caught.value) == f"/in: {type_name} has no field {field}; {reason}"
 
 
-def test_what_is_no_path_is_refused_with_the_topic() -> None:
-    with pytest.raises(ConfigError, match=r"^/in: found the field '\.data' of demo/Time, but '\.data' is neither"):
+def test_a_text_that_is_not_a_path_is_rejected_with_the_topic() -> None:
+    with pytest.raises(ConfigError, match=r"^/in: field '\.data' of demo/Time: '\.data' is not a name"):
         messages.field_getter("/in", "demo/Time", ".data")
 
 

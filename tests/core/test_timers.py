@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from typing import List
 
-from robot_health_monitor.core.timers import ClockTimer, ClockTimers
+from robot_health_monitor.core.timers import ClockTimer, ClockTimers, PeriodicSchedule
 
 
 def calls(times_s: List[float], start_s: float = 0.0, period_s: float = 1.0) -> List[float]:
@@ -34,3 +34,28 @@ def test_timers_are_called_in_the_order_of_their_times() -> None:
     assert timers.next_s() == 1.0
     timers.cancel_all()
     assert timers.next_s() is None and timers.take_due(5.0) == []
+
+
+def test_a_schedule_skips_the_periods_that_were_missed_and_keeps_its_phase() -> None:
+    schedule = PeriodicSchedule(0.5, 10.0)
+    assert schedule.due_s == 10.5
+    schedule.advance(10.5)
+    assert schedule.due_s == 11.0
+    schedule.advance(13.2)
+    assert schedule.due_s == 13.5
+    schedule.restart(3.0)
+    assert schedule.due_s == 3.5
+
+
+def test_a_schedule_that_is_advanced_early_does_not_go_back() -> None:
+    schedule = PeriodicSchedule(1.0, 0.0)
+    schedule.advance(0.9)
+    assert schedule.due_s == 2.0
+
+
+def test_all_periods_restart_together() -> None:
+    timers = ClockTimers()
+    timers.add(ClockTimer(1.0, lambda now_s: None, 0.0))
+    timers.restart(100.25)
+    assert timers.take_due(101.0) == []
+    assert timers.next_s() == 101.25

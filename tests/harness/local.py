@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware
 
 
@@ -16,10 +16,11 @@ class LocalHarness:
     knows_listeners = True
 
     def __init__(self) -> None:
-        self.bus = LocalBus(START_S)
+        self.bus = LocalBus(1.0)
         self._outside = self.bus.node("outside")
+        self._outside.advertise("/clock", "rosgraph_msgs/Clock")
         self._nodes: List[LocalMiddleware] = []
-        self._tick_s = 0.0
+        self._sim_time_s = START_S
 
     def node(
         self,
@@ -30,9 +31,9 @@ class LocalHarness:
         remap: Optional[Mapping[str, str]] = None,
         sim_time: bool = True,
     ) -> LocalMiddleware:
-        self._tick_s = 0.0 if sim_time else 0.01
-        node = self.bus.node(name, namespace=namespace, parameters=parameters, remap=remap)
+        node = self.bus.node(name, namespace=namespace, parameters=parameters, remap=remap, use_sim_time=sim_time)
         self._nodes.append(node)
+        self.set_time(self._sim_time_s)
         return node
 
     def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
@@ -47,7 +48,7 @@ class LocalHarness:
     def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
         try:
             return self.bus.call_service(service, request)
-        except ValueError as error:
+        except ServiceError as error:
             raise ServiceFailed(str(error)) from error
 
     def propose(self, node: LocalMiddleware, name: str, value: object) -> str:
@@ -58,13 +59,15 @@ class LocalHarness:
         return ""
 
     def set_time(self, now_s: float) -> None:
-        self.bus.run_due(now_s)
+        self._sim_time_s = now_s
+        seconds = int(now_s)
+        self._outside.publish("/clock", {"clock": {"sec": seconds, "nanosec": round((now_s - seconds) * 1e9)}})
 
     def log_lines(self) -> Sequence[LogLine]:
         return [LogLine(line.severity, line.text) for line in self.bus.log_lines]
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        poll_until(predicate, lambda: self.bus.run_due(self.bus.now_s + self._tick_s), deadline_s=1.0)
+        poll_until(predicate, lambda: self.bus.run_due(self.bus.now_s + 0.01), deadline_s=1.0)
 
     def close(self) -> None:
         for node in (*self._nodes, self._outside):

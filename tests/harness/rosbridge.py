@@ -7,7 +7,7 @@ import threading
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
 from robot_health_monitor.rosbridge.loop_thread import LoopThread
@@ -75,7 +75,7 @@ class RosbridgeHarness:
         self._settle()
         try:
             return self._robot.call(self.server.call(service, request or {}, None))  # type: ignore[no-any-return]
-        except ValueError as error:
+        except (ValueError, ServiceError) as error:
             raise ServiceFailed(error) from None
 
     def propose(self, node: RosbridgeMiddleware, name: str, value: object) -> str:

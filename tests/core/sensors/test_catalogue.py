@@ -389,13 +389,13 @@ def test_a_metric_that_vanishes_turns_stale_and_comes_back_while_the_others_go_o
     }
     machine(NO_SWAP)
     BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}))
-    bus.run_due(10.0)
+    bus.run_until(10.0)
     assert alerts == []
     machine({path: None for path in WORKSTATION if "hwmon3" in path})
-    bus.run_due(20.0)
+    bus.run_until(20.0)
     assert alerts == [("board", "STALE")]
     machine(WORKSTATION)
-    bus.run_due(22.0)
+    bus.run_until(22.0)
     assert alerts == [("board", "STALE"), ("board", "OK")]
     said = [
         (line.severity, line.text.partition(":")[0])
@@ -417,8 +417,8 @@ def test_a_rate_that_is_not_measured_yet_is_no_failure(machine: Machine) -> None
     heard: List[float] = []
     bus.node("listener").subscribe("errors", "std_msgs/Float32", lambda value, now_s: heard.append(value), field="data")
     BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}))
-    bus.run_due(1.0)
+    bus.run_until(1.0)
     machine(interfaces(eth0="5 0"))
-    bus.run_due(3.0)
+    bus.run_until(3.0)
     assert heard == [5.0, 0.0]
     assert [line.text for line in bus.log_lines if line.severity > Severity.INFO] == []

@@ -185,12 +185,12 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
 
         bus.node("listener").subscribe(topic, "std_msgs/Float32", count)
     BatterySensor(node)
-    bus.run_due(2.0)
+    bus.run_until(2.0)
     assert heard == {"memory": 2, "disk": 0}
     node.set_parameters({"host": {"disk": {"source": "disk_free"}}})
-    bus.run_due(5.0)
+    bus.run_until(5.0)
     assert heard == {"memory": 2, "disk": 3}
     with pytest.raises(ConfigError, match=r"^host\.disk\.path: found 5, allowed is a text of printable characters$"):
         node.set_parameter("host.disk.path", 5)
-    bus.run_due(6.0)
+    bus.run_until(6.0)
     assert heard == {"memory": 2, "disk": 4}

@@ -1,0 +1,319 @@
+"""What the adapters that carry messages as mappings have in common: the in-process one and the rosbridge client.
+
+`MappingNode` implements the part of the port that needs no transport: names, parameters, clocks, timers, guarded
+callbacks and the reading of fields. A subclass adds publishing, subscribing, services and `log`.
+"""
+
+from __future__ import annotations
+
+import abc
+import collections
+import threading
+from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from .errors import ConfigError, MessageError, ServiceError
+from .faults import Faults
+from .field_path import ABSENT, mapping_getter
+from .middleware import Message, Severity, resolve_name, split_type_name
+from .parameters import Parameter, flatten, unflatten
+from .timers import ClockTimer, ClockTimers
+
+CLOCK = "/clock"
+CLOCK_TYPE = "rosgraph_msgs/Clock"
+
+_STAMP_LIMIT = 2**32
+"""The seconds of a stamp are an unsigned number of 32 bits in ROS 1 and a signed one in ROS 2."""
+_MAX_WAITING = 1000
+"""Messages that wait for the first message on /clock; then the oldest are dropped."""
+
+
+class MappingSubscription:
+    """A subscription that reads one field from messages that are mappings. Implements `middleware.Subscription`."""
+
+    def __init__(
+        self,
+        node: MappingNode,
+        topic: str,
+        type_name: str,
+        field: Optional[str],
+        callback: Callable[[Any, float], None],
+        *,
+        null_is_nan: bool = False,
+    ) -> None:
+        """Binds the field.
+
+        Args:
+            node: whose subscription it is.
+            topic: the resolved topic.
+            type_name: type of the messages, empty if unknown.
+            field: as in `Middleware.subscribe`.
+            callback: as in `Middleware.subscribe`.
+            null_is_nan: a None is a NaN, which JSON has no number for. Not with an index in `field`: there, None
+                means that the array is too short.
+
+        Raises:
+            ConfigError: `field` is not a path.
+        """
+        self.topic = topic
+        self.active = True
+        """False once it has ended."""
+        self.callback = callback
+        self._node = node
+        self._type_name = type_name
+        self._field = field
+        self._get: Callable[[Any], Any] = _arrival if field is None else mapping_getter(field)
+        self._null_is_nan = null_is_nan and bool(field) and "[" not in str(field)
+        self._has_failed = False
+
+    def deliver(self, message: Message) -> None:
+        """Passes a message's value to the node, with the time."""
+        try:
+            value = self._get(message)
+        except (KeyError, TypeError, AttributeError):
+            self._log_missing(message)
+            return
+        if value is not ABSENT:
+            self._node.call_back(self, float("nan") if value is None and self._null_is_nan else value)
+
+    def _log_missing(self, message: Message) -> None:
+        if not self._has_failed:
+            self._has_failed = True
+            type_text = f" ({self._type_name})" if self._type_name else ""
+            text = f"{self.topic}{type_text} has no field {self._field}; available: {', '.join(message)}"
+            self._node.log(Severity.ERROR, text)
+
+
+class MappingNode(abc.ABC):
+    """One node; the base of classes that implement `core.middleware.Middleware`."""
+
+    def __init__(
+        self,
+        name: str,
+        parameters: Mapping[str, Any],
+        remap: Mapping[str, str],
+        *,
+        clock: Callable[[], float],
+        use_sim_time: bool = False,
+    ) -> None:
+        """Makes a node that is not connected to anything.
+
+        Args:
+            name: fully qualified name, `/robot1/alert_system`.
+            parameters: its configuration, nested as in the file under `ros__parameters`.
+            remap: names as the node uses them (relative or absolute) to the names to use instead.
+            clock: monotonic seconds.
+            use_sim_time: the node's time is what `set_sim_time` sets, and 0 before that.
+        """
+        self.name = name
+        self.faults = Faults()
+        self.closed = False
+        """Whether `close` was called."""
+        self._lock = threading.RLock()
+        self._clock = clock
+        self._given = parameters
+        self._on_change: Optional[Callable[[Mapping[str, Any]], str]] = None
+        self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
+        self._advertised: Dict[str, str] = {}
+        self._sim_time_s: Optional[float] = 0.0 if use_sim_time else None
+        self._steady_timers = ClockTimers()
+        self._sim_timers = ClockTimers()
+        self._waiting: Deque[Tuple[MappingSubscription, Any]] = collections.deque(maxlen=_MAX_WAITING)
+
+    @abc.abstractmethod
+    def log(self, severity: Severity, text: str) -> None:
+        """See `Middleware.log`."""
+
+    def now_s(self) -> float:
+        """See `Middleware.now_s`."""
+        return self._clock() if self._sim_time_s is None else self._sim_time_s
+
+    def waiting_for_clock(self) -> bool:
+        """See `Middleware.waiting_for_clock`."""
+        return self._sim_time_s == 0.0
+
+    def steady_s(self) -> float:
+        """See `Middleware.steady_s`."""
+        return self._clock()
+
+    def given_parameters(self) -> Mapping[str, Any]:
+        """See `Middleware.given_parameters`."""
+        return self._given
+
+    def declare_parameters(
+        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
+    ) -> None:
+        """See `Middleware.declare_parameters`."""
+        self._on_change = on_change
+
+    def set_parameters(self, tree: Mapping[str, Any]) -> str:
+        """Proposes a new configuration, nested, as `ros2 param set` and `~reload` do elsewhere.
+
+        Returns:
+            What changed, as one line.
+
+        Raises:
+            ConfigError: the node rejects it; the old values stay in force.
+        """
+        with self._lock:
+            changes = ""
+            if self._on_change is not None:
+                try:
+                    changes = self._on_change(tree)
+                except ConfigError:
+                    raise
+                except Exception as error:
+                    raise ConfigError(self.log_failure(error)) from error
+            self._given = tree
+            return changes
+
+    def set_parameter(self, name: str, value: object) -> str:
+        """Proposes one changed value, by its dotted name.
+
+        Returns:
+            What changed, as one line.
+
+        Raises:
+            ConfigError: the node rejects it; the old value stays in force.
+        """
+        return self.set_parameters(unflatten({**dict(flatten(self._given)), name: value}))
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
+        """See `Middleware.create_timer`."""
+        with self._lock:
+            if steady or self._sim_time_s is None:
+                timer = ClockTimer(period_s, callback, self.steady_s())
+                self._steady_timers.add(timer)
+            else:
+                timer = ClockTimer(period_s, callback, self._sim_time_s)
+                self._sim_timers.add(timer)
+        return timer
+
+    def next_steady_s(self) -> Optional[float]:
+        """Returns when the next timer on steady time is due, in s; None without such timers."""
+        with self._lock:
+            return self._steady_timers.next_s()
+
+    def run_steady_timers(self) -> None:
+        """Calls the timers that are due on steady time."""
+        self._run_due(self._steady_timers, self.steady_s())
+
+    def take_clock(self, message: Message) -> None:
+        """Takes a message of /clock; call for every one of them under `use_sim_time`."""
+        now_s = read_clock(message)
+        if now_s is not None:
+            self.set_sim_time(now_s)
+
+    def set_sim_time(self, now_s: float) -> None:
+        """Sets simulated time, which may go back; calls the timers that are due.
+
+        The first call also delivers the messages that waited for it.
+        """
+        with self._lock:
+            if self._sim_time_s is None or now_s <= 0.0:
+                return
+            was_waiting, self._sim_time_s = self._sim_time_s == 0.0, now_s
+            if was_waiting:
+                self._sim_timers.restart(now_s)
+                while self._waiting:
+                    subscription, value = self._waiting.popleft()
+                    self.call_back(subscription, value)
+            self._run_due(self._sim_timers, now_s)
+
+    def resolve(self, name: str) -> str:
+        """Returns the absolute name that a name stands for, after remapping."""
+        resolved = resolve_name(name, self.name)
+        return self._remap.get(resolved, resolved)
+
+    def require_advertised(self, topic: str) -> str:
+        """Returns the resolved name of a topic.
+
+        Raises:
+            MessageError: it is not advertised.
+        """
+        resolved = self.resolve(topic)
+        if resolved not in self._advertised:
+            raise MessageError(f"{self.name} has not advertised {resolved}")
+        return resolved
+
+    def call(self, callback: Callable[..., object], *arguments: Any) -> None:
+        """Calls back under the node's lock, unless the node is closed; an exception becomes a log line."""
+        with self._lock:
+            if self.closed:
+                return
+            try:
+                callback(*arguments)
+            except Exception as error:
+                self.log_failure(error)
+
+    def call_back(self, subscription: MappingSubscription, value: Any) -> None:
+        """Passes a value to a subscription's callback, with the time; waits for /clock under `use_sim_time`."""
+        with self._lock:
+            if self._sim_time_s == 0.0:
+                self._waiting.append((subscription, value))
+            elif subscription.active:
+                self.call(subscription.callback, value, self.now_s())
+
+    def answer(self, handler: Callable[[Message], Message], request: Message) -> Message:
+        """Calls a service's handler under the node's lock.
+
+        Raises:
+            ServiceError: the node is closed, or the handler raised, which is one ERROR line in the log.
+        """
+        with self._lock:
+            if self.closed:
+                raise ServiceError(f"{self.name} is closed")
+            try:
+                return handler(request)
+            except Exception as error:
+                raise ServiceError(self.log_failure(error)) from error
+
+    def log_failure(self, error: Exception) -> str:
+        """Logs an exception of a callback as one line, which it returns."""
+        text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
+        self.log(Severity.ERROR, text)
+        return text
+
+    def cancel_timers(self) -> None:
+        """Cancels all timers; part of `close`."""
+        self._steady_timers.cancel_all()
+        self._sim_timers.cancel_all()
+
+    def _run_due(self, timers: ClockTimers, due_s: float) -> None:
+        with self._lock:
+            due: List[ClockTimer] = timers.take_due(due_s)
+            for timer in due:
+                if not timer.cancelled:
+                    self.call(timer.callback, self.now_s())
+
+
+def read_clock(message: Message) -> Optional[float]:
+    """Returns the time of a rosgraph_msgs/Clock in s, with the stamp of ROS 1 or ROS 2; None if it is not valid."""
+    stamp = message.get("clock")
+    if not isinstance(stamp, Mapping):
+        return None
+    seconds = stamp.get("secs", stamp.get("sec"))
+    nanoseconds = stamp.get("nsecs", stamp.get("nanosec", 0))
+    if not (_is_part_of_stamp(seconds) and _is_part_of_stamp(nanoseconds)):
+        return None
+    return float(seconds + nanoseconds / 1e9)
+
+
+def require_type_name(type_name: str) -> Tuple[str, str]:
+    """Returns the package and the type of a type name, in any of its spellings.
+
+    Raises:
+        ConfigError: it is not a type name.
+    """
+    split = split_type_name(type_name)
+    if split is None:
+        raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
+    package, name = split
+    return package, name
+
+
+def _arrival(message: Message) -> float:
+    return 1.0
+
+
+def _is_part_of_stamp(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < _STAMP_LIMIT

@@ -1,0 +1,161 @@
+"""What the in-process middleware and the rosbridge client have in common; the rest is in the conformance suite."""
+
+from __future__ import annotations
+
+from typing import Any, List, Mapping, Tuple
+
+import pytest
+
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, read_clock, require_type_name
+from robot_health_monitor.core.middleware import Severity
+
+
+class Node(MappingNode):
+    """A node without a transport, on a clock that is set by hand."""
+
+    def __init__(self, *, use_sim_time: bool = False, remap: Mapping[str, str] = {}) -> None:
+        self.steady = 10.0
+        self.lines: List[Tuple[Severity, str]] = []
+        super().__init__("/robot1/node", {}, remap, clock=lambda: self.steady, use_sim_time=use_sim_time)
+
+    def log(self, severity: Severity, text: str) -> None:
+        self.lines.append((severity, text))
+
+    def subscription(self, field: str = "data", **options: Any) -> Tuple[MappingSubscription, List[Tuple[Any, float]]]:
+        received: List[Tuple[Any, float]] = []
+        subscription = MappingSubscription(
+            self, "/in", "", field, lambda value, now_s: received.append((value, now_s)), **options
+        )
+        return subscription, received
+
+
+def clock(seconds: int) -> Mapping[str, Any]:
+    return {"clock": {"secs": seconds, "nsecs": 500_000_000}}
+
+
+def test_messages_wait_for_the_first_message_on_clock() -> None:
+    node = Node(use_sim_time=True)
+    subscription, received = node.subscription()
+    subscription.deliver({"data": 1.0})
+    assert received == [] and node.waiting_for_clock()
+    node.take_clock(clock(100))
+    assert received == [(1.0, 100.5)] and not node.waiting_for_clock()
+    subscription.deliver({"data": 2.0})
+    assert received[1:] == [(2.0, 100.5)]
+
+
+def test_at_most_1000_messages_wait_for_the_clock_and_the_oldest_are_dropped() -> None:
+    node = Node(use_sim_time=True)
+    subscription, received = node.subscription()
+    for number in range(1500):
+        subscription.deliver({"data": number})
+    node.take_clock(clock(100))
+    assert [value for value, _ in received] == list(range(500, 1500))
+
+
+def test_timers_on_simulated_time_start_with_the_first_message_on_clock() -> None:
+    node, times_s = Node(use_sim_time=True), []  # type: ignore[var-annotated]
+    node.create_timer(1.0, times_s.append)
+    for seconds in (100, 101, 102):
+        node.take_clock(clock(seconds))
+    assert times_s == [101.5, 102.5]
+
+
+def test_steady_timers_run_while_simulated_time_stands_still() -> None:
+    node, times_s = Node(use_sim_time=True), []  # type: ignore[var-annotated]
+    node.create_timer(1.0, times_s.append, steady=True)
+    node.steady = 11.0
+    node.run_steady_timers()
+    assert times_s == [0.0]
+    assert node.next_steady_s() == 12.0
+
+
+@pytest.mark.parametrize(
+    ("stamp", "time_s"),
+    [
+        ({"secs": 7, "nsecs": 250_000_000}, 7.25),
+        ({"sec": 7, "nanosec": 250_000_000}, 7.25),
+        ({"sec": 7}, 7.0),
+        ({}, None),
+        ({"sec": "7"}, None),
+        ({"sec": -1, "nanosec": 0}, None),
+        ({"sec": float("nan"), "nanosec": 0}, None),
+        ({"sec": True, "nanosec": 0}, None),
+        (None, None),
+    ],
+)
+def test_a_clock_message_has_the_stamp_of_ros_1_or_ros_2(stamp: object, time_s: object) -> None:
+    assert read_clock({"clock": stamp}) == time_s
+
+
+def test_a_null_is_a_nan_where_that_is_asked_for_but_not_behind_an_index() -> None:
+    node = Node()
+    subscription, received = node.subscription(null_is_nan=True)
+    subscription.deliver({"data": None})
+    assert received[0][0] != received[0][0]
+    indexed, received = node.subscription("cells[5]", null_is_nan=True)
+    indexed.deliver({"cells": [1.0]})
+    assert received == [(None, 10.0)]
+
+
+def test_a_missing_field_is_one_error_line_with_the_fields_that_there_are() -> None:
+    node = Node()
+    subscription, received = node.subscription("percentage")
+    for _ in range(3):
+        subscription.deliver({"data": 1.0, "header": {}})
+    assert node.lines == [(Severity.ERROR, "/in has no field percentage; available: data, header")]
+    assert received == []
+
+
+def test_a_topic_that_is_not_advertised_is_a_message_error() -> None:
+    with pytest.raises(MessageError, match="/robot1/node has not advertised /robot1/out"):
+        Node().require_advertised("out")
+
+
+def test_names_are_remapped_after_they_are_resolved() -> None:
+    node = Node(remap={"/diagnostics": "diagnostics", "level": "/battery/level"})
+    assert node.resolve("/diagnostics") == "/robot1/diagnostics"
+    assert node.resolve("level") == "/battery/level"
+    assert node.resolve("other") == "/robot1/other"
+
+
+def test_a_handler_that_raises_is_a_service_error_and_a_log_line() -> None:
+    def fail(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        raise RuntimeError("no\nluck")
+
+    node = Node()
+    with pytest.raises(ServiceError, match="no luck"):
+        node.answer(fail, {})
+    assert node.lines == [(Severity.ERROR, "RuntimeError in a callback: no luck")]
+
+
+def test_a_closed_node_calls_nothing_back() -> None:
+    node = Node()
+    subscription, received = node.subscription()
+    node.closed = True
+    subscription.deliver({"data": 1.0})
+    assert received == []
+    with pytest.raises(ServiceError):
+        node.answer(dict, {})
+
+
+def test_a_rejected_parameter_keeps_the_old_value() -> None:
+    def reject(tree: Mapping[str, Any]) -> str:
+        raise ConfigError("too high", ("rate",))
+
+    node = Node()
+    node.declare_parameters([], reject)
+    with pytest.raises(ConfigError, match="rate: too high"):
+        node.set_parameter("rate", 7.0)
+    assert node.given_parameters() == {}
+
+
+@pytest.mark.parametrize("name", ["std_msgs/Float32", "std_msgs/msg/Float32"])
+def test_a_type_name_has_two_spellings(name: str) -> None:
+    assert require_type_name(name) == ("std_msgs", "Float32")
+
+
+def test_a_text_that_is_not_a_type_name_is_a_configuration_error() -> None:
+    with pytest.raises(ConfigError, match="expected a type such as std_msgs/Float32, got 'Float32'"):
+        require_type_name("Float32")
