@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from typing import Any, Callable, Dict, Mapping, NamedTuple
 
+from .formatting import printable
 from .model import Level
 
 _MAX_PARTS = 100
@@ -41,7 +42,7 @@ class Faults:
         """
         with self._lock:
             if part in self._faults or len(self._faults) < _MAX_PARTS:
-                self._faults[part] = Fault(level, " ".join(text.split()))
+                self._faults[part] = Fault(level, printable(" ".join(text.split())))
 
     def clear(self, part: str) -> None:
         """Reports that a part works again; does nothing if it had no fault."""

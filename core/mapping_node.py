@@ -14,6 +14,7 @@ from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence
 from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
 from .field_path import ABSENT, mapping_getter
+from .formatting import printable
 from .middleware import Message, Severity, resolve_name, split_type_name
 from .parameters import Parameter, flatten, unflatten
 from .timers import ClockTimer, ClockTimers
@@ -80,7 +81,7 @@ class MappingSubscription:
             self._has_failed = True
             type_text = f" ({self._type_name})" if self._type_name else ""
             text = f"{self.topic}{type_text} has no field {self._field}; available: {', '.join(message)}"
-            self._node.log(Severity.ERROR, text)
+            self._node.log(Severity.ERROR, printable(text))
 
 
 class MappingNode(abc.ABC):
@@ -269,7 +270,7 @@ class MappingNode(abc.ABC):
 
     def log_failure(self, error: Exception) -> str:
         """Logs an exception of a callback as one line, which it returns."""
-        text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
+        text = printable(" ".join(f"{type(error).__name__} in a callback: {error}".split()))
         self.log(Severity.ERROR, text)
         return text
 

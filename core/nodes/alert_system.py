@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Mapping, Tuple
 from ..config import DEFAULT_SIGNALS, MonitorConfig, SignalConfig, described_parameters, load_config
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
-from ..formatting import bound_text, with_unit
+from ..formatting import bound_text, printable, with_unit
 from ..middleware import Message, Middleware, Severity, Subscription
 from ..model import Changes, Level, Sample, Transition
 from ..monitor import Monitor
@@ -175,7 +175,7 @@ class AlertSystem:
 
     def _log(self, event: Event) -> None:
         severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
-        self._middleware.log(severity, event.text)
+        self._middleware.log(severity, printable(event.text))
 
     def _publish_alert(self, event: Event) -> None:
         if isinstance(event, Transition):
