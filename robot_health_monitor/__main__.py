@@ -59,6 +59,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
     from robot_health_monitor.core.errors import ConfigError
 
     from .arguments import parse
+    from .output.display import OutputError
 
     try:
         arguments = parse(argv)
@@ -75,6 +76,8 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
     except ConfigError as error:
         _write_error(str(error))
         return WRONG_USAGE
+    except OutputError as error:
+        return _fail(str(error))
 
 
 def _run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:

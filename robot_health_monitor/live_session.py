@@ -10,7 +10,7 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 
 from .interrupts import Interrupts
-from .output.display import Output, Shown
+from .output.display import Output, OutputError, Shown
 from .output.events import Events, LibraryLog
 
 _SHOW_PERIOD_S = 0.1
@@ -56,6 +56,7 @@ def run_session(
         Whether the session lasted `duration_s` and there were alerts.
 
     Raises:
+        OutputError: the duration has passed, and the output is incomplete.
         Exception: whatever `work` raises.
     """
     library_log = LibraryLog(events)
@@ -68,6 +69,8 @@ def run_session(
         output.close()
         logging.captureWarnings(False)
         logging.getLogger().removeHandler(library_log)
+    if completed and output.problem:
+        raise OutputError(output.problem)
     return completed and events.alerts > 0
 
 

@@ -10,6 +10,10 @@ from robot_health_monitor.core.monitor import Monitor
 from .events import Entry
 
 
+class OutputError(Exception):
+    """The output could not be written completely. `str()` says why."""
+
+
 class Shown(Protocol):
     """One robot or several."""
 
@@ -35,7 +39,7 @@ class Output(Protocol):
 
     @property
     def problem(self) -> str:
-        """Why the output is not written at present; empty: it is."""
+        """Why the output is not written, or was not until `close`; empty: it is."""
 
     def start(self, loop: asyncio.AbstractEventLoop, shown: Shown) -> None:
         """Begins writing what was added before and after. Called in the loop's thread."""

@@ -63,6 +63,7 @@ class StreamWriter(Generic[Item]):
         self._changed = threading.Condition()
         self._thread: Optional[threading.Thread] = None
         self._error = ""
+        self._abandoned = False
         self.reader_is_gone = False
         """Whether nothing reads the stream any more."""
 
@@ -71,7 +72,7 @@ class StreamWriter(Generic[Item]):
         """Why the stream is not written at present; empty: it is."""
         if self._error:
             return f"the output cannot be written: {self._error}"
-        return "the output is not read: the oldest lines are dropped" if self._dropped else ""
+        return "the output is not read: the oldest lines are dropped" if self._dropped or self._abandoned else ""
 
     def start(self) -> None:
         """Begins writing."""
@@ -109,7 +110,8 @@ class StreamWriter(Generic[Item]):
         if self._thread.is_alive() and self._stream.isatty():
             self._resume_terminal()
             self._thread.join(_CLOSE_S)
-        return not self._thread.is_alive()
+        self._abandoned = self._thread.is_alive()
+        return not self._abandoned
 
     def _run(self) -> None:
         self._write(self._first)
@@ -170,6 +172,8 @@ class StreamWriter(Generic[Item]):
         # A process in the background would be stopped for it.
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTTOU])
         with contextlib.suppress(OSError, termios.error):
+            # Linux resumes only what TCOOFF has paused.
+            termios.tcflow(self._stream.fileno(), termios.TCOOFF)
             termios.tcflow(self._stream.fileno(), termios.TCOON)
 
 

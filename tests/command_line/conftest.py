@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
@@ -74,21 +75,29 @@ def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Ca
 
 @pytest.fixture
 def on_terminal(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
-    """Returns a function that starts `robot-health` on a terminal: (arguments, columns, lines, variables)."""
+    """Returns a function that starts `robot-health` on a terminal: (arguments, columns, lines, full, variables)."""
     pytest.importorskip("pyte", reason="pyte, which keeps the screen, is not installed")
     from harness import terminal_process
 
     started: List[Any] = []
 
-    def start(*arguments: object, columns: int = 80, lines: int = 24, **variables: str) -> Any:
+    def start(*arguments: object, columns: int = 80, lines: int = 24, full: bool = False, **variables: str) -> Any:
         words = [*command, *(str(argument) for argument in arguments)]
-        size = {"columns": columns, "lines": lines}
-        started.append(terminal_process.TerminalProcess(words, {**environment, **variables}, **size))
+        options: Any = {"columns": columns, "lines": lines, "full": full}
+        started.append(terminal_process.TerminalProcess(words, {**environment, **variables}, **options))
         return started[-1]
 
     yield start
     for process in started:
         process.end()
+
+
+@pytest.fixture
+def free_port() -> int:
+    """Returns a port that no process listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 @pytest.fixture

@@ -7,7 +7,9 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
+import threading
 from pathlib import Path
 from typing import Any, Callable, Dict, List
 
@@ -17,6 +19,10 @@ from harness.line_process import LineProcess
 from robot_health_monitor.core import Transition
 
 Start = Callable[..., LineProcess]
+HANDSHAKE = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
 ENDING_SIGNALS = [signal.SIGINT, signal.SIGTERM]
 
 
@@ -188,6 +194,129 @@ def test_it_ends_without_a_reader_even_when_it_has_nothing_to_say(
         process.stdout.close()
         assert process.wait(30.0) == 0
         assert b"Error" not in process.stderr.read()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+def test_a_full_disk_below_stdout_does_not_stop_the_monitoring(
+    command: List[str], environment: Dict[str, str], robot_health: Start, restless: Path, free_port: int
+) -> None:
+    run = [*command, "run", "--thresholds", str(restless), "--port", str(free_port)]
+    with open("/dev/full", "w") as full, subprocess.Popen(
+        run, stdout=full, stderr=subprocess.PIPE, env=environment
+    ) as process:
+        watcher = robot_health("connect", f"ws://127.0.0.1:{free_port}", "--thresholds", restless)
+        watcher.wait_for_text("battery_level ERROR: ")
+        watcher.wait_for_text("battery_level OK: ")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 0
+        assert process.stderr is not None
+        assert process.stderr.read().decode() == (
+            "robot-health: the output cannot be written: No space left on device; monitoring continues\n"
+        )
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+def test_a_judgement_that_could_not_be_written_is_code_3(
+    command: List[str], environment: Dict[str, str], restless: Path
+) -> None:
+    with open("/dev/full", "w") as full:
+        run = [*command, "run", "--thresholds", str(restless), "--duration", "1"]
+        done = subprocess.run(run, stdout=full, stderr=subprocess.PIPE, env=environment, timeout=30.0, check=False)
+    assert done.returncode == 3
+    assert done.stderr.decode().splitlines()[-1] == (
+        "robot-health: the output cannot be written: No space left on device"
+    )
+
+
+def test_a_pipe_that_is_not_read_stops_neither_the_monitoring_nor_the_end(
+    command: List[str], environment: Dict[str, str], robot_health: Start, restless: Path, free_port: int
+) -> None:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    try:
+        while True:
+            os.write(writer, b"x" * 4096)
+    except BlockingIOError:
+        os.set_blocking(writer, True)
+    run = [*command, "run", "--thresholds", str(restless), "--port", str(free_port)]
+    with subprocess.Popen(run, stdout=writer, stderr=subprocess.PIPE, env=environment) as process:
+        os.close(writer)
+        watcher = robot_health("connect", f"ws://127.0.0.1:{free_port}", "--thresholds", restless)
+        watcher.wait_for_text("battery_level ERROR: ")
+        watcher.wait_for_text("battery_level OK: ")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 0
+        assert process.stderr is not None and process.stderr.read() == b""
+    os.close(reader)
+
+
+@pytest.mark.parametrize("number", ENDING_SIGNALS)
+def test_it_ends_while_clients_reconnect_at_once(robot_health: Start, calm: Path, free_port: int, number: int) -> None:
+    process = robot_health("run", "--thresholds", calm, "--port", free_port)
+    process.wait_for_text("serving on")
+    connected, ended = threading.Event(), threading.Event()
+
+    def reconnect() -> None:
+        while not ended.is_set():
+            try:
+                with socket.create_connection(("127.0.0.1", free_port), 5.0) as client:
+                    client.sendall(HANDSHAKE)
+                    while client.recv(65536):
+                        connected.set()
+            except OSError:
+                pass  # refused or reset: at once again
+
+    clients = [threading.Thread(target=reconnect) for _ in range(5)]
+    for client in clients:
+        client.start()
+    try:
+        assert connected.wait(30.0)
+        process.signal(number)
+        assert process.wait() == 0
+    finally:
+        ended.set()
+        for client in clients:
+            client.join(30.0)
+    assert not process.errors
+
+
+def test_without_aiohttp_it_monitors_and_says_what_is_missing(
+    robot_health: Start, restless: Path, tmp_path: Path
+) -> None:
+    hidden = tmp_path / "hidden"
+    hidden.mkdir()
+    (hidden / "aiohttp.py").write_text("raise ModuleNotFoundError(\"No module named 'aiohttp'\", name='aiohttp')\n")
+    path = f"{hidden}{os.pathsep}{Path(__file__).resolve().parents[2]}"
+    process = robot_health("run", "--thresholds", restless, "--port", 0, PYTHONPATH=path)
+    process.wait_for_text("[ERROR] alert_system: rosbridge: not served: aiohttp is not installed")
+    process.wait_for_text("battery_level OK: ")
+    process.signal()
+    assert process.wait() == 0
+    assert process.text.count("aiohttp") == 1 and not process.errors
+
+
+def test_a_default_port_in_use_disables_only_the_server(robot_health: Start, restless: Path, tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        file = tmp_path / "port.yaml"
+        file.write_text(restless.read_text().replace("robot_name: atlas", f"rosbridge_port: {port}"))
+        process = robot_health("run", "--thresholds", file)
+        process.wait_for_text(f"[ERROR] alert_system: rosbridge: not served: port {port} of 127.0.0.1 cannot be opened")
+        process.wait_for_text("battery_level OK: ")
+        requested = robot_health("run", "--thresholds", restless, "--port", port)
+        assert requested.wait() == 2
+        assert [line.stream for line in requested.lines] == ["err"]
+        assert f"port {port} of 127.0.0.1 cannot be opened" in requested.errors[0]
+
+
+def test_source_none_publishes_nothing(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "none.yaml"
+    file.write_text("alert_system: {ros__parameters: {signals: {cpu_usage: {startup_grace_s: 0.5}}}}\n")
+    process = robot_health("run", "--thresholds", file, "--source", "none", "--port", 0)
+    process.wait_for_text("cpu_usage STALE: ")
+    assert "battery_sensor" not in process.text
 
 
 def test_it_runs_without_a_stdout(command: List[str], environment: Dict[str, str], restless: Path) -> None:

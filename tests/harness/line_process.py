@@ -1,4 +1,4 @@
-"""A program under test, its output read line by line while it runs."""
+"""A program under test, whose output is read line by line while it runs."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class LineProcess:
     def __init__(
         self, command: Sequence[str], environment: Optional[Mapping[str, str]] = None, cwd: Any = None
     ) -> None:
-        """Starts `command` in a process group of its own."""
+        """Starts `command` in a new process group."""
         self.lines: List[Line] = []
-        """What it has written until now, as far as `wait_for_line` and `wait` have looked."""
+        """Its output, as far as `wait_for_line` and `wait` have read."""
         self._arrivals: queue.Queue = queue.Queue()
         self._process = subprocess.Popen(
             [str(part) for part in command],
@@ -65,11 +65,11 @@ class LineProcess:
 
     @property
     def text(self) -> str:
-        """All that it has written."""
+        """All of its output."""
         return "\n".join(f"{line.stream}: {line.text}" for line in self.lines)
 
     def wait_for_line(self, wanted: Callable[[str], bool], deadline_s: float = DEADLINE_S) -> str:
-        """Returns the first line from here on for which `wanted` is true.
+        """Returns the next line for which `wanted` is true.
 
         Raises:
             AssertionError: it does not come in time, or the program ends without it.
@@ -89,11 +89,11 @@ class LineProcess:
                 return line.text
 
     def wait_for_text(self, text: str, deadline_s: float = DEADLINE_S) -> str:
-        """Returns the first line from here on that contains `text`."""
+        """Returns the next line that contains `text`."""
         return self.wait_for_line(lambda line: text in line, deadline_s)
 
     def wait_for_texts(self, *texts: str) -> None:
-        """Waits until each text has stood in a line from here on, in any order."""
+        """Waits until each text has occurred in a line, in any order."""
         missing = set(texts)
 
         def strike_out(line: str) -> bool:
@@ -122,7 +122,7 @@ class LineProcess:
         return self._process.returncode
 
     def end(self) -> None:
-        """Ends it if it still runs, for the end of a test: politely, then it is killed with what it started."""
+        """Ends it if it still runs, at the end of a test: with SIGINT, then with SIGKILL for its process group."""
         if self.is_running:
             self.signal()
             try:

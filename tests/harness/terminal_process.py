@@ -1,4 +1,4 @@
-"""A program on a terminal: a real pseudo-terminal, whose screen pyte keeps as a terminal would show it."""
+"""A program on a real pseudo-terminal, whose screen pyte emulates."""
 
 from __future__ import annotations
 
@@ -20,22 +20,38 @@ DEADLINE_S = 30.0
 _TAKE_TERMINAL = (
     "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); os.execvp(sys.argv[1], sys.argv[1:])"
 )
-"""Makes the terminal the controlling one, so that Ctrl-C and a changed size reach the program, and becomes it."""
+"""Makes the terminal the controlling one, so that Ctrl-C and SIGWINCH reach the program, and executes it."""
 
 
 class TerminalProcess:
-    """A running program, with a terminal of its own."""
+    """A running program on a terminal."""
 
     def __init__(
-        self, command: Sequence[str], environment: Mapping[str, str], *, columns: int = 80, lines: int = 24
+        self,
+        command: Sequence[str],
+        environment: Mapping[str, str],
+        *,
+        columns: int = 80,
+        lines: int = 24,
+        full: bool = False,
     ) -> None:
-        """Starts `command` on a terminal of the given size."""
+        """Starts `command` on a terminal of the given size.
+
+        Args:
+            command: the program and its arguments.
+            environment: its variables.
+            columns: width of the terminal.
+            lines: height of the terminal.
+            full: as if the terminal had not been read for long: the first write blocks.
+        """
         self.screen = pyte.Screen(columns, lines)
         self.bytes = b""
-        """All that it has written until now, as far as `wait_until` and `wait` have looked."""
+        """Everything it has written, as far as `wait_until` and `wait` have read."""
         self._stream = pyte.ByteStream(self.screen)
         self._terminal, inside = pty.openpty()
         _set_size(inside, columns, lines)
+        if full:
+            _fill(inside)
         self._process = subprocess.Popen(
             [sys.executable, "-c", _TAKE_TERMINAL, *command],
             env=dict(environment),
@@ -48,7 +64,7 @@ class TerminalProcess:
 
     @property
     def text(self) -> str:
-        """What the screen shows, without the blanks at the ends of its lines."""
+        """The screen, without trailing blanks."""
         return "\n".join(line.rstrip() for line in self.screen.display).rstrip()
 
     @property
@@ -73,7 +89,7 @@ class TerminalProcess:
         os.write(self._terminal, keys.encode())
 
     def resize(self, columns: int, lines: int) -> None:
-        """Changes the size of the window, which the kernel tells the program by SIGWINCH."""
+        """Changes the size of the window; the kernel sends SIGWINCH."""
         self.screen.resize(lines, columns)
         _set_size(self._terminal, columns, lines)
 
@@ -95,24 +111,39 @@ class TerminalProcess:
         assert time.monotonic() < give_up_s, f"still runs after {deadline_s:g} s; the screen is:\n{self.text}"
         return self._process.wait()
 
+    def wait_unread(self, deadline_s: float = DEADLINE_S) -> int:
+        """Returns the exit code, without reading the terminal."""
+        return self._process.wait(deadline_s)
+
     def end(self) -> None:
-        """Ends it if it still runs, for the end of a test."""
+        """Kills it if it still runs, at the end of a test."""
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
         os.close(self._terminal)
 
     def _read(self, timeout_s: float) -> bool:
-        """Takes what has arrived; false: nothing came in time, or the program has left the terminal."""
+        """Reads what has arrived; False: nothing came in time, or the program has closed the terminal."""
         if not select.select([self._terminal], [], [], timeout_s)[0]:
             return False
         try:
             data = os.read(self._terminal, 65536)
         except OSError:
-            return False  # Linux says EIO when nobody has the terminal open any more
+            return False  # EIO: no process has the terminal open any more
         self.bytes += data
         self._stream.feed(data)
         return bool(data)
+
+
+def _fill(terminal: int) -> None:
+    file = os.open(os.ttyname(terminal), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    try:
+        while True:
+            os.write(file, b"x" * 4096)
+    except BlockingIOError:
+        pass
+    finally:
+        os.close(file)
 
 
 def _set_size(terminal: int, columns: int, lines: int) -> None:

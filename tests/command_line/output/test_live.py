@@ -133,6 +133,41 @@ def test_ctrl_z_gives_the_terminal_back_and_going_on_draws_again(on_terminal: St
     assert terminal.wait() == 0
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_terminal_that_is_not_read_stops_neither_the_monitoring_nor_the_end(
+    on_terminal: Start, robot_health: Start, restless: Path, free_port: int, number: int
+) -> None:
+    terminal = on_terminal("run", "--thresholds", restless, "--port", free_port, full=True)
+    watcher = robot_health("connect", f"ws://127.0.0.1:{free_port}", "--thresholds", restless)
+    for _ in range(2):  # two whole cycles of the battery
+        watcher.wait_for_text("battery_level ERROR: ")
+        watcher.wait_for_text("battery_level OK: ")
+    terminal.signal(number)
+    assert terminal.wait_unread() == 0
+
+
+def test_a_terminal_paused_by_ctrl_s_is_restored_at_the_end(on_terminal: Start, calm: Path) -> None:
+    terminal = on_terminal("run", "--thresholds", calm)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    terminal.type("\x13")
+    terminal.signal(signal.SIGTERM)
+    assert terminal.wait() == 0
+    assert not terminal.screen.cursor.hidden
+
+
+def test_a_robot_cannot_control_the_terminal(on_terminal: Start, tmp_path: Path) -> None:
+    file = tmp_path / "hostile.yaml"
+    file.write_text(
+        "alert_system:\n  ros__parameters:\n"
+        '    signals: {cpu_usage: {unit: "[red]%[/red]", warn_below: 101.0}}\n'
+        "battery_sensor:\n  ros__parameters: {publish_rate: 20.0}\n"
+    )
+    terminal = on_terminal("run", "--thresholds", file, columns=120)
+    terminal.wait_until(
+        lambda text: "WARN" in text and re.search(r"cpu_usage +[\d.]+ \[red\]%\[/red\]", text) is not None
+    )
+
+
 def test_json_on_a_terminal_is_json(on_terminal: Start, restless: Path) -> None:
     terminal = on_terminal("run", "--thresholds", restless, "--json", columns=1000)
     terminal.wait_until(lambda text: '{"signal": "battery_level", "from_level": "OK", "to_level": "WARN"' in text)

@@ -1,0 +1,114 @@
+"""The server beside the monitor: what clients see, what they may do, and what happens if it cannot start."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from typing import Any, Awaitable, Callable, List
+
+import pytest
+
+pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
+
+import aiohttp
+from harness.rosbridge_peer import Peer
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.embedded import EmbeddedMonitor
+from robot_health_monitor.serving import ServerSettings, serve, stop_serving
+
+LOCAL = ServerSettings(port=0)
+
+
+def with_client(settings: ServerSettings, use: Callable[[EmbeddedMonitor, Peer], Awaitable[None]]) -> None:
+    """Serves a monitor without sensors and runs `use` with a client."""
+
+    async def run() -> None:
+        monitor = EmbeddedMonitor(robot="atlas", source="none", outlet=lambda event: None, on_log=lambda line: None)
+        server = await serve(monitor, settings, required=True)
+        assert server is not None
+        try:
+            async with aiohttp.ClientSession() as session:
+                url = f"ws://127.0.0.1:{server.port}"
+                async with session.ws_connect(url, headers={"Authorization": f"Bearer {settings.token}"}) as connection:
+                    await use(monitor, Peer(connection))
+        finally:
+            await stop_serving(server)
+            monitor.close()
+
+    asyncio.run(run())
+
+
+def publish_here(monitor: EmbeddedMonitor, topic: str, value: float) -> None:
+    outside = monitor.bus.node("outside")
+    outside.advertise(topic, "std_msgs/Float32")
+    outside.publish(topic, {"data": value})
+
+
+def test_an_alert_is_one_line_on_rosout() -> None:
+    async def use(monitor: EmbeddedMonitor, peer: Peer) -> None:
+        await peer.subscribe("/rosout", type="rosgraph_msgs/Log")
+        publish_here(monitor, "battery_level", 15.0)
+        monitor.bus.node("outside").log(Severity.INFO, "after it")
+        lines: List[Any] = [(await peer.receive())["msg"] for _ in range(2)]
+        assert lines[0]["msg"].startswith("battery_level WARN: 15 % is below 20 %")
+        assert (lines[0]["name"], lines[0]["level"]) == ("/alert_system", 4)
+        assert lines[1]["msg"] == "after it"
+
+    with_client(LOCAL, use)
+
+
+def test_watching_a_topic_does_not_open_it_for_publishing() -> None:
+    async def use(monitor: EmbeddedMonitor, peer: Peer) -> None:
+        await peer.send("publish", topic="/battery_level", type="std_msgs/Float32", msg={"data": 15.0})
+        await peer.settle()
+        assert monitor.alert_system.monitor.fresh_value("battery_level") is None
+
+    with_client(LOCAL, use)
+
+
+def test_what_is_allowed_is_open() -> None:
+    async def use(monitor: EmbeddedMonitor, peer: Peer) -> None:
+        await peer.send("advertise", topic="/battery_level", type="std_msgs/Float32")
+        await peer.send("publish", topic="/battery_level", msg={"data": 15.0})
+        await peer.settle()
+        assert monitor.alert_system.monitor.fresh_value("battery_level") == 15.0
+        assert (await peer.call("/alert_system/reset"))["result"] is True
+
+    with_client(LOCAL._replace(allow_publish=("/battery_*",)), use)
+
+
+def test_the_token_is_in_no_parameter() -> None:
+    async def use(monitor: EmbeddedMonitor, peer: Peer) -> None:
+        names = (await peer.call("/rosapi/get_param_names"))["values"]["names"]
+        found = [await peer.call("/rosapi/get_param", {"name": name, "default": ""}) for name in names]
+        assert names and "s3cret" not in json.dumps(found)
+
+    with_client(LOCAL._replace(token="s3cret"), use)
+
+
+def test_a_port_in_use_is_a_fault_and_if_it_was_requested_an_error() -> None:
+    async def run(port: int) -> None:
+        monitor = EmbeddedMonitor(source="none")
+        settings = ServerSettings(port=port)
+        assert await serve(monitor, settings, required=False) is None
+        assert monitor.faults.current()["rosbridge"].text.startswith(
+            f"not served: port {port} of 127.0.0.1 cannot be opened: "
+        )
+        with pytest.raises(ConfigError, match=f"port {port} of 127.0.0.1 cannot be opened"):
+            await serve(monitor, settings, required=True)
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        asyncio.run(run(taken.getsockname()[1]))
+
+
+def test_an_address_that_others_can_reach_needs_a_token() -> None:
+    async def run() -> None:
+        with pytest.raises(ConfigError):
+            await serve(EmbeddedMonitor(source="none"), LOCAL._replace(address="0.0.0.0"), required=False)
+
+    asyncio.run(run())

@@ -1,0 +1,80 @@
+"""Tokens come from a file or the environment, and never appear in an error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import List
+
+import pytest
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, find_token, read_token_file
+
+
+def write(folder: Path, contents: bytes, mode: int = 0o600) -> str:
+    file = folder / "token"
+    file.write_bytes(contents)
+    file.chmod(mode)
+    return str(file)
+
+
+def no_warning(text: str) -> None:
+    raise AssertionError(text)
+
+
+def test_a_token_is_read_without_the_white_space_around_it(tmp_path: Path) -> None:
+    assert read_token_file(write(tmp_path, b"  s3cret\r\n"), no_warning) == "s3cret"
+
+
+def test_the_longest_token_is_read(tmp_path: Path) -> None:
+    token = "x" * LARGEST_TOKEN
+    assert read_token_file(write(tmp_path, f"{token}\n".encode()), no_warning) == token
+
+
+@pytest.mark.parametrize(
+    ("contents", "problem"),
+    [
+        (b" \n", "expected a token, got an empty file"),
+        (b"x" * (LARGEST_TOKEN + 1), "expected a token of at most 1024 bytes, got more"),
+        (b"s3cret\nother\n", "expected one token of printable ASCII characters without blanks"),
+        (b"s3c\x1bret", "expected one token of printable ASCII characters without blanks"),
+        (b"s3cr\xff\xe9t", "expected one token of printable ASCII characters without blanks"),
+    ],
+)
+def test_a_file_without_one_token_is_named_and_not_quoted(tmp_path: Path, contents: bytes, problem: str) -> None:
+    file = write(tmp_path, contents)
+    with pytest.raises(ConfigError) as caught:
+        read_token_file(file, no_warning)
+    assert str(caught.value) == f"{file}: {problem}"
+
+
+def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="nowhere: token cannot be read: No such file or directory"):
+        read_token_file(str(tmp_path / "nowhere"), no_warning)
+
+
+def test_a_device_without_an_end_is_refused() -> None:
+    with pytest.raises(ConfigError, match="at most 1024 bytes"):
+        read_token_file("/dev/zero", no_warning)
+
+
+def test_a_file_that_every_user_may_read_is_a_warning(tmp_path: Path) -> None:
+    warnings: List[str] = []
+    file = write(tmp_path, b"s3cret", 0o644)
+    assert read_token_file(file, warnings.append) == "s3cret"
+    assert warnings == [f"{file}: every user of this machine can read this token; protect it with chmod 600"]
+
+
+def test_the_file_comes_before_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(TOKEN_VARIABLE, "other ")
+    assert find_token(write(tmp_path, b"s3cret"), no_warning) == "s3cret"
+    assert find_token("", no_warning) == "other"
+    monkeypatch.delenv(TOKEN_VARIABLE)
+    assert find_token("", no_warning) == ""
+
+
+def test_an_unusable_token_in_the_environment_is_not_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(TOKEN_VARIABLE, "s3c ret")
+    with pytest.raises(ConfigError) as caught:
+        find_token("", no_warning)
+    assert TOKEN_VARIABLE in str(caught.value) and "s3c" not in str(caught.value)
