@@ -12,30 +12,102 @@ class                     meaning                                               
 
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from types import TracebackType
+from typing import List, Optional, Tuple, Type
 
 Path = Tuple[str, ...]
 """Keys from the root of a file (or of a node's parameters) down to the one in question."""
 
 
 class ConfigError(ValueError):
-    """A configuration that cannot be used. `str()` is one line: where, what was found, what is allowed."""
+    """A configuration that cannot be used. `str()` is one line: file, line, key, what was expected, what was found."""
+
+    others: Tuple[ConfigError, ...] = ()
+    """Further mistakes of the same configuration, found in the same pass."""
 
     def __init__(self, problem: str, path: Path = (), file: str = "", line: Optional[int] = None) -> None:
         """Stores where the problem is.
 
         Args:
-            problem: what was found and what is allowed.
+            problem: what was expected and what was found.
             path: keys down to the one in question.
-            file: where it was read from, empty if it did not come from a file.
+            file: the file that contains it; empty if it did not come from a file.
             line: line in `file`, counted from 1.
         """
         where = file if line is None else f"{file}:{line}"
-        super().__init__(": ".join(part for part in (where, ".".join(path), problem) if part))
+        super().__init__(": ".join(part for part in (where, ".".join(map(_shown, path)), problem) if part))
         self.problem = problem
         self.path = path
         self.file = file
         self.line = line
+
+    @property
+    def all(self) -> Tuple[ConfigError, ...]:
+        """This mistake, then the others."""
+        return (self, *self.others)
+
+
+def _shown(key: str) -> str:
+    """Returns a key, which may be any text, shortened and without control characters."""
+    short = key if len(key) <= 80 else key[:77] + "..."
+    return short if short.isprintable() else ascii(short)[1:-1]
+
+
+class Problems:
+    """Collects the configuration errors of one pass, so that a user sees all of them at once.
+
+    As a context manager it collects what is raised inside the block, and execution continues behind the block:
+
+    >>> problems = Problems()
+    >>> for name in ("one", "two"):
+    ...     with problems:
+    ...         raise ConfigError("expected a number, got text", (name,))
+    >>> [str(error) for error in problems.errors]
+    ['one: expected a number, got text', 'two: expected a number, got text']
+    """
+
+    LIMIT = 100
+    """Most errors that are collected; then the pass ends, because looking for more takes time."""
+
+    def __init__(self) -> None:
+        """Starts without errors."""
+        self.errors: List[ConfigError] = []
+
+    def add(self, error: ConfigError) -> None:
+        """Adds an error and its `others`.
+
+        Raises:
+            ConfigError: there are `LIMIT` errors.
+        """
+        self.errors.extend(error.all)
+        if len(self.errors) >= self.LIMIT:
+            del self.errors[self.LIMIT :]
+            self.raise_if_any()
+
+    def raise_if_any(self) -> None:
+        """Raises the first error, which carries the rest in `others`.
+
+        Raises:
+            ConfigError: there is an error.
+        """
+        if self.errors:
+            first, *others = self.errors
+            error = ConfigError(first.problem, first.path, first.file, first.line)
+            error.others = tuple(others)
+            raise error
+
+    def __enter__(self) -> Problems:
+        """Begins a block whose errors are collected."""
+        return self
+
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], traceback: Optional[TracebackType]
+    ) -> bool:
+        """Collects a ConfigError; other exceptions pass."""
+        if not isinstance(error, ConfigError):
+            return False
+        self.add(error)
+        return True
 
 
 class MessageError(ValueError):

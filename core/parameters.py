@@ -1,90 +1,106 @@
-"""Parameters as tables: one description serves validation, ROS 2 descriptors and the README.
+"""Parameters as tables: one table serves validation, ROS 2 parameter descriptions and `docs/parameters.md`.
 
 A node's configuration is a nested mapping, as in the file under `ros__parameters`. `read_parameters` checks one level
-of it against a table and returns plain values; whatever is wrong raises ConfigError with the key's path.
+of it against a table and returns plain values. Every mistake is a ConfigError with the key's path.
 """
 
 from __future__ import annotations
 
+import datetime
 import difflib
 import math
+import reprlib
 from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterable, Iterator, Mapping, Optional, Sequence, Tuple
 
-from .errors import ConfigError, Path
+from .errors import ConfigError, Path, Problems
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: what it means and what it may be."""
+    """One parameter: its meaning and its allowed values."""
 
     name: str
-    """Key; a dotted path below the node where a middleware is told of it."""
+    """Key; a dotted path below the node when it is declared to a middleware."""
     kind: type
-    """bool, int, float, str, or list for a list of numbers."""
+    """bool, int, float or str; list: a list of numbers; tuple: a list of texts. Lists are read as tuples."""
     default: Any
-    """Value when it is left out; None: it has none, and the feature is off."""
+    """Value if the key is left out; None: no value, the feature is disabled."""
     description: str
     """One line, with the unit."""
     minimum: Optional[float] = None
-    """Smallest value allowed, for numbers."""
+    """Smallest allowed number."""
     maximum: Optional[float] = None
-    """Largest value allowed, for numbers."""
+    """Largest allowed number."""
     choices: Tuple[str, ...] = ()
-    """The texts allowed, when they are few."""
+    """The allowed texts; empty: any."""
 
     @property
     def allowed(self) -> str:
-        """What it may be, in words."""
+        """The allowed values, in words."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         if self.kind is bool:
             return "true or false"
         if self.kind is str:
-            return "a text of printable characters"
+            return "printable text"
         if self.kind is list:
             return "a list of numbers"
+        if self.kind is tuple:
+            return "a list of texts"
         noun = "a whole number" if self.kind is int else "a number"
         if self.minimum is not None and self.maximum is not None:
             return f"{noun} from {self.minimum:.15g} to {self.maximum:.15g}"
         if self.minimum is not None:
-            return f"{noun}, {self.minimum:.15g} or more"
+            return f"{noun} of at least {self.minimum:.15g}"
         if self.maximum is not None:
-            return f"{noun}, {self.maximum:.15g} or less"
+            return f"{noun} of at most {self.maximum:.15g}"
         return noun
 
     def read(self, found: object, path: Path = ()) -> Any:
         """Returns `found` as this parameter's kind.
 
-        A whole number passes for a float, as YAML's `20` does for a bound.
+        A whole number is accepted as a float, such as YAML's `20` for a bound.
 
         Raises:
-            ConfigError: it is of another kind, out of range, or not a finite number.
+            ConfigError: wrong kind, out of range, or not finite.
         """
-        value = self._as_list(found) if self.kind is list else self._as_kind(found)
+        if self.kind is list:
+            value = self._as_tuple(found, float)
+        elif self.kind is tuple:
+            value = self._as_tuple(found, str)
+        else:
+            value = self._as_kind(found)
         if value is None:
-            raise ConfigError(f"found {describe(found)}, allowed is {self.allowed}{self._hint(found)}", path)
+            raise ConfigError(f"expected {self.allowed}, got {describe(found)}{self._hint(found)}", path)
         return value
 
     def _hint(self, found: object) -> str:
-        if self.kind not in (int, float) or not isinstance(found, str):
-            return ""
-        try:
-            return f"; YAML takes this for a text, write {float(found)!r}"
-        except ValueError:
-            return ""
+        if isinstance(found, str) and self.kind in (int, float) and len(found) < 40:
+            try:
+                return f"; YAML reads this as text, write {float(found)!r}"
+            except ValueError:
+                return ""
+        if self.kind is str and not self.choices and isinstance(found, (bool, int, float, datetime.date)):
+            return "; quote it"
+        return ""
 
-    def _as_list(self, found: object) -> Optional[Tuple[float, ...]]:
+    def _as_tuple(self, found: object, kind: type) -> Optional[Tuple[Any, ...]]:
         if isinstance(found, (str, bytes, Mapping)) or not isinstance(found, Iterable):
             return None
-        numbers = [replace(self, kind=float)._as_kind(item) for item in found]
-        return None if None in numbers else tuple(numbers)
+        element = replace(self, kind=kind)
+        items = []
+        for item in found:
+            items.append(element._as_kind(item))
+            if items[-1] is None:
+                return None
+        return tuple(items)
 
     def _as_kind(self, found: object) -> Any:
         if self.kind is bool:
             return found if isinstance(found, bool) else None
         if self.kind is str:
-            # What is not printable would break the lines that it is written into.
+            # Control characters would break the lines that contain this text.
             fits = isinstance(found, str) and found.isprintable() and (not self.choices or found in self.choices)
             return found if fits else None
         if isinstance(found, bool) or not isinstance(found, (int, float)):
@@ -102,15 +118,38 @@ class Parameter:
         return int(found) if self.kind is int else number
 
 
+class _BoundedRepr(reprlib.Repr):
+    """A `repr` whose cost does not grow with the value: configurations may contain anything."""
+
+    _MOST_BITS = 2000
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 3
+        self.maxother = self.maxstring = self.maxlong = 60
+
+    def repr_str(self, x: str, level: int) -> str:
+        return repr(x if len(x) <= 60 else x[:60])
+
+    def repr_int(self, x: int, level: int) -> str:
+        # Python refuses to print numbers of more than 4300 digits, and is slow before that.
+        return repr(x) if x.bit_length() <= self._MOST_BITS else f"a number of {x.bit_length()} bits"
+
+
+_bounded_repr = _BoundedRepr().repr
+
+
 def describe(found: object) -> str:
-    """Says what a value is, for an error message: its text and, where that does not show it, its kind."""
+    """Describes a value for an error message, in at most 60 characters."""
     if found is None:
         return "nothing"
     if isinstance(found, bool):
         return "true" if found else "false"
     if isinstance(found, Mapping):
         return "a mapping"
-    text = repr(found)
+    if isinstance(found, datetime.date):
+        return f"the date {found}"
+    text = _bounded_repr(found)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -121,11 +160,21 @@ def require_mapping(found: object, path: Path = ()) -> Mapping[str, Any]:
         ConfigError: it is something else.
     """
     if not isinstance(found, Mapping):
-        raise ConfigError(f"found {describe(found)}, allowed is a mapping of keys to values", path)
+        raise ConfigError(f"expected a mapping of keys to values, got {describe(found)}", path)
+    problems = Problems()
     for key in found:
         if not isinstance(key, str):
-            raise ConfigError(f"found the key {describe(key)}, allowed are keys that are texts (quote it)", path)
+            shown = describe(key)
+            problems.add(ConfigError(f"expected text as a key, got {shown}; quote it", (*path, shown)))
+    problems.raise_if_any()
     return found
+
+
+def unknown_key(key: str, allowed: Sequence[str], path: Path = ()) -> ConfigError:
+    """Returns the error for a key of the mapping at `path` that is not one of `allowed`."""
+    close = difflib.get_close_matches(key[:60], allowed, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return ConfigError(f"unknown key; {hint}expected one of {', '.join(allowed)}", (*path, key))
 
 
 def read_parameters(
@@ -135,27 +184,27 @@ def read_parameters(
 
     Args:
         found: the mapping at `path`.
-        parameters: what it may hold.
+        parameters: the allowed keys.
         path: where it is, for error messages.
-        sections: keys that hold mappings of their own and are left to the caller.
+        sections: keys of nested mappings, which are left to the caller.
 
     Returns:
-        A value per parameter, its default where it is left out.
+        A value per parameter; the default for a key that is left out.
 
     Raises:
-        ConfigError: an unknown key, or a value that its parameter does not allow.
+        ConfigError: unknown keys or values that are not allowed, all of them.
     """
     known = {parameter.name: parameter for parameter in parameters}
-    allowed = [*known, *sections]
-    for key in found:
-        if key not in allowed:
-            close = difflib.get_close_matches(key, allowed, n=1)
-            hint = f"did you mean {close[0]}? " if close else ""
-            raise ConfigError(f"unknown key; {hint}allowed are {', '.join(allowed)}", (*path, key))
-    return {
-        name: parameter.read(found[name], (*path, name)) if name in found else parameter.default
-        for name, parameter in known.items()
-    }
+    values = {name: parameter.default for name, parameter in known.items()}
+    problems = Problems()
+    for key, value in found.items():
+        if key in known:
+            with problems:
+                values[key] = known[key].read(value, (*path, key))
+        elif key not in sections:
+            problems.add(unknown_key(key, [*known, *sections], path))
+    problems.raise_if_any()
+    return values
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[Tuple[str, Any]]:
@@ -172,7 +221,7 @@ def unflatten(values: Mapping[str, Any]) -> Dict[str, Any]:
     """Nests dotted names: the inverse of `flatten`.
 
     Raises:
-        ConfigError: a name is both a value and the beginning of another name.
+        ConfigError: a name is both a value and the prefix of another name.
     """
     tree: Dict[str, Any] = {}
     for name, value in values.items():
@@ -183,6 +232,6 @@ def unflatten(values: Mapping[str, Any]) -> Dict[str, Any]:
             if not isinstance(branch, dict):
                 break
         if not isinstance(branch, dict) or leaf in branch:
-            raise ConfigError("found a value and names below it, allowed is one of them", tuple(name.split(".")))
+            raise ConfigError("expected either a value or nested keys, got both", tuple(name.split(".")))
         branch[leaf] = value
     return tree

@@ -391,7 +391,7 @@ class Ros2Middleware:
             self.node.set_descriptor(parameter.name, descriptor)
         else:
             # An empty list has no type in rclpy: it is declared like what has no default, without a value.
-            default = None if parameter.kind is list else parameter.default
+            default = None if parameter.default == () else parameter.default
             self.node.declare_parameter(parameter.name, default, descriptor, ignore_override=True)
 
     def _propose(self, changes: Sequence[Any]) -> SetParametersResult:

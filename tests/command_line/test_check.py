@@ -34,7 +34,7 @@ def test_every_configuration_that_is_installed_is_right(robot_health: Start, fil
     [
         pytest.param(
             b"alert_system:\n  ros__parameters:\n    signals:\n      arm:\n        warn_belw: 1.0\n",
-            ":5: alert_system.ros__parameters.signals.arm.warn_belw: unknown key; did you mean warn_below? allowed ",
+            ":5: alert_system.ros__parameters.signals.arm.warn_belw: unknown key; did you mean warn_below? expected ",
             id="unknown key",
         ),
         pytest.param(
@@ -50,7 +50,7 @@ def test_every_configuration_that_is_installed_is_right(robot_health: Start, fil
         ),
         pytest.param(
             b"alert_system:\n  ros__parameters:\n    signals: {arm: {}}\naggregator:\n  ros__parameters: [1]\n",
-            ":5: aggregator.ros__parameters: found [1], allowed is a mapping of keys to values",
+            ":5: aggregator.ros__parameters: expected a mapping of keys to values, got [1]",
             id="parameters that are a list",
         ),
         pytest.param(

@@ -367,7 +367,7 @@ def test_a_wrong_configuration_ends_it_before_it_has_started_anything(robot_heal
     assert process.wait() == 2
     key = "alert_system.ros__parameters.signals.battery_level.warn_below"
     assert [(each.stream, each.text) for each in process.lines] == [
-        ("err", f"{file}:5: {key}: found 'low', allowed is a number")
+        ("err", f"{file}:5: {key}: expected a number, got 'low'")
     ]
 
 

@@ -267,18 +267,18 @@ def test_the_status_names_the_conditions() -> None:
     [
         ({}, "signal: is missing, allowed is the name of another signal"),
         ({"is": 1.0}, "signal: is missing, allowed is the name of another signal"),
-        ({"signal": "charging"}, "found no comparison, allowed is one of is, is_not, below, above"),
+        ({"signal": "charging"}, "expected one of is, is_not, below, above, got no comparison"),
         (
             {"signal": "charging", "is": 1.0, "below": 2.0},
-            "found is and below, allowed is one of is, is_not, below, above",
+            "expected one of is, is_not, below, above, got is and below",
         ),
-        ({"signal": "charging", "is": "yes"}, "is: found 'yes', allowed is a number"),
-        ({"signal": "charging", "is": True}, "is: found true, allowed is a number"),
-        ({"signal": "charging", "equals": 1.0}, "equals: unknown key; allowed are signal, is, is_not, below, above"),
+        ({"signal": "charging", "is": "yes"}, "is: expected a number, got 'yes'"),
+        ({"signal": "charging", "is": True}, "is: expected a number, got true"),
+        ({"signal": "charging", "equals": 1.0}, "equals: unknown key; expected one of signal, is, is_not, below, above"),
         ({"signal": "battery", "is": 1.0}, "signal: found 'battery', allowed is another signal: charging, link"),
         ({"signal": "charger", "is": 1.0}, "signal: found 'charger', allowed is another signal: charging, link"),
-        ("charging", "found 'charging', allowed is a mapping of keys to values"),
-        (None, "found nothing, allowed is a mapping of keys to values"),
+        ("charging", "expected a mapping of keys to values, got 'charging'"),
+        (None, "expected a mapping of keys to values, got nothing"),
     ],
 )
 def test_a_condition_that_cannot_be_used_is_refused(key: str, condition: object, error: str) -> None:
@@ -368,7 +368,7 @@ def test_a_placeholder_enters_no_window() -> None:
 
 @pytest.mark.parametrize("placeholders", [0.0, "0", [None], ["0"], [True], [float("nan")], {"a": 0.0}, None])
 def test_placeholders_are_a_list_of_numbers(placeholders: object) -> None:
-    with pytest.raises(ConfigError, match=r"^signals\.battery\.placeholders: found .*, allowed is a list of numbers$"):
+    with pytest.raises(ConfigError, match=r"^signals\.battery\.placeholders: expected a list of numbers, got .*$"):
         load_config({"signals": {"battery": {"placeholders": placeholders}}})
 
 

@@ -253,20 +253,20 @@ def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], proble
 @pytest.mark.parametrize(
     ("settings", "problem"),
     [
-        ({"warn_below": "low"}, "warn_below: found 'low', allowed is a number"),
-        ({"warn_below": math.nan}, "warn_below: found nan, allowed is a number"),
-        ({"warn_above": math.inf}, "warn_above: found inf, allowed is a number"),
-        ({"warn_below": True}, "warn_below: found true, allowed is a number"),
-        ({"warn_below": None}, "warn_below: found nothing, allowed is a number"),
-        ({"for_s": -1}, "for_s: found -1, allowed is a number, 0 or more"),
-        ({"window_s": 0}, "window_s: found 0, allowed is a number, 0.001 or more"),
-        ({"window_samples": 1.5}, "window_samples: found 1.5, allowed is a whole number from 1 to 1000000"),
-        ({"flap_high": 101}, "flap_high: found 101, allowed is a number from 0 to 100"),
-        ({"latch": "yes"}, "latch: found 'yes', allowed is true or false"),
-        ({"unit": 5}, "unit: found 5, allowed is a text of printable characters"),
+        ({"warn_below": "low"}, "warn_below: expected a number, got 'low'"),
+        ({"warn_below": math.nan}, "warn_below: expected a number, got nan"),
+        ({"warn_above": math.inf}, "warn_above: expected a number, got inf"),
+        ({"warn_below": True}, "warn_below: expected a number, got true"),
+        ({"warn_below": None}, "warn_below: expected a number, got nothing"),
+        ({"for_s": -1}, "for_s: expected a number of at least 0, got -1"),
+        ({"window_s": 0}, "window_s: expected a number of at least 0.001, got 0"),
+        ({"window_samples": 1.5}, "window_samples: expected a whole number from 1 to 1000000, got 1.5"),
+        ({"flap_high": 101}, "flap_high: expected a number from 0 to 100, got 101"),
+        ({"latch": "yes"}, "latch: expected true or false, got 'yes'"),
+        ({"unit": 5}, "unit: expected printable text, got 5"),
         (
             {"statistic": "median"},
-            "statistic: found 'median', allowed is one of last, mean, min, max, stddev, rate, frequency_hz",
+            "statistic: expected one of last, mean, min, max, stddev, rate, frequency_hz, got 'median'",
         ),
     ],
 )
@@ -275,24 +275,24 @@ def test_wrong_kinds_and_ranges_are_refused(settings: Dict[str, Any], problem: s
 
 
 def test_an_unknown_key_is_refused_with_a_hint() -> None:
-    assert refusal(warn_bellow=20).startswith("warn_bellow: unknown key; did you mean warn_below? allowed are topic, ")
+    assert refusal(warn_bellow=20).startswith("warn_bellow: unknown key; did you mean warn_below? expected one of topic, ")
 
 
 @pytest.mark.parametrize(
     ("condition", "problem"),
     [
         ({"is": 0}, "only_if.signal: is missing, allowed is the name of another signal"),
-        ({"signal": "link"}, "only_if: found no comparison, allowed is one of is, is_not, below, above"),
+        ({"signal": "link"}, "only_if: expected one of is, is_not, below, above, got no comparison"),
         (
             {"signal": "link", "is": 1, "above": 2},
-            "only_if: found is and above, allowed is one of is, is_not, below, above",
+            "only_if: expected one of is, is_not, below, above, got is and above",
         ),
         (
             {"signal": "battery_level", "is": 1},
             "only_if.signal: found 'battery_level', allowed is another signal: link",
         ),
         ({"signal": "charging", "is": 1}, "only_if.signal: found 'charging', allowed is another signal: link"),
-        ("charging", "only_if: found 'charging', allowed is a mapping of keys to values"),
+        ("charging", "only_if: expected a mapping of keys to values, got 'charging'"),
     ],
 )
 def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, problem: str) -> None:
@@ -304,8 +304,8 @@ def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, prob
     [
         ({}, "signals: is missing, allowed is a mapping of signal names to what is known of each"),
         ({"signals": {}}, "signals: found no signal, allowed is at least one"),
-        ({"signals": None}, "signals: found nothing, allowed is a mapping of keys to values"),
-        ({"signals": {"a": None}}, "signals.a: found nothing, allowed is a mapping of keys to values"),
+        ({"signals": None}, "signals: expected a mapping of keys to values, got nothing"),
+        ({"signals": {"a": None}}, "signals.a: expected a mapping of keys to values, got nothing"),
         ({"signals": {1: {}}}, "signals: found the key 1, allowed are keys that are texts (quote it)"),
         (
             {"signals": {"2nd": {}}},
@@ -320,8 +320,8 @@ def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, prob
             "found a, b, allowed is one node with ros__parameters.signals, usually alert_system",
         ),
         ({"alert_system": {"ros__parameters": None}}, "alert_system.ros__parameters: found nothing, allowed is a"),
-        (None, "found nothing, allowed is a mapping of keys to values"),
-        (5, "found 5, allowed is a mapping of keys to values"),
+        (None, "expected a mapping of keys to values, got nothing"),
+        (5, "expected a mapping of keys to values, got 5"),
     ],
 )
 def test_what_is_no_configuration_at_all_is_refused(source: Any, problem: str) -> None:
@@ -338,7 +338,7 @@ HEAD = "# a comment\nalert_system:\n  ros__parameters:\n    signals:\n      batt
     [
         (
             HEAD + "        warn_below: twenty\n",
-            "7: alert_system.ros__parameters.signals.battery_level.warn_below: found 'twenty', allowed is a number",
+            "7: alert_system.ros__parameters.signals.battery_level.warn_below: expected a number, got 'twenty'",
         ),
         (
             HEAD + "        warn_bellow: 20\n",
@@ -371,8 +371,8 @@ HEAD = "# a comment\nalert_system:\n  ros__parameters:\n    signals:\n      batt
         (HEAD + "        only_if: {signal: link}\n", "7: alert_system.ros__parameters.signals.battery_level.only_if:"),
         (
             HEAD + "        warn_below: 1e1\n",
-            "7: alert_system.ros__parameters.signals.battery_level.warn_below: found '1e1', allowed is a number;"
-            " YAML takes this for a text, write 10.0",
+            "7: alert_system.ros__parameters.signals.battery_level.warn_below: expected a number, got '1e1';"
+            " YAML reads this as text, write 10.0",
         ),
     ],
 )

@@ -74,7 +74,7 @@ def test_an_empty_file(write: Write, text: str) -> None:
     message = refusal(write(text))
     assert message in (
         "robot.yaml: is empty, allowed is a mapping of node names to ros__parameters",
-        "robot.yaml: found nothing, allowed is a mapping of keys to values",
+        "robot.yaml: expected a mapping of keys to values, got nothing",
     )
 
 
@@ -113,7 +113,7 @@ def test_two_documents_in_one_file(write: Write) -> None:
     ("text", "found"), [("- a\n- b\n", "['a', 'b']"), ("just words\n", "'just words'"), ("5\n", "5")]
 )
 def test_a_file_that_holds_no_mapping(write: Write, text: str, found: str) -> None:
-    assert refusal(write(text)) == f"robot.yaml: found {found}, allowed is a mapping of keys to values"
+    assert refusal(write(text)) == f"robot.yaml: expected a mapping of keys to values, got {found}"
 
 
 def test_a_file_that_contains_itself(write: Write) -> None:

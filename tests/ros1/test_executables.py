@@ -164,7 +164,7 @@ def test_a_wrong_private_parameter_ends_it_with_the_key(master: Any, start: Any)
     process = start("battery_sensor", "_publish_rate:=fast")
     assert process.wait() == 2
     (line,) = process.errors
-    assert line.startswith("battery_sensor: publish_rate: found 'fast', allowed is a number")
+    assert line.startswith("battery_sensor: publish_rate: expected a number, got 'fast'")
 
 
 def test_a_wrong_field_ends_it_before_it_listens(master: Any, start: Any, parameters: Any) -> None:
@@ -188,7 +188,7 @@ def test_the_log_level_is_honoured(master: Any, start: Any, ros: Any) -> None:
 def test_a_wrong_log_level_is_refused(master: Any, start: Any) -> None:
     process = start("aggregator", "_log_level:=LOUD")
     assert process.wait() == 2
-    assert process.errors == ["aggregator: log_level: found 'LOUD', allowed is one of DEBUG, INFO, WARN, ERROR, FATAL"]
+    assert process.errors == ["aggregator: log_level: expected one of DEBUG, INFO, WARN, ERROR, FATAL, got 'LOUD'"]
 
 
 def test_names_namespaces_and_topics_can_be_changed_from_outside(master: Any, start: Any, ros: Any) -> None:
@@ -236,7 +236,7 @@ def test_reload_takes_a_good_change_and_refuses_a_bad_one(start: Any, ros: Any, 
     parameters(bound, "low")
     refused = ros.call("/alert_system/reload", TRIGGER)
     assert refused["success"] is False
-    assert refused["message"] == "signals.battery_level.warn_below: found 'low', allowed is a number"
+    assert refused["message"] == "signals.battery_level.warn_below: expected a number, got 'low'"
     process.wait_for_text("the old parameters stay in force")
     ros.publish("/battery_level", FLOAT32, {"data": 31.0})
     process.wait_for_text("battery_level OK")

@@ -159,9 +159,9 @@ def test_a_file_that_is_not_there_is_one_line(start: Any, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (("-p", "publish_rate:=fast"), "publish_rate: found 'fast', allowed is a number"),
-        (("-p", "log_level:=LOUD"), "log_level: found 'LOUD', allowed is one of DEBUG, INFO, WARN, ERROR, FATAL"),
-        (("-p", "executor:=many"), "executor: found 'many', allowed is one of single, events"),
+        (("-p", "publish_rate:=fast"), "publish_rate: expected a number, got 'fast'"),
+        (("-p", "log_level:=LOUD"), "log_level: expected one of DEBUG, INFO, WARN, ERROR, FATAL, got 'LOUD'"),
+        (("-p", "executor:=many"), "executor: expected one of single, events, got 'many'"),
         (("-r", "nonsense"), "failed to initialize rcl: Couldn't parse remap rule: '-r nonsense'"),
     ],
 )

@@ -99,7 +99,7 @@ def test_a_contradiction_is_refused_with_the_reason_and_the_old_values_stay(ros:
 
 def test_a_wrong_kind_is_refused_with_what_is_allowed(ros: Any) -> None:
     watched = Watched(ros, GIVEN)
-    assert ros.propose(watched.node, WARN_BELOW, "low") == f"{WARN_BELOW}: found 'low', allowed is a number"
+    assert ros.propose(watched.node, WARN_BELOW, "low") == f"{WARN_BELOW}: expected a number, got 'low'"
     assert get(ros, watched.node, WARN_BELOW) == [20.0]
 
 

@@ -75,7 +75,7 @@ def test_without_a_seed_every_start_is_another() -> None:
     [
         (
             {"battery_level": {"source": "hots"}},
-            "battery_level.source: found 'hots', allowed is one of simulated, host, none",
+            "battery_level.source: expected one of simulated, host, none, got 'hots'",
         ),
         (
             {"battery_level": {"discharge_rates": 1.0}},
@@ -84,16 +84,16 @@ def test_without_a_seed_every_start_is_another() -> None:
         ),
         (
             {"battery_level": {"discharge_rate": -1.0}},
-            "battery_level.discharge_rate: found -1.0, allowed is a number, 0 or more",
+            "battery_level.discharge_rate: expected a number of at least 0, got -1.0",
         ),
-        ({"temperature": "hot"}, "temperature: found 'hot', allowed is a mapping of keys to values"),
+        ({"temperature": "hot"}, "temperature: expected a mapping of keys to values, got 'hot'"),
         (
             {"temperature": {"spike_every_s": 0}},
-            "temperature.spike_every_s: found 0, allowed is a number, 1 or more",
+            "temperature.spike_every_s: expected a number of at least 1, got 0",
         ),
-        ({"cpu_usage": {"mean": 101}}, "cpu_usage.mean: found 101, allowed is a number from 0 to 100"),
-        ({"cpu_usage": {"mean": float("nan")}}, "cpu_usage.mean: found nan, allowed is a number from 0 to 100"),
-        ({"seed": "seven"}, "seed: found 'seven', allowed is a whole number"),
+        ({"cpu_usage": {"mean": 101}}, "cpu_usage.mean: expected a number from 0 to 100, got 101"),
+        ({"cpu_usage": {"mean": float("nan")}}, "cpu_usage.mean: expected a number from 0 to 100, got nan"),
+        ({"seed": "seven"}, "seed: expected a whole number, got 'seven'"),
     ],
 )
 def test_a_wrong_key_is_named_with_what_is_allowed(tree: Any, line: str) -> None:
@@ -130,8 +130,8 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
 @pytest.mark.parametrize(
     ("host", "error"),
     [
-        ([MEMORY], "host: found [{'source': 'memory_percent'}], allowed is a mapping of keys to values"),
-        ({"memory": "memory_percent"}, "host.memory: found 'memory_percent', allowed is a mapping of keys to values"),
+        ([MEMORY], "host: expected a mapping of keys to values, got [{'source': 'memory_percent'}]"),
+        ({"memory": "memory_percent"}, "host.memory: expected a mapping of keys to values, got 'memory_percent'"),
         ({"memory": {}}, f"host.memory.source: is missing, allowed is one of {', '.join(HOST_SOURCES)}"),
         (
             {"memory": {"source": "ram"}},
@@ -139,19 +139,19 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
         ),
         (
             {"memory": {**MEMORY, "path": "/"}},
-            "host.memory.path: unknown key; allowed are source",
+            "host.memory.path: unknown key; expected one of source",
         ),
         (
             {"disk": {"source": "disk_percent", "pth": "/"}},
-            "host.disk.pth: unknown key; did you mean path? allowed are source, path",
+            "host.disk.pth: unknown key; did you mean path? expected one of source, path",
         ),
         (
             {"disk": {"source": "disk_percent", "path": 1}},
-            "host.disk.path: found 1, allowed is a text of printable characters",
+            "host.disk.path: expected printable text, got 1",
         ),
         (
             {"core": {"source": "cpu_percent", "core": -1}},
-            "host.core.core: found -1, allowed is a whole number from 0 to 65535",
+            "host.core.core: expected a whole number from 0 to 65535, got -1",
         ),
         ({"temperature": MEMORY}, "host.temperature: is a metric of its own, allowed is another name"),
         (
@@ -190,7 +190,7 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
     node.set_parameters({"host": {"disk": {"source": "disk_free"}}})
     bus.run_until(5.0)
     assert heard == {"memory": 2, "disk": 3}
-    with pytest.raises(ConfigError, match=r"^host\.disk\.path: found 5, allowed is a text of printable characters$"):
+    with pytest.raises(ConfigError, match=r"^host\.disk\.path: expected printable text, got 5$"):
         node.set_parameter("host.disk.path", 5)
     bus.run_until(6.0)
     assert heard == {"memory": 2, "disk": 4}

@@ -1,0 +1,66 @@
+"""The text of a configuration error, and the collection of several."""
+
+from __future__ import annotations
+
+import doctest
+
+import pytest
+
+from robot_health_monitor.core import errors
+from robot_health_monitor.core.errors import ConfigError, Problems
+
+
+def test_an_error_is_one_line_file_line_path_problem() -> None:
+    error = ConfigError("expected text, got 5", ("signals", "a", "unit"), "robot.yaml", 7)
+    assert str(error) == "robot.yaml:7: signals.a.unit: expected text, got 5"
+    assert str(ConfigError("is empty", file="robot.yaml")) == "robot.yaml: is empty"
+    assert str(ConfigError("is empty")) == "is empty"
+    assert isinstance(error, ValueError)
+
+
+def test_a_key_is_shown_shortened_and_without_control_characters() -> None:
+    assert str(ConfigError("unknown key", ("a\n\x1b[31m", "°C"))) == "a\\n\\x1b[31m.°C: unknown key"
+    assert str(ConfigError("unknown key", ("k" * 1000,))) == "k" * 77 + "...: unknown key"
+
+
+def test_collected_errors_are_raised_as_the_first_with_the_others() -> None:
+    problems = Problems()
+    for name in ("a", "b", "c"):
+        with problems:
+            raise ConfigError("is wrong", (name,))
+    with pytest.raises(ConfigError) as raised:
+        problems.raise_if_any()
+    assert str(raised.value) == "a: is wrong"
+    assert [str(error) for error in raised.value.all] == ["a: is wrong", "b: is wrong", "c: is wrong"]
+
+
+def test_nested_collections_keep_every_error_once() -> None:
+    outer, inner = Problems(), Problems()
+    outer.add(ConfigError("first"))
+    with outer:
+        inner.add(ConfigError("second"))
+        inner.add(ConfigError("third"))
+        inner.raise_if_any()
+    assert [error.problem for error in outer.errors] == ["first", "second", "third"]
+
+
+def test_without_errors_nothing_is_raised() -> None:
+    Problems().raise_if_any()
+
+
+def test_other_exceptions_are_not_collected() -> None:
+    with pytest.raises(ZeroDivisionError), Problems():
+        raise ZeroDivisionError
+
+
+def test_a_collection_ends_at_its_limit() -> None:
+    problems = Problems()
+    with pytest.raises(ConfigError) as raised:
+        for number in range(1000):
+            problems.add(ConfigError(f"mistake {number}"))
+    assert len(raised.value.all) == Problems.LIMIT
+    assert raised.value.all[-1].problem == f"mistake {Problems.LIMIT - 1}"
+
+
+def test_the_example_runs() -> None:
+    assert doctest.testmod(errors).failed == 0
