@@ -63,10 +63,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "rosbridge_address",
                 default_value="127.0.0.1",
-                description="Its address; any other one needs rosbridge_token.",
+                description="Address of that server; any other one needs rosbridge_token_file.",
             ),
             DeclareLaunchArgument(
-                "rosbridge_token", default_value="", description="What its clients have to show; empty: nothing."
+                "rosbridge_token_file",
+                default_value="",
+                description="Path of a file with the token that clients must present; empty: none.",
             ),
             *[
                 node(name, name=name, condition=UnlessCondition(LaunchConfiguration("composed")))
@@ -99,7 +101,7 @@ def node(executable, **options):
                 "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
                 "rosbridge_port": ParameterValue(LaunchConfiguration("rosbridge_port"), value_type=int),
                 "rosbridge_address": ParameterValue(LaunchConfiguration("rosbridge_address"), value_type=str),
-                "rosbridge_token": ParameterValue(LaunchConfiguration("rosbridge_token"), value_type=str),
+                "rosbridge_token_file": ParameterValue(LaunchConfiguration("rosbridge_token_file"), value_type=str),
             }
         ],
         respawn=LaunchConfiguration("respawn"),

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, List, Sequence
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ def _serve(config: MonitorConfig, alert_system: Ros1Middleware) -> List[Any]:
         alert_system.given_parameters(),
         host=config.rosbridge_address,
         port=config.rosbridge_port,
-        token=config.rosbridge_token,
+        token=Path(config.rosbridge_token_file).read_text().strip() if config.rosbridge_token_file else "",
     )
     return [server, served]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import signal
 import sys
 import tempfile
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, List, Sequence, Tuple
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def _serve(config: MonitorConfig, alert_system: Ros2Middleware) -> List[Any]:
         alert_system.given_parameters(),
         host=config.rosbridge_address,
         port=config.rosbridge_port,
-        token=config.rosbridge_token,
+        token=Path(config.rosbridge_token_file).read_text().strip() if config.rosbridge_token_file else "",
     )
     served.on_close = server.close
     return [served]

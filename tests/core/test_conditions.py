@@ -265,18 +265,27 @@ def test_the_status_names_the_conditions() -> None:
 @pytest.mark.parametrize(
     ("condition", "error"),
     [
-        ({}, "signal: is missing, allowed is the name of another signal"),
-        ({"is": 1.0}, "signal: is missing, allowed is the name of another signal"),
-        ({"signal": "charging"}, "expected one of is, is_not, below, above, got no comparison"),
+        ({}, "signal: is missing; expected the name of another signal"),
+        ({"is": 1.0}, "signal: is missing; expected the name of another signal"),
+        ({"signal": "charging"}, "expected one of is, is_not, below, above, got none"),
         (
             {"signal": "charging", "is": 1.0, "below": 2.0},
             "expected one of is, is_not, below, above, got is and below",
         ),
         ({"signal": "charging", "is": "yes"}, "is: expected a number, got 'yes'"),
         ({"signal": "charging", "is": True}, "is: expected a number, got true"),
-        ({"signal": "charging", "equals": 1.0}, "equals: unknown key; expected one of signal, is, is_not, below, above"),
-        ({"signal": "battery", "is": 1.0}, "signal: found 'battery', allowed is another signal: charging, link"),
-        ({"signal": "charger", "is": 1.0}, "signal: found 'charger', allowed is another signal: charging, link"),
+        (
+            {"signal": "charging", "equals": 1.0},
+            "equals: unknown key; expected one of signal, is, is_not, below, above",
+        ),
+        (
+            {"signal": "battery", "is": 1.0},
+            "signal: expected the name of another signal (charging, link), got 'battery'",
+        ),
+        (
+            {"signal": "charger", "is": 1.0},
+            "signal: expected the name of another signal (charging, link), got 'charger'",
+        ),
         ("charging", "expected a mapping of keys to values, got 'charging'"),
         (None, "expected a mapping of keys to values, got nothing"),
     ],
@@ -338,7 +347,7 @@ def test_a_negative_scale_turns_the_sign() -> None:
 
 @pytest.mark.parametrize("scale", [0.0, float("nan"), float("inf"), "100", True])
 def test_a_scale_that_is_no_number_or_0_is_refused(scale: object) -> None:
-    with pytest.raises(ConfigError, match=r"^signals\.battery\.scale: found "):
+    with pytest.raises(ConfigError, match=r"^signals\.battery\.scale: expected "):
         load_config({"signals": {"battery": {"scale": scale}}})
 
 

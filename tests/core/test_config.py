@@ -178,53 +178,45 @@ def test_a_middleware_is_told_every_parameter_by_its_dotted_name_with_its_descri
     [
         (
             {"warn_below": 20, "error_below": 30},
-            "error_below: found 30, allowed is at most warn_below (20): a value falls below the WARN bound first",
+            "error_below: expected at most warn_below (20), got 30: a falling value crosses the WARN bound first",
         ),
         (
             {"warn_above": 80, "error_above": 70},
-            "warn_above: found 80, allowed is at most error_above (70): a value rises above the WARN bound first",
+            "warn_above: expected at most error_above (70), got 80: a rising value crosses the WARN bound first",
         ),
         (
             {"warn_below": 80, "warn_above": 20},
-            "warn_below: found 80, allowed is at most warn_above (20): no value would be healthy",
+            "warn_below: expected at most warn_above (20), got 80: no value would be OK",
         ),
         (
             {"error_below": 80, "warn_above": 20},
-            "error_below: found 80, allowed is at most warn_above (20): no value would be healthy",
+            "error_below: expected at most warn_above (20), got 80: no value would be OK",
         ),
         (
             {"valid_min": 5, "valid_max": 4},
-            "valid_min: found 5, allowed is at most valid_max (4): no value would be valid",
+            "valid_min: expected at most valid_max (4), got 5: no value would be valid",
         ),
         (
             {"warn_below": 20, "warn_above": 21, "hysteresis": 2},
-            "hysteresis: found 2, allowed is at most 1: warn_below would clear above warn_above",
+            "hysteresis: expected at most 1, got 2: warn_below would clear above warn_above",
         ),
-        (
-            {"flap_low": 60},
-            "flap_low: found flap_low 60 and flap_high 50, allowed is flap_low at most flap_high:"
-            " flapping would end before it begins",
-        ),
-        (
-            {"flap_high": 10},
-            "flap_high: found flap_low 25 and flap_high 10, allowed is flap_low at most flap_high:"
-            " flapping would end before it begins",
-        ),
-        ({"valid_max": 100, "warn_above": 120}, "warn_above: found 120, allowed is 100 (valid_max) or less"),
+        ({"flap_low": 60}, "flap_low: expected at most flap_high (50), got 60"),
+        ({"flap_high": 10}, "flap_high: expected at least flap_low (25), got 10"),
+        ({"valid_max": 100, "warn_above": 120}, "warn_above: expected at most 100 (valid_max), got 120"),
         (
             {"valid_max": 100, "warn_above": 100.0000001},
-            "warn_above: found 100.0000001, allowed is 100 (valid_max) or less",
+            "warn_above: expected at most 100 (valid_max), got 100.0000001",
         ),
-        ({"valid_min": 0, "error_below": -5}, "error_below: found -5, allowed is 0 (valid_min) or more"),
+        ({"valid_min": 0, "error_below": -5}, "error_below: expected at least 0 (valid_min), got -5"),
         (
             {"valid_max": 100, "warn_below": 99, "hysteresis": 2},
-            "hysteresis: found 2, allowed is less: warn_below would clear at 101, which is no valid value",
+            "hysteresis: expected less, got 2: warn_below would clear at 101, which is not a valid value",
         ),
         (
             {"valid_min": 0, "warn_above": 1, "hysteresis": 2},
-            "hysteresis: found 2, allowed is less: warn_above would clear at -1, which is no valid value",
+            "hysteresis: expected less, got 2: warn_above would clear at -1, which is not a valid value",
         ),
-        ({"scale": 0}, "scale: found 0, allowed is any other number"),
+        ({"scale": 0}, "scale: expected a number other than 0, got 0"),
     ],
 )
 def test_bounds_that_contradict_each_other_are_refused(settings: Dict[str, Any], problem: str) -> None:
@@ -234,16 +226,18 @@ def test_bounds_that_contradict_each_other_are_refused(settings: Dict[str, Any],
 @pytest.mark.parametrize(
     ("settings", "problem"),
     [
-        ({"unit": "%", "warn_below": 120}, "warn_below: found 120, allowed is 100 (most of '%') or less"),
-        ({"unit": "%", "valid_min": -1}, "valid_min: found -1, allowed is 0 (least of '%') or more"),
+        ({"unit": "%", "warn_below": 120}, "warn_below: expected at most 100 (the maximum of %), got 120"),
+        ({"unit": "%", "valid_min": -1}, "valid_min: expected at least 0 (the minimum of %), got -1"),
         (
             {"unit": "%", "valid_max": 1.0},
-            "unit: found '%' with valid_max 1, allowed is valid_max 100 for a percentage;"
-            " a fraction from 0 to 1 has the unit ''",
+            "unit: expected valid_max 100 for the unit '%', got 1; a fraction from 0 to 1 has the unit ''",
         ),
-        ({"unit": "degC", "warn_below": -300}, "warn_below: found -300, allowed is -273.15 (least of 'degC') or more"),
-        ({"unit": "K", "valid_min": -40}, "valid_min: found -40, allowed is 0 (least of 'K') or more"),
-        ({"unit": "Hz", "warn_below": -1}, "warn_below: found -1, allowed is 0 (least of 'Hz') or more"),
+        (
+            {"unit": "degC", "warn_below": -300},
+            "warn_below: expected at least -273.15 (the minimum of degC), got -300",
+        ),
+        ({"unit": "K", "valid_min": -40}, "valid_min: expected at least 0 (the minimum of K), got -40"),
+        ({"unit": "Hz", "warn_below": -1}, "warn_below: expected at least 0 (the minimum of Hz), got -1"),
     ],
 )
 def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], problem: str) -> None:
@@ -263,7 +257,7 @@ def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], proble
         ({"window_samples": 1.5}, "window_samples: expected a whole number from 1 to 1000000, got 1.5"),
         ({"flap_high": 101}, "flap_high: expected a number from 0 to 100, got 101"),
         ({"latch": "yes"}, "latch: expected true or false, got 'yes'"),
-        ({"unit": 5}, "unit: expected printable text, got 5"),
+        ({"unit": 5}, "unit: expected printable text, got 5; quote it"),
         (
             {"statistic": "median"},
             "statistic: expected one of last, mean, min, max, stddev, rate, frequency_hz, got 'median'",
@@ -275,23 +269,25 @@ def test_wrong_kinds_and_ranges_are_refused(settings: Dict[str, Any], problem: s
 
 
 def test_an_unknown_key_is_refused_with_a_hint() -> None:
-    assert refusal(warn_bellow=20).startswith("warn_bellow: unknown key; did you mean warn_below? expected one of topic, ")
+    assert refusal(warn_bellow=20).startswith(
+        "warn_bellow: unknown key; did you mean warn_below? expected one of topic, "
+    )
 
 
 @pytest.mark.parametrize(
     ("condition", "problem"),
     [
-        ({"is": 0}, "only_if.signal: is missing, allowed is the name of another signal"),
-        ({"signal": "link"}, "only_if: expected one of is, is_not, below, above, got no comparison"),
+        ({"is": 0}, "only_if.signal: is missing; expected the name of another signal"),
+        ({"signal": "link"}, "only_if: expected one of is, is_not, below, above, got none"),
         (
             {"signal": "link", "is": 1, "above": 2},
             "only_if: expected one of is, is_not, below, above, got is and above",
         ),
         (
             {"signal": "battery_level", "is": 1},
-            "only_if.signal: found 'battery_level', allowed is another signal: link",
+            "only_if.signal: expected the name of another signal (link), got 'battery_level'",
         ),
-        ({"signal": "charging", "is": 1}, "only_if.signal: found 'charging', allowed is another signal: link"),
+        ({"signal": "charging", "is": 1}, "only_if.signal: expected the name of another signal (link), got 'charging'"),
         ("charging", "only_if: expected a mapping of keys to values, got 'charging'"),
     ],
 )
@@ -302,24 +298,27 @@ def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, prob
 @pytest.mark.parametrize(
     ("source", "problem"),
     [
-        ({}, "signals: is missing, allowed is a mapping of signal names to what is known of each"),
-        ({"signals": {}}, "signals: found no signal, allowed is at least one"),
+        ({}, "signals: is missing; expected a mapping of signal names to their settings"),
+        ({"signals": {}}, "signals: expected at least one signal, got none"),
         ({"signals": None}, "signals: expected a mapping of keys to values, got nothing"),
         ({"signals": {"a": None}}, "signals.a: expected a mapping of keys to values, got nothing"),
-        ({"signals": {1: {}}}, "signals: found the key 1, allowed are keys that are texts (quote it)"),
+        ({"signals": {1: {}}}, "signals.1: expected text as a key, got 1; quote it"),
         (
             {"signals": {"2nd": {}}},
-            "signals.2nd: is no signal name, allowed are letters, digits and _, not beginning with a digit",
+            "signals.2nd: expected a signal name of letters, digits and _, not beginning with a digit",
         ),
         (
             {"signals": {"a\n": {}}},
-            "signals.a\n: is no signal name, allowed are letters, digits and _, not beginning with a digit",
+            "signals.a\\n: expected a signal name of letters, digits and _, not beginning with a digit",
         ),
         (
             {"a": {"ros__parameters": {"signals": {}}}, "b": {"ros__parameters": {"signals": {}}}},
-            "found a, b, allowed is one node with ros__parameters.signals, usually alert_system",
+            "expected one node with ros__parameters.signals, usually alert_system, got 'a, b'",
         ),
-        ({"alert_system": {"ros__parameters": None}}, "alert_system.ros__parameters: found nothing, allowed is a"),
+        (
+            {"alert_system": {"ros__parameters": None}},
+            "alert_system.ros__parameters: expected a mapping of keys to values, got nothing",
+        ),
         (None, "expected a mapping of keys to values, got nothing"),
         (5, "expected a mapping of keys to values, got 5"),
     ],
@@ -346,7 +345,7 @@ HEAD = "# a comment\nalert_system:\n  ros__parameters:\n    signals:\n      batt
         ),
         (
             HEAD + "        warn_below: 20\n        error_below: 30\n",
-            "8: alert_system.ros__parameters.signals.battery_level.error_below: found 30, allowed is at most",
+            "8: alert_system.ros__parameters.signals.battery_level.error_below: expected at most warn_below (20)",
         ),
         (
             HEAD + "        unit: '%'\n",
@@ -362,11 +361,11 @@ HEAD = "# a comment\nalert_system:\n  ros__parameters:\n    signals:\n      batt
         ),
         (
             "alert_system:\n  signals: {a: {}}\n",
-            "1: alert_system: found no ros__parameters, allowed is that key above the parameters",
+            "1: alert_system: expected the key ros__parameters above the parameters",
         ),
         (
             HEAD + "      temperature:\n",
-            "7: alert_system.ros__parameters.signals.temperature: found nothing, allowed is",
+            "7: alert_system.ros__parameters.signals.temperature: expected a mapping of keys to values, got nothing",
         ),
         (HEAD + "        only_if: {signal: link}\n", "7: alert_system.ros__parameters.signals.battery_level.only_if:"),
         (
@@ -390,5 +389,58 @@ def test_a_file_with_two_alert_systems_is_refused_and_both_are_named() -> None:
     with pytest.raises(ConfigError) as refused:
         load_config({"robot1": {"alert_system": section}, "/robot2/alert_system": section})
     assert str(refused.value) == (
-        "found robot1.alert_system and /robot2/alert_system, allowed is one alert_system in a file: one file per robot"
+        "/robot2/alert_system: expected one section for alert_system in a file (one file per robot), "
+        "got robot1.alert_system and /robot2/alert_system"
     )
+
+
+def test_all_mistakes_of_a_file_are_found_in_one_pass(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        "alert_system:\n"
+        "  ros__parameters:\n"
+        "    publish_rate: fast\n"
+        "    signals:\n"
+        "      battery_level: {warn_below: 20, error_below: 30, hysteresis: -1,\n"
+        "                      unit: 5}\n"
+        "      arm: {warn_above: 80, error_above: 70, valid_max: 60, scale: 0, field: 'data[', type: Float32,\n"
+        "            only_if: {signal: hand, is: 1}}\n"
+        "      leg: {only_if: {signal: foot, is: 1}}\n"
+        "      link: {}\n"
+    )
+    with pytest.raises(ConfigError) as raised:
+        load_config(path)
+    signals = "alert_system.ros__parameters.signals"
+    assert [str(error)[len(f"{path}:") :] for error in raised.value.all] == [
+        "3: alert_system.ros__parameters.publish_rate: expected a number from 0.01 to 100, got 'fast'",
+        f"5: {signals}.battery_level.hysteresis: expected a number of at least 0, got -1",
+        f"6: {signals}.battery_level.unit: expected printable text, got 5; quote it",
+        f"7: {signals}.arm.warn_above: expected at most error_above (70), got 80: a rising value crosses the WARN"
+        " bound first",
+        f"7: {signals}.arm.warn_above: expected at most 60 (valid_max), got 80",
+        f"7: {signals}.arm.error_above: expected at most 60 (valid_max), got 70",
+        f"7: {signals}.arm.scale: expected a number other than 0, got 0",
+        f"7: {signals}.arm.field: expected the path of a field, got 'data[', but '[' is neither a name nor an index"
+        ' such as [0] nor a key such as ["motor"]',
+        f"7: {signals}.arm.type: expected a type such as std_msgs/Float32, got 'Float32'",
+        f"9: {signals}.leg.only_if.signal: expected the name of another signal (battery_level, arm, link), got 'foot'",
+        f"10: {signals}.link: this name is reserved for the link to the robot; expected another",
+    ]
+
+
+def test_conditions_may_refer_to_the_link() -> None:
+    config = load_config({"signals": {"a": {"only_if": {"signal": "link", "is": 1}}}})
+    assert str(config.signals["a"].only_if) == "link is 1"
+
+
+def test_a_token_in_a_configuration_is_refused_and_not_repeated() -> None:
+    with pytest.raises(ConfigError) as raised:
+        load_config({"rosbridge_token": "s3cret", "rosbridge_tokn": "s3cret", "signals": {"a": {}}})
+    assert [error.path for error in raised.value.all] == [("rosbridge_token",), ("rosbridge_tokn",)]
+    assert "rosbridge_token_file" in str(raised.value)
+    assert not any("s3cret" in str(error) for error in raised.value.all)
+
+
+def test_the_paths_of_other_files_are_read() -> None:
+    config = load_config({"rosbridge_token_file": "/etc/token", "ops": "ops.yaml", "signals": {"a": {}}})
+    assert (config.rosbridge_token_file, config.ops) == ("/etc/token", "ops.yaml")

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from harness.bridged_executable import SETTINGS, check_served, look_at
+from harness.bridged_executable import check_served, look_at, settings
 from harness.served_conformance import ServedConformance
 
 
@@ -33,7 +33,7 @@ def test_the_executable_serves_when_rosbridge_port_is_set(
     process.signal()
     assert process.wait() == 0
     assert "serving on" not in process.text
-    parameters("/alert_system", yaml.safe_load(SETTINGS.format(port=free_port, token="s3cret"))["alert_system"])
+    parameters("/alert_system", yaml.safe_load(settings(tmp_path, free_port, "s3cret"))["alert_system"])
     process = start("health_monitor")
     process.wait_for_text(f"serving on ws://127.0.0.1:{free_port}")
     check_served(process, asyncio.run(look_at(free_port, "s3cret")))

@@ -7,7 +7,7 @@ import socket
 from typing import Any
 
 import pytest
-from harness.bridged_executable import SETTINGS, check_served, look_at
+from harness.bridged_executable import check_served, look_at, settings
 from harness.served_conformance import ServedConformance
 
 
@@ -34,7 +34,7 @@ def test_the_executable_serves_when_rosbridge_port_is_set(start: Any, tmp_path: 
         free.bind(("127.0.0.1", 0))
         port = int(free.getsockname()[1])
     file = tmp_path / "thresholds.yaml"
-    file.write_text(SETTINGS.format(port=port, token="s3cret"))
+    file.write_text(settings(tmp_path, port, "s3cret"))
     process = start("health_monitor", "--ros-args", "--params-file", str(file))
     process.wait_for_text(f"serving on ws://127.0.0.1:{port}")
     check_served(process, asyncio.run(look_at(port, "s3cret")))
@@ -45,7 +45,7 @@ def test_a_port_that_is_taken_is_named_with_its_key(start: Any, tmp_path: Any) -
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         file = tmp_path / "thresholds.yaml"
-        file.write_text(SETTINGS.format(port=taken.getsockname()[1], token="s3cret"))
+        file.write_text(settings(tmp_path, taken.getsockname()[1], "s3cret"))
         process = start("alert_system", "--ros-args", "--params-file", str(file))
         assert process.wait() == 2
     (error,) = [line for line in process.errors if "rosbridge_port" in line]

@@ -80,7 +80,7 @@ def test_without_a_seed_every_start_is_another() -> None:
         (
             {"battery_level": {"discharge_rates": 1.0}},
             "battery_level.discharge_rates: unknown key; did you mean discharge_rate? "
-            "allowed are source, discharge_rate, charge_rate, charge_at",
+            "expected one of source, discharge_rate, charge_rate, charge_at",
         ),
         (
             {"battery_level": {"discharge_rate": -1.0}},
@@ -135,7 +135,7 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
         ({"memory": {}}, f"host.memory.source: is missing, allowed is one of {', '.join(HOST_SOURCES)}"),
         (
             {"memory": {"source": "ram"}},
-            f"host.memory.source: found 'ram', allowed is one of {', '.join(HOST_SOURCES)}",
+            f"host.memory.source: expected one of {', '.join(HOST_SOURCES)}, got 'ram'",
         ),
         (
             {"memory": {**MEMORY, "path": "/"}},
@@ -147,7 +147,7 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
         ),
         (
             {"disk": {"source": "disk_percent", "path": 1}},
-            "host.disk.path: expected printable text, got 1",
+            "host.disk.path: expected printable text, got 1; quote it",
         ),
         (
             {"core": {"source": "cpu_percent", "core": -1}},
@@ -190,7 +190,7 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
     node.set_parameters({"host": {"disk": {"source": "disk_free"}}})
     bus.run_until(5.0)
     assert heard == {"memory": 2, "disk": 3}
-    with pytest.raises(ConfigError, match=r"^host\.disk\.path: expected printable text, got 5$"):
+    with pytest.raises(ConfigError, match=r"^host\.disk\.path: expected printable text, got 5; quote it$"):
         node.set_parameter("host.disk.path", 5)
     bus.run_until(6.0)
     assert heard == {"memory": 2, "disk": 4}
