@@ -25,11 +25,19 @@ class YamlFile(NamedTuple):
     """The file's name, as it was given."""
 
     def locate(self, error: ConfigError) -> ConfigError:
-        """Returns `error` with this file and the line of its key, or of the nearest key above it that is there."""
-        path = error.path
-        while path and path not in self.lines:
-            path = path[:-1]
-        return ConfigError(error.problem, error.path, self.file, self.lines.get(path))
+        """Returns `error` and its `others`, by line, each with this file and the line of its key.
+
+        For a key that is not in the file, the line is that of the nearest key above it.
+        """
+        located = []
+        for each in error.all:
+            path = each.path
+            while path and path not in self.lines:
+                path = path[:-1]
+            located.append(ConfigError(each.problem, each.path, self.file, self.lines.get(path)))
+        first, *others = sorted(located, key=lambda each: each.line or 0)
+        first.others = tuple(others)
+        return first
 
 
 def read_yaml(file: PathLike) -> YamlFile:

@@ -415,14 +415,14 @@ def test_all_mistakes_of_a_file_are_found_in_one_pass(tmp_path: Path) -> None:
         "3: alert_system.ros__parameters.publish_rate: expected a number from 0.01 to 100, got 'fast'",
         f"5: {signals}.battery_level.hysteresis: expected a number of at least 0, got -1",
         f"6: {signals}.battery_level.unit: expected printable text, got 5; quote it",
+        f"7: {signals}.arm.type: expected a type such as std_msgs/Float32, got 'Float32'",
+        f"7: {signals}.arm.field: expected the path of a field, got 'data[', but '[' is neither a name nor an index"
+        ' such as [0] nor a key such as ["motor"]',
+        f"7: {signals}.arm.scale: expected a number other than 0, got 0",
         f"7: {signals}.arm.warn_above: expected at most error_above (70), got 80: a rising value crosses the WARN"
         " bound first",
         f"7: {signals}.arm.warn_above: expected at most 60 (valid_max), got 80",
         f"7: {signals}.arm.error_above: expected at most 60 (valid_max), got 70",
-        f"7: {signals}.arm.scale: expected a number other than 0, got 0",
-        f"7: {signals}.arm.field: expected the path of a field, got 'data[', but '[' is neither a name nor an index"
-        ' such as [0] nor a key such as ["motor"]',
-        f"7: {signals}.arm.type: expected a type such as std_msgs/Float32, got 'Float32'",
         f"9: {signals}.leg.only_if.signal: expected the name of another signal (battery_level, arm, link), got 'foot'",
         f"10: {signals}.link: this name is reserved for the link to the robot; expected another",
     ]

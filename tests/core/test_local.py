@@ -43,8 +43,8 @@ EXPECTED = [
     "112.250 cpu_usage WARN: mean 100 % is above 90 % (was OK for 11.8 s)",
     "114.000 cpu_usage OK: mean 60 % is no longer above 90 % (was WARN for 1.75 s)",
     "114.000 battery_level WARN: 50 % is below 60 % (was OK for 2.5 s)",
-    "refused: signals.battery_level.error_below: found 70, allowed is at most warn_below (60):"
-    " a value falls below the WARN bound first",
+    "refused: signals.battery_level.error_below: expected at most warn_below (60), got 70:"
+    " a falling value crosses the WARN bound first",
     "115.000 battery_level OK: 50 % (was WARN for 1 s)",
     "116.125 vibration WARN: 2 is above 1 (was OK for 15.6 s)",
     "116.250 vibration OK: 0 is no longer above 1 (was WARN for 0.125 s)",

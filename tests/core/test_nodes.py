@@ -125,7 +125,7 @@ class TestAlertSystem:
 
     def test_a_contradiction_is_refused_and_the_old_bounds_stay(self, stage: Stage) -> None:
         _, middleware = stage.alert_system(LATCHING)
-        with pytest.raises(ConfigError, match=r"signals\.battery_level\.error_below: found 30"):
+        with pytest.raises(ConfigError, match=r"signals\.battery_level\.error_below: expected at most"):
             middleware.set_parameter("signals.battery_level.error_below", 30.0)
         stage.publish("battery_level", 25.0)
         assert stage.log(Severity.WARN, Severity.ERROR) == []
@@ -154,7 +154,7 @@ class TestAlertSystem:
 
     def test_a_wrong_type_names_its_signal_and_nothing_stays_subscribed(self, stage: Stage) -> None:
         signals = {"battery_level": {"type": FLOAT32}, "temperature": {"type": "Float32"}}
-        with pytest.raises(ConfigError, match=r"^signals\.temperature: expected a type .*, got 'Float32'"):
+        with pytest.raises(ConfigError, match=r"^signals\.temperature\.type: expected a type such as std_msgs/Float32"):
             stage.alert_system({"signals": signals})
         stage.publish("battery_level", float("nan"))
         assert stage.log(Severity.WARN, Severity.ERROR) == []

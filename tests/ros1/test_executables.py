@@ -164,7 +164,7 @@ def test_a_wrong_private_parameter_ends_it_with_the_key(master: Any, start: Any)
     process = start("battery_sensor", "_publish_rate:=fast")
     assert process.wait() == 2
     (line,) = process.errors
-    assert line.startswith("battery_sensor: publish_rate: expected a number, got 'fast'")
+    assert line.startswith("battery_sensor: publish_rate: expected a number from 0.01 to 1000, got 'fast'")
 
 
 def test_a_wrong_field_ends_it_before_it_listens(master: Any, start: Any, parameters: Any) -> None:

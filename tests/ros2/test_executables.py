@@ -159,7 +159,7 @@ def test_a_file_that_is_not_there_is_one_line(start: Any, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (("-p", "publish_rate:=fast"), "publish_rate: expected a number, got 'fast'"),
+        (("-p", "publish_rate:=fast"), "publish_rate: expected a number from 0.01 to 1000, got 'fast'"),
         (("-p", "log_level:=LOUD"), "log_level: expected one of DEBUG, INFO, WARN, ERROR, FATAL, got 'LOUD'"),
         (("-p", "executor:=many"), "executor: expected one of single, events, got 'many'"),
         (("-r", "nonsense"), "failed to initialize rcl: Couldn't parse remap rule: '-r nonsense'"),

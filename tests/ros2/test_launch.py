@@ -275,6 +275,6 @@ def test_parameters_can_be_set_with_ros2_param(ros2_launch: Any, environment: Di
     name = "signals.battery_level.warn_below"
     assert "successful" in ros2_param("set", "/alert_system", name, "30")
     assert "30" in ros2_param("get", "/alert_system", name)
-    assert "error_below: found 10, allowed is at most warn_below (5)" in ros2_param("set", "/alert_system", name, "5")
+    assert "error_below: expected at most warn_below (5), got 10" in ros2_param("set", "/alert_system", name, "5")
     assert "WARN below this value" in ros2_param("describe", "/alert_system", name)
     end(process)

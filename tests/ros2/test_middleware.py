@@ -92,7 +92,7 @@ def test_a_whole_number_will_do_for_a_bound(ros: Any) -> None:
 def test_a_contradiction_is_refused_with_the_reason_and_the_old_values_stay(ros: Any) -> None:
     watched = Watched(ros, GIVEN)
     reason = ros.propose(watched.node, WARN_BELOW, 5.0)
-    assert reason.startswith("signals.battery_level.error_below: found 10, allowed is at most warn_below (5)")
+    assert reason.startswith("signals.battery_level.error_below: expected at most warn_below (5), got 10")
     assert get(ros, watched.node, WARN_BELOW) == [20.0]
     assert watched.trees == []
 
