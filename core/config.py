@@ -377,8 +377,9 @@ def read_monitor(section: Section) -> MonitorConfig:
     with problems:
         values = read_parameters(tree, MONITOR_PARAMETERS, path, ("signals", "qos_overrides", "rosbridge_token"))
     signals: Dict[str, SignalConfig] = {}
-    with problems:
-        signals = _read_signals(tree, (*path, "signals"))
+    if "signals" in tree or not problems.errors:  # a misspelt `signals` is one mistake, not two
+        with problems:
+            signals = _read_signals(tree, (*path, "signals"))
     problems.raise_if_any()
     settings = {field.name: values[field.name] for field in fields(MonitorConfig) if field.name in values}
     return MonitorConfig(signals, **settings)
@@ -401,7 +402,7 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
         for key in CONDITIONS:
             condition = getattr(signal, key)
             if condition is not None and (condition.signal == name or condition.signal not in (*signals, LINK)):
-                others = [other for other in (*signals, LINK) if other != name]
+                others = [other for other in signals if other not in (name, LINK)] + [LINK]
                 problem = f"expected the name of another signal ({_names(others)}), got {describe(condition.signal)}"
                 problems.add(ConfigError(problem, (*path, name, key, "signal")))
     problems.raise_if_any()

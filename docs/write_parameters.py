@@ -64,7 +64,7 @@ def _sections() -> Iterator[str]:
         for parameter in parameters
     ]
     yield from _section("## battery_sensor", "", [*_own(SENSOR_PARAMETERS), *metrics])
-    yield "Its section `host` adds metrics of the computer (memory, disks, single cores): see [signals.md](signals.md).\n"
+    yield "Its section `host` adds metrics of the computer (memory, disks, single cores): [signals.md](signals.md).\n"
 
 
 def _own(parameters: Iterable[Parameter]) -> Iterator[Parameter]:

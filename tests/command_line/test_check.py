@@ -39,13 +39,13 @@ def test_every_configuration_that_is_installed_is_right(robot_health: Start, fil
         ),
         pytest.param(
             b"alert_system:\n  ros__parameters:\n    signals:\n      arm: {warn_below: 1.0, error_below: 2.0}\n",
-            ":4: alert_system.ros__parameters.signals.arm.error_below: expected at most warn_below (1), got 2: a falling",
+            ":4: alert_system.ros__parameters.signals.arm.error_below: expected at most warn_below (1), got 2",
             id="contradictory bounds",
         ),
         pytest.param(
             b"alert_system:\n  ros__parameters:\n    signals: {arm: {}}\n"
             b"battery_sensor:\n  ros__parameters:\n    battery_level:\n      discharge_rate: fast\n",
-            ":7: battery_sensor.ros__parameters.battery_level.discharge_rate: expected a number of at least 0, got 'fast'",
+            ":7: battery_sensor.ros__parameters.battery_level.discharge_rate: expected a number of at least 0",
             id="another node of the same file",
         ),
         pytest.param(
