@@ -476,7 +476,7 @@ def _check_source(signal: SignalConfig, path: Path) -> None:
         parse_field_path(signal.field)
     except ValueError as error:
         problems.add(
-            ConfigError(f"expected the path of a field, got {describe(signal.field)}, {error}", (*path, "field"))
+            ConfigError(f"expected the path of a field, got {describe(signal.field)}: {error}", (*path, "field"))
         )
     if signal.scale == 0.0:
         problems.add(ConfigError("expected a number other than 0, got 0", (*path, "scale")))

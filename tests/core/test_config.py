@@ -416,8 +416,8 @@ def test_all_mistakes_of_a_file_are_found_in_one_pass(tmp_path: Path) -> None:
         f"5: {signals}.battery_level.hysteresis: expected a number of at least 0, got -1",
         f"6: {signals}.battery_level.unit: expected printable text, got 5; quote it",
         f"7: {signals}.arm.type: expected a type such as std_msgs/Float32, got 'Float32'",
-        f"7: {signals}.arm.field: expected the path of a field, got 'data[', but '[' is neither a name nor an index"
-        ' such as [0] nor a key such as ["motor"]',
+        f"7: {signals}.arm.field: expected the path of a field, got 'data[': '[' is not a name, an index such as"
+        ' [0] or a key such as ["motor"]',
         f"7: {signals}.arm.scale: expected a number other than 0, got 0",
         f"7: {signals}.arm.warn_above: expected at most error_above (70), got 80: a rising value crosses the WARN"
         " bound first",
