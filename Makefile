@@ -1,18 +1,45 @@
-# make run: the monitor on this machine, simulated robot, no ROS.   make test: every test that this machine can run.
-# make bench: what it costs, beside bare peers, in one run.   make lint: formatter, linter, types, imports.
-# All set up what is missing under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2".
+# make run     the monitor on this machine: simulated robot, no ROS
+# make test    every test that this machine can run
+# make lint    linter, formatter, types, import rules
+# make bench   what it costs, beside bare peers
+#
+# Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",
+# make test ARGS="core -- -k battery" (sessions of noxfile.py, then options of pytest).
+
 PYTHON ?= python3
-.PHONY: run test bench lint
+JOBS ?= 2
+NOX = .venv/nox/bin/nox
+# virtualenv 20 is the last version that makes environments of Python 3.8.
+NOX_REQUIREMENTS = nox 'virtualenv<21'
+PIP_INSTALL = bin/python -m pip install --quiet --disable-pip-version-check
 
-run:
-	@$(PYTHON) tests/environments.py
-	@.venv/run/bin/python -m robot_health_monitor run $(ARGS)
+.PHONY: run test lint bench
 
-test:
-	@$(PYTHON) tests/run_all.py $(ARGS)
+run: .venv/run/installed
+	@.venv/run/bin/robot-health run $(ARGS)
 
-bench:
-	@$(PYTHON) -m benchmarks $(ARGS)
+test: .venv/nox/installed
+	@rm -rf .venv/results; mkdir -p .venv/results
+	@NOX_PARALLEL=$(JOBS) $(NOX) --report .venv/results/nox.json $(if $(ARGS),--session $(ARGS)); status=$$?; \
+	 $(PYTHON) tests/report.py .venv/results && exit $$status
 
-lint:
-	@$(PYTHON) tests/run_all.py lint
+lint: .venv/nox/installed
+	@$(NOX) --session lint types
+
+bench: .venv/nox/installed
+	@$(NOX) --install-only --session ros1 ros2
+	@$(NOX) --session bench -- $(ARGS)
+
+.venv/run/installed: setup.py package.xml | .venv/run/bin/pip
+	@.venv/run/$(PIP_INSTALL) --editable .
+	@touch $@
+
+.venv/nox/installed: Makefile | .venv/nox/bin/pip
+	@.venv/nox/$(PIP_INSTALL) $(NOX_REQUIREMENTS)
+	@touch $@
+
+# Debian's Python needs a package for this, which root can install.
+.venv/%/bin/pip:
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || test "$$(id -u)" != 0 || \
+	 { apt-get -qq update; apt-get -qq install -y --no-install-recommends python3-venv; } >/dev/null
+	@$(PYTHON) -m venv .venv/$*

@@ -8,12 +8,22 @@ from xml.etree import ElementTree
 from setuptools import setup
 
 NAME = "robot_health_monitor"
+FOLDERS = ["core", "ros1", "ros2", "rosbridge"]
+"""Top-level folders that are packages below the root package; CMakeLists.txt has the same list."""
+
+
+def package(folder):
+    """Returns the name of the package that a folder holds."""
+    name = folder.as_posix().replace("/", ".")
+    return name if folder.parts[0] == NAME else NAME + "." + name
+
+
 # In colcon's build space for --symlink-install only the root package is there, linked; it finds the others by itself.
-FOLDERS = [
-    path.parent.as_posix()
-    for top in (NAME, "core", "ros1", "ros2", "rosbridge")
-    for path in sorted(Path(top).rglob("__init__.py"))
-]
+PACKAGES = {
+    package(file.parent): file.parent.as_posix()
+    for top in [NAME, *FOLDERS]
+    for file in sorted(Path(top).rglob("__init__.py"))
+}
 
 manifest = ElementTree.parse("package.xml").getroot()
 
@@ -23,21 +33,14 @@ def text(tag):
     return manifest.find(tag).text
 
 
-def package(folder):
-    """Returns the name of the package that a folder holds: every top-level folder is below the root package."""
-    name = folder.replace("/", ".")
-    return name if name.split(".")[0] == NAME else NAME + "." + name
-
-
 data_files = [
     ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
     ("share/" + NAME, ["package.xml"]),
     ("share/" + NAME + "/launch", sorted(glob("launch/*.launch") + glob("launch/*.launch.py"))),
     ("share/" + NAME + "/config", sorted(glob("config/*.yaml"))),
 ]
-# colcon runs this file itself; pip comes through the build backend, and puts every command into bin/.
-# For colcon the commands go where `ros2 run` looks for them, and one that forwards makes `robot-health` known to the
-# PATH of a workspace.
+# colcon runs this file itself; pip runs it through the build backend and installs all commands into bin/.
+# For colcon they go where `ros2 run` looks for them, and bin/ gets a script that forwards to `robot-health`.
 options = {}
 if "setuptools.build_meta" not in sys.modules:
     data_files.append(("bin", ["resource/robot-health"]))
@@ -53,13 +56,14 @@ setup(
     maintainer=text("maintainer"),
     maintainer_email=manifest.find("maintainer").get("email"),
     python_requires=">=3.8",
-    packages=[package(folder) for folder in FOLDERS],
-    package_dir={package(folder): folder for folder in FOLDERS},
+    packages=list(PACKAGES),
+    # colcon refuses a mapping of the root package to the folder of the same name.
+    package_dir={name: folder for name, folder in PACKAGES.items() if name != NAME},
     package_data={NAME: ["py.typed"]},
     data_files=data_files,
     options=options,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
-    extras_require={"test": ["hypothesis", "numpy", "pyfakefs", "pyte", "pytest>=7.2", "trustme"]},
+    extras_require={"test": ["hypothesis>=6.82", "numpy", "pyfakefs", "pyte", "pytest>=7.2", "trustme"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -111,9 +111,8 @@ class Target:
             remap: a name that it is to use in place of another, `old:=new`; empty: none.
             parameters: a file with its configuration.
         """
-        code = (
-            f"import sys; from robot_health_monitor.{self.package}.main import {executable} as main; sys.exit(main())"
-        )
+        module = f"robot_health_monitor.{self.package}_executables"
+        code = f"import sys; from {module} import {executable} as main; sys.exit(main())"
         arguments = [f"__ns:=/{namespace}", remap]
         if self.package == "ros2":
             arguments = [word for argument in arguments if argument for word in ("-r", argument)]

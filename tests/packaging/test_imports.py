@@ -9,8 +9,8 @@ from typing import Iterator, NamedTuple, Set
 from xml.etree import ElementTree
 
 import pytest
-from environments import runtime_requirements
 from harness.packaging_workspace import FOLDERS, NAME, ROOT
+from harness.requirements import runtime_requirements
 
 ROS1 = {"genpy", "rosgraph", "roslib", "rospy", "rosservice"}
 ROS2 = {"ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "rosidl_runtime_py"}

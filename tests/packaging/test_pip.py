@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Dict, List
 
 import pytest
-from environments import find_pythons
+from harness.interpreters import find_pythons
 from harness.packaging_workspace import NAME, Workspace, check_share, installed_modules, run, source_modules, version
 
 _PYTHONS = find_pythons()
+_OLDEST, *_, _NEWEST = [*_PYTHONS, *_PYTHONS]
 _EXAMPLE = """
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 
@@ -42,8 +43,8 @@ class Installed:
 
 
 @pytest.mark.parametrize("options", [[], ["-e"]], ids=["install", "install -e"])
-@pytest.mark.parametrize("python", sorted({min(_PYTHONS), max(_PYTHONS)}), ids=lambda v: f"{v[0]}.{v[1]}")
-def test_the_library_and_the_command_work_without_ros(workspace: Workspace, python: Any, options: List[str]) -> None:
+@pytest.mark.parametrize("python", sorted({_OLDEST, _NEWEST}))
+def test_the_library_and_the_command_work_without_ros(workspace: Workspace, python: str, options: List[str]) -> None:
     installed = Installed(workspace, _PYTHONS[python], options)
     assert version() in installed.run("robot-health", "--version")
     assert version() in installed.run("python", "-m", NAME, "--version")
@@ -61,7 +62,7 @@ def test_the_library_and_the_command_work_without_ros(workspace: Workspace, pyth
 
 
 def test_a_node_of_ros2_says_without_ros_what_it_needs(workspace: Workspace) -> None:
-    installed = Installed(workspace, _PYTHONS[max(_PYTHONS)], ["--no-deps"])
+    installed = Installed(workspace, _PYTHONS[_NEWEST], ["--no-deps"])
     node = installed.folder / "bin" / "alert_system"
     done = run([str(node)], installed.folder, installed.variables, fails=True)
     assert (done.returncode, len(done.stdout.splitlines())) == (2, 1), done.stdout

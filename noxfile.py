@@ -1,0 +1,237 @@
+"""The test sessions: `make test` runs all that this machine supports, `nox -l` lists them.
+
+The environments are kept under .venv/ and the results of each session under .venv/results/, from which
+tests/report.py prints the table at the end of `make test`. Arguments after `--` go to pytest.
+"""
+
+from __future__ import annotations
+
+import glob
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Dict, Iterable, List, Mapping, Optional
+
+import nox
+
+ROOT = Path(__file__).resolve().parent
+sys.path.append(str(ROOT / "tests"))
+
+from harness.interpreters import find_pythons  # noqa: E402  # found through the line above
+from harness.requirements import runtime_requirements, test_requirements  # noqa: E402
+
+RESULTS = ROOT / ".venv" / "results"
+SESSION_TIMEOUT = "20m"
+
+ROS1_PACKAGES = [
+    "catkin",
+    "g++",
+    "libdiagnostic-aggregator-tools",
+    "make",
+    "python3-catkin",
+    "python3-diagnostic-msgs",
+    "python3-diagnostic-updater",
+    "python3-pytest",
+    "python3-rosbag",
+    "python3-rostest",
+    "python3-sensor-msgs",
+    "python3-std-srvs",
+    "python3-venv",
+    "ros-core",
+    "rosbash",
+    "rosdiagnostic",
+    "rospack-tools",
+]
+"""Debian's own ROS 1 with the tools that catkin builds with, for machines without Noetic."""
+
+ROS2_WHEELS = [
+    "ros-jazzy-rclpy",
+    "ros-jazzy-rmw-fastrtps-cpp",
+    "ros-jazzy-std-msgs",
+    "ros-jazzy-diagnostic-msgs",
+    "ros-std-srvs==5.3.6",
+    "ros-sensor-msgs==5.3.6",
+]
+"""ROS 2 from PyPI, for machines without Jazzy."""
+
+COLCON = ["colcon-core>=0.21", "colcon-ros", "colcon-recursive-crawl", "colcon-bash", "colcon-test-result"]
+LINTERS = ["ruff==0.17.6"]
+CHECKERS = ["mypy", "import-linter", "types-PyYAML", "types-psutil"]
+
+SYSTEM_PYTHON = "/usr/bin/python3"
+
+
+def search_path() -> str:
+    """Returns the PATH for all sessions.
+
+    The system's folders are first, because ROS runs `/usr/bin/env python3`. The interpreters of pyenv replace its
+    shims, which may not start.
+    """
+    folders = ["/usr/sbin", "/usr/bin", "/sbin", "/bin"]
+    folders += [folder for folder in os.environ["PATH"].split(os.pathsep) if not folder.endswith(".pyenv/shims")]
+    for pattern in ("~/.pyenv/versions/*/bin", "~/.local/share/uv/python/*/bin"):
+        folders += sorted(glob.glob(os.path.expanduser(pattern)))
+    return os.pathsep.join(dict.fromkeys(folders))
+
+
+def sourced(distro: str) -> Optional[Dict[str, str]]:
+    """Returns the environment of a ROS distribution: sourced in this shell, else in /opt/ros; None if not installed."""
+    if os.environ.get("ROS_DISTRO") == distro:
+        return {name: value for name, value in os.environ.items() if name in ROS_VARIABLES}
+    setup = f"/opt/ros/{distro}/setup.bash"
+    if not os.path.exists(setup):
+        return None
+    plain = {name: value for name, value in os.environ.items() if name not in ROS_VARIABLES}
+    shell = ["bash", "-c", f"source {setup} >/dev/null && env -0"]
+    printed = subprocess.run(shell, env=plain, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True).stdout
+    pairs = (line.partition("=") for line in printed.split("\0") if line)
+    return {name: value for name, _, value in pairs if plain.get(name) != value}
+
+
+ROS_VARIABLES = {
+    name
+    for name in os.environ
+    if name.startswith(("ROS_", "AMENT_", "COLCON_", "CMAKE_PREFIX_PATH", "PYTHON", "PYTEST_"))
+}
+"""Variables of this shell that a session sees only where its own ROS has set them."""
+
+os.environ["PATH"] = search_path()
+PYTHONS = find_pythons()
+NEWEST = list(PYTHONS)[-1]
+NOETIC = sourced("noetic")
+JAZZY = sourced("jazzy")
+WHEELS_PYTHON = next((version for version in ("3.12", "3.13", "3.11", "3.10", "3.14") if version in PYTHONS), "3.12")
+ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
+ROS2_VENV = ["--system-site-packages"] if JAZZY else []
+
+nox.options.envdir = ".venv"
+nox.options.sessions = ["packaging", "ros1", "ros2", "core", "lint", "types"]
+nox.options.reuse_venv = "yes"
+nox.options.error_on_missing_interpreters = False
+nox.options.download_python = "never"
+if hasattr(nox.options, "allow_parallel"):  # nox for Python 3.8 and 3.9 has no parallel sessions
+    nox.options.allow_parallel = True
+
+
+@nox.session(venv_backend="none")
+def apt(session: nox.Session) -> None:
+    """Installs Debian's packages that the tests use, if this user may: ROS 1, and promtool as a reference."""
+    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"]):
+        missing = missing_packages(packages)
+        if missing and os.geteuid() == 0 and shutil.which("apt-get"):
+            options = {"silent": True, "external": True, "success_codes": range(256)}
+            apt_get = ["apt-get", "-qq", "-o", "DPkg::Lock::Timeout=300"]
+            session.run_install(*apt_get, "update", **options)
+            session.env["DEBIAN_FRONTEND"] = "noninteractive"
+            session.run_install(*apt_get, "install", "-y", "--no-install-recommends", *missing, **options)
+    missing = missing_packages([*([] if NOETIC else ROS1_PACKAGES), "prometheus"])
+    if missing:
+        session.skip(f"not installed; as root: apt-get install {' '.join(missing)}")
+
+
+def missing_packages(packages: Iterable[str]) -> List[str]:
+    """Returns those of Debian's packages that are not installed."""
+    if not shutil.which("dpkg-query"):
+        return list(packages)
+    query = ["dpkg-query", "--show", "--showformat", "${Package} ${db:Status-Status}\n", *packages]
+    printed = subprocess.run(query, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
+    return [package for package in packages if f"{package} installed" not in printed.splitlines()]
+
+
+@nox.session(python=list(dict.fromkeys(["3.8", NEWEST])), requires=["apt"])
+def core(session: nox.Session) -> None:
+    """The tests that need no ROS, on Python 3.8 and on the newest Python here."""
+    set_up(session, {})
+    if session.python != "3.8":  # pip finds no version of roslibpy's dependencies for Python 3.8
+        session.install("roslibpy", success_codes=range(256))
+    run_pytest(session, "tests", *(f"--ignore=tests/{folder}" for folder in ("ros1", "ros2", "packaging")))
+
+
+@nox.session(python=SYSTEM_PYTHON, venv_params=["--system-site-packages"], requires=["apt"])
+def ros1(session: nox.Session) -> None:
+    """The tests with a real roscore: Noetic, else Debian's ROS 1."""
+    require_ros1(session)
+    set_up(session, NOETIC)
+    run_pytest(session, "tests/ros1")
+
+
+@nox.session(python=ROS2_PYTHON, venv_params=ROS2_VENV)
+def ros2(session: nox.Session) -> None:
+    """The tests with a real rclpy: Jazzy, else its wheels from PyPI."""
+    set_up(session, JAZZY, *([] if JAZZY else ROS2_WHEELS))
+    run_pytest(session, "tests/ros2")
+
+
+@nox.session(python=ROS2_PYTHON, venv_backend="venv", venv_params=ROS2_VENV, requires=["apt"])
+def packaging(session: nox.Session) -> None:
+    """The builds with colcon, catkin_make and pip, each in a workspace of its own.
+
+    In an environment of virtualenv, setuptools ignores where colcon installs the executables.
+    """
+    set_up(session, JAZZY, *COLCON, *([] if JAZZY else ROS2_WHEELS))
+    run_pytest(session, "tests/packaging")
+
+
+@nox.session(python=NEWEST)
+def lint(session: nox.Session) -> None:
+    """The linter and the formatter."""
+    session.install(*LINTERS)
+    session.run("ruff", "check", ".")
+    session.run("ruff", "format", "--check", ".")
+
+
+@nox.session(python=NEWEST)
+def types(session: nox.Session) -> None:
+    """Mypy --strict and the rules for imports, on an installed copy: there the folders are one package."""
+    set_up(session, {}, *CHECKERS)
+    folder = Path(session.create_tmp())
+    shutil.rmtree(folder / "source", ignore_errors=True)
+    shutil.copytree(ROOT, folder / "source", ignore=shutil.ignore_patterns(".*", "tests", "build", "*.egg-info"))
+    session.install("--no-deps", "--force-reinstall", str(folder / "source"))
+    session.chdir(folder)
+    session.run("mypy", "--config-file", str(ROOT / "pyproject.toml"))
+    session.run("lint-imports", "--config", str(ROOT / "pyproject.toml"))
+
+
+@nox.session(python=WHEELS_PYTHON)
+def bench(session: nox.Session) -> None:
+    """The benchmarks, beside bare peers. `make bench` first sets up the environments of ros1 and ros2."""
+    session.install(*runtime_requirements(), "-r", "benchmarks/requirements.txt")
+    targets = {"ros1": target("ros1", NOETIC), "ros2": target("ros2", JAZZY)}
+    session.run("python", "-m", "benchmarks", *session.posargs, env={"BENCHMARK_TARGETS": json.dumps(targets)})
+
+
+def target(name: str, ros: Optional[Mapping[str, str]]) -> Dict[str, object]:
+    """Returns the interpreter and the variables with which the benchmarks start nodes."""
+    folder = ROOT / ".venv" / name / "bin"
+    variables = {name: value for name, value in os.environ.items() if name not in ROS_VARIABLES}
+    variables.update(ros or {})
+    variables["PATH"] = f"{folder}{os.pathsep}{variables['PATH']}"
+    return {"python": str(folder / "python"), "variables": variables}
+
+
+def require_ros1(session: nox.Session) -> None:
+    """Skips a session where rospy is not installed."""
+    variables = {**os.environ, **(NOETIC or {})}
+    if subprocess.run([SYSTEM_PYTHON, "-c", "import rospy"], env=variables, stderr=subprocess.DEVNULL).returncode:
+        session.skip("no ROS 1: Noetic is not in /opt/ros and Debian's ros-core is not installed")
+
+
+def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:
+    """Gives a session the variables of one ROS only, and installs what the tests need."""
+    session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {})})
+    session.install(*runtime_requirements(), *test_requirements(), *requirements)
+
+
+def run_pytest(session: nox.Session, *tests: str) -> None:
+    """Runs tests, which count in .venv/results/; a run that takes too long is interrupted and shows where it hangs."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    junit = RESULTS / f"{session.name}.xml"
+    if junit.exists():
+        junit.unlink()
+    timeout = ["timeout", "--foreground", "--signal=INT", "--kill-after=60", SESSION_TIMEOUT]
+    pytest = ["python", "-m", "pytest", "-q", "--color=no", f"--junit-xml={junit}", *tests, *session.posargs]
+    session.run(*timeout, *pytest, external=True)

@@ -1,0 +1,85 @@
+"""Prints the table at the end of `make test`: what passed, what did not run and why, and one line that counts it all.
+
+Reads nox's report and the JUnit files of pytest, whose folder is the only argument.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any, Dict, NamedTuple
+from xml.etree import ElementTree
+
+
+class Counts(NamedTuple):
+    """The results of one session."""
+
+    passed: int
+    failed: int
+    skipped: Dict[str, int]
+    """The number of skipped tests by reason."""
+
+
+def read_junit(file: Path) -> Counts:
+    """Counts the tests of a session that ran pytest."""
+    passed = failed = 0
+    skipped: Dict[str, int] = Counter()
+    for case in ElementTree.parse(file).iter("testcase"):
+        skip = case.find("skipped")
+        if case.find("failure") is not None or case.find("error") is not None:
+            failed += 1
+        elif skip is not None:
+            skipped[skip_reason(skip)] += 1
+        else:
+            passed += 1
+    return Counts(passed, failed, skipped)
+
+
+def skip_reason(skip: ElementTree.Element) -> str:
+    """Returns why a test was skipped. For a whole module pytest gives "(file, line, reason)" as the text."""
+    message = skip.get("message", "")
+    if message != "collection skipped":
+        return message
+    file, _, reason = ast.literal_eval(skip.text or "('', 0, '')")
+    return f"{os.path.relpath(file)}: {reason.replace('Skipped: ', '')}"
+
+
+def count(session: Dict[str, Any], junit: Path) -> Counts:
+    """Counts a session; one without pytest, or that failed outside its tests, counts as one test."""
+    counts = read_junit(junit) if junit.exists() else Counts(0, 0, {})
+    if session["result"] == "success":
+        return counts if junit.exists() else Counts(1, 0, {})
+    return counts._replace(failed=max(1, counts.failed))
+
+
+def main(results: Path) -> int:
+    """Prints the report; returns 1 unless some tests ran and none failed."""
+    report = results / "nox.json"
+    if not report.exists():
+        return 1
+    print(f"\n{'session':<14}{'passed':>8}{'failed':>8}{'skipped':>9}{'seconds':>9}")
+    passed = failed = skipped = 0
+    not_run = []
+    for session in json.loads(report.read_text())["sessions"]:
+        name = session["signatures"][0]
+        if session["result"] == "skipped":
+            print(f"{name:<14}  not run")
+            not_run.append(f"{name}: {session['reason']}")
+        elif name != "apt":
+            counts = count(session, results / f"{name}.xml")
+            of_session = sum(counts.skipped.values())
+            print(f"{name:<14}{counts.passed:>8}{counts.failed:>8}{of_session:>9}{session.get('duration', 0):>9.0f}")
+            not_run += [f"{name}: {number} skipped: {reason}" for reason, number in counts.skipped.items()]
+            passed, failed, skipped = passed + counts.passed, failed + counts.failed, skipped + of_session
+    if not_run:
+        print("\nNot run on this machine:", *not_run, sep="\n  ")
+    print(f"\n{passed} passed, {failed} failed, {skipped} skipped")
+    return 1 if failed or not passed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))
