@@ -43,9 +43,9 @@ NODE_PARAMETERS = (
     Parameter(
         "executor",
         str,
-        "single",
-        "ROS 2 only: single (SingleThreadedExecutor) or events (EventsExecutor, experimental, needs less CPU)",
-        choices=("single", "events"),
+        "auto",
+        "ROS 2 only: single (SingleThreadedExecutor), events (EventsExecutor, less CPU) or auto (events if it works)",
+        choices=("auto", "single", "events"),
     ),
     Parameter("rosbridge_port", int, 0, "port of the rosbridge server of alert_system; 0: no server", 0, 65535),
     Parameter("rosbridge_address", str, "127.0.0.1", "address of the rosbridge server; any other one needs a token"),

@@ -13,7 +13,7 @@ import math
 import operator
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from .errors import ConfigError
+from .errors import ConfigError, MessageError
 from .field_path import ABSENT, Keyed, Step, key_field, number_of_text, parse_field_path
 from .middleware import Message, split_type_name
 from .parameters import describe
@@ -105,18 +105,18 @@ class NativeMessages:
         """Returns a native message; fields that `mapping` leaves out keep their defaults.
 
         Raises:
-            ValueError: a field that the type does not have, or a value that does not fit its field.
+            MessageError: a field that the type does not have, or a value that does not fit its field.
         """
         message = native_class()
         writers = self._writers(native_class)
         for name, value in _require_mapping(mapping).items():
             native_name = name if name in writers else self._dialect.other_names.get(name, name)
             if native_name not in writers:
-                raise ValueError(f"{native_class.__name__} has no field {name}; there are {', '.join(writers)}")
+                raise MessageError(f"{native_class.__name__} has no field {name}; there are {', '.join(writers)}")
             try:
                 setattr(message, native_name, writers[native_name](value))
             except ValueError as error:
-                raise ValueError(f"{native_class.__name__}.{name}: {error}") from None
+                raise MessageError(f"{native_class.__name__}.{name}: {error}") from None
         return message
 
     def field_getter(self, topic: str, type_name: str, field: str) -> Getter:
@@ -244,12 +244,12 @@ class NativeMessages:
         def write(found: Any) -> Any:
             values = _bytes_from(found) if field_type.kind in _BYTES else found
             if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
-                raise ValueError(f"found {describe(found)}, needed is a list")
+                raise MessageError(f"found {describe(found)}, needed is a list")
             elements = [write_one(value) for value in values]
             if field_type.size is not None and len(elements) != field_type.size:
-                raise ValueError(f"found {len(elements)} elements, needed are {field_type.size}")
+                raise MessageError(f"found {len(elements)} elements, needed are {field_type.size}")
             if field_type.most is not None and len(elements) > field_type.most:
-                raise ValueError(f"found {len(elements)} elements, allowed are at most {field_type.most}")
+                raise MessageError(f"found {len(elements)} elements, allowed are at most {field_type.most}")
             return byte_array(elements) if field_type.kind == "uint8" else elements
 
         return write
@@ -279,19 +279,19 @@ def _plain_writer(kind: str) -> Getter:
 def _integer(found: Any, kind: str) -> int:
     low, high = _INTEGER_RANGES[kind]
     if isinstance(found, bool) or not hasattr(found, "__index__") or not low <= operator.index(found) <= high:
-        raise ValueError(f"found {describe(found)}, needed is a whole number from {low} to {high}")
+        raise MessageError(f"found {describe(found)}, needed is a whole number from {low} to {high}")
     return operator.index(found)
 
 
 def _bool(found: Any) -> bool:
     if not isinstance(found, bool):
-        raise ValueError(f"found {describe(found)}, needed is true or false")
+        raise MessageError(f"found {describe(found)}, needed is true or false")
     return found
 
 
 def _float(found: Any) -> float:
     if isinstance(found, (bool, str)) or not hasattr(found, "__float__"):
-        raise ValueError(f"found {describe(found)}, needed is a number")
+        raise MessageError(f"found {describe(found)}, needed is a number")
     try:
         return float(found)
     except OverflowError:
@@ -306,7 +306,7 @@ def _float32(found: Any) -> float:
 
 def _text(found: Any) -> str:
     if not isinstance(found, str):
-        raise ValueError(f"found {describe(found)}, needed is a text")
+        raise MessageError(f"found {describe(found)}, needed is a text")
     return found
 
 
@@ -316,11 +316,11 @@ def _bytes_from(found: Any) -> Any:
     try:
         return base64.b64decode(found, validate=True)
     except ValueError as error:
-        raise ValueError(f"found a text that is no base64: {error}") from None
+        raise MessageError(f"found a text that is no base64: {error}") from None
 
 
 def _require_mapping(found: Any) -> Message:
     # A dict is known at once; typing's Mapping takes its time, and a report has a mapping per key-value.
     if not isinstance(found, dict) and not isinstance(found, Mapping):
-        raise ValueError(f"found {describe(found)}, needed is a mapping of fields to values")
+        raise MessageError(f"found {describe(found)}, needed is a mapping of fields to values")
     return found

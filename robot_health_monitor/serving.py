@@ -7,11 +7,16 @@ from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, 
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalMiddleware, LogLine
-from robot_health_monitor.core.middleware import ServedMiddleware, Severity
+from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.outlets import Event
 
+from .tokens import find_token
+
 if TYPE_CHECKING:
+    from robot_health_monitor.core.config import MonitorConfig
+    from robot_health_monitor.core.nodes import AlertSystem
+    from robot_health_monitor.rosbridge.loop_thread import LoopThread
     from robot_health_monitor.rosbridge.server.server import Server
 
     from .embedded import EmbeddedMonitor
@@ -120,6 +125,74 @@ async def serve(monitor: EmbeddedMonitor, settings: ServerSettings, *, required:
 async def stop_serving(server: Server) -> None:
     """Closes the port and every connection."""
     await asyncio.wait({asyncio.ensure_future(server.close())}, timeout=_CLOSE_S)
+
+
+class ServerInThread:
+    """A running server with its own event loop, beside a middleware that has threads."""
+
+    def __init__(self, server: Server, thread: LoopThread) -> None:
+        """Takes a server that was started in the loop of `thread`."""
+        self._server = server
+        self._thread = thread
+
+    def close(self) -> None:
+        """Closes the port and every connection, and ends the thread."""
+        try:
+            self._thread.call(stop_serving(self._server))
+        finally:
+            self._thread.close()
+
+
+def serve_in_thread(
+    create_node: Callable[[], ServedMiddleware], middleware: Middleware, alert_system: AlertSystem
+) -> Optional[ServerInThread]:
+    """Serves what alert_system watches, as its configuration says. A failure never stops the monitoring.
+
+    Args:
+        create_node: creates the node for the server.
+        middleware: the node of alert_system.
+        alert_system: the node that is served.
+
+    Returns:
+        The running server; None: it cannot be started, which is now a fault of alert_system.
+    """
+    config = alert_system.monitor.config
+    node: Optional[ServedMiddleware] = None
+    thread: Optional[LoopThread] = None
+    try:
+        from robot_health_monitor.rosbridge.loop_thread import LoopThread
+
+        settings = _settings_of(config, middleware)
+        node = create_node()
+        given = {name: value for name, value in middleware.given_parameters().items() if name != "rosbridge_token"}
+        server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, threads=True)
+        thread = LoopThread()
+        thread.call(server.start())
+    except ModuleNotFoundError as error:
+        problem = f"{error.name} is not installed"
+    except ConfigError as error:
+        problem = str(error)
+    except OSError as error:
+        address = config.rosbridge_address
+        problem = f"port {config.rosbridge_port} of {address} cannot be opened: {error.strerror or error}"
+    else:
+        alert_system.self_report["clients"] = lambda: str(server.clients)
+        node.log(Severity.INFO, f"rosbridge: serving on ws://{settings.address}:{server.port}")
+        return ServerInThread(server, thread)
+    if thread is not None:
+        thread.close()
+    if node is not None:
+        node.close()
+    middleware.faults.report(_FAULT, f"not served: {problem}")
+    return None
+
+
+def _settings_of(config: MonitorConfig, middleware: Middleware) -> ServerSettings:
+    def warn(text: str) -> None:
+        middleware.log(Severity.WARN, text)
+
+    token = find_token(config.rosbridge_token_file, warn)
+    return ServerSettings(config.rosbridge_port, config.rosbridge_address, token)
 
 
 def _show_log(monitor: EmbeddedMonitor, node: LocalMiddleware, server: Server) -> None:

@@ -1,1 +1,1 @@
-"""The monitor over rospy: the port, the conversion of messages, and the executables."""
+"""ROS 1: the port over rospy, the conversion of messages, and the process."""

@@ -1,33 +1,38 @@
-"""What a rosbridge server needs besides the port, over rospy: the graph, calls of services, raw bytes."""
+"""What a rosbridge server needs in addition to the port, over rospy: the graph, service calls, raw messages."""
 
 from __future__ import annotations
 
 import io
+import socket
+import struct
+import time
 from typing import Any, Callable, Dict, List
+from urllib.parse import urlsplit
 
-import rosgraph
+import genpy
+import rosgraph.network
 import rospy
 import rospy.topics
-import rosservice
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
 
 from . import messages
 from .middleware import Ros1Middleware, Subscription
+
+_LOOKUP_PERIOD_S = 0.1
+_RECEIVE_BYTES = 65_536
+_MAX_RESPONSE_BYTES = 64_000_000
+_ANY_MD5 = "*"
 
 
 class Ros1ServedMiddleware(Ros1Middleware):
     """A logical node that can be served; implements `core.middleware.ServedMiddleware`."""
 
     def graph(self) -> Graph:
-        """Returns what the master knows; it knows no types of services."""
-        master = rosgraph.Master(rospy.get_name())
-        try:
-            publishers, subscribers, services = master.getSystemState()
-            types: Dict[str, str] = dict(master.getTopicTypes())
-        except (OSError, rosgraph.MasterException) as error:
-            raise ValueError(f"the ROS master does not answer: {error}") from None
+        """As `core.middleware.ServedMiddleware`; the master does not know the types of services."""
+        publishers, subscribers, services = self._master.system_state()
+        types = self._master.topic_types()
         nodes: Dict[str, List[List[str]]] = {}
         for kind, state in enumerate((publishers, subscribers, services)):
             for name, users in state:
@@ -41,14 +46,33 @@ class Ros1ServedMiddleware(Ros1Middleware):
         )
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
-        resolved = self._resolve(service)
+        """As `core.middleware.ServedMiddleware`. Not through rospy, whose calls wait forever for the response."""
+        resolved = rospy.resolve_name(self._resolve(service))
+        deadline_s = time.monotonic() + timeout_s
         try:
-            rospy.wait_for_service(resolved, timeout_s)
-            cls = messages.service_class(type_name) if type_name else rosservice.get_service_class_by_name(resolved)
-            response = rospy.ServiceProxy(resolved, cls)(messages.to_native(cls._request_class, request))
-        except (rospy.ROSException, rosservice.ROSServiceException, ConfigError) as error:
-            raise ValueError(f"{resolved}: {error}") from None
-        return messages.to_mapping(response)
+            return _call(resolved, self._wait_for_service(resolved, deadline_s), type_name, request, deadline_s)
+        except MessageError as error:
+            raise MessageError(f"{resolved}: {error}") from None
+        except (ServiceError, ConfigError) as error:
+            raise ServiceError(f"{resolved}: {error}") from None
+        except (TimeoutError, socket.timeout):  # one class from Python 3.10 on
+            raise ServiceError(f"{resolved}: no response within {timeout_s:g} s") from None
+        except (OSError, ValueError, genpy.MessageException, rosgraph.network.ROSHandshakeException) as error:
+            raise ServiceError(f"{resolved}: the call failed: {error}") from None
+
+    def _wait_for_service(self, service: str, deadline_s: float) -> str:
+        """Returns the address of a service as soon as it exists.
+
+        Raises:
+            ServiceError: it does not exist in time, or the master does not answer.
+        """
+        while True:
+            address = self._master.find_service(service)
+            if address is not None:
+                return address
+            if time.monotonic() + _LOOKUP_PERIOD_S > deadline_s:
+                raise ServiceError("no such service")
+            time.sleep(_LOOKUP_PERIOD_S)
 
     def message_definition(self, type_name: str) -> str:
         try:
@@ -58,7 +82,7 @@ class Ros1ServedMiddleware(Ros1Middleware):
         return text
 
     def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Any:
-        """As `core.middleware.ServedMiddleware`; a topic that this process uses with its class is serialised again."""
+        """As `core.middleware.ServedMiddleware`; a topic that this process reads with its class is serialized again."""
         resolved = self._resolve(topic)
         impl = rospy.topics.get_topic_manager().get_subscriber_impl(rospy.resolve_name(resolved))
         cls = rospy.AnyMsg if impl is None else impl.data_class
@@ -75,6 +99,65 @@ class Ros1ServedMiddleware(Ros1Middleware):
         with self._lock:
             self._subscriptions.append(subscription)
         return subscription
+
+
+def _call(service: str, address: str, type_name: str, request: Message, deadline_s: float) -> Message:
+    """Calls a service over TCPROS (https://wiki.ros.org/ROS/TCPROS).
+
+    Raises:
+        ConfigError: the type of the service is not known here.
+        MessageError: the request does not match the type.
+        ServiceError: the service reports an error.
+        OSError: the connection failed, or the deadline passed (TimeoutError, socket.timeout).
+    """
+    with _connect(address, deadline_s) as connection:
+        cls = messages.service_class(type_name) if type_name else None
+        header = {
+            "callerid": rospy.get_name(),
+            "service": service,
+            "md5sum": _ANY_MD5 if cls is None else cls._md5sum,
+        }
+        rosgraph.network.write_ros_handshake_header(connection, header)
+        (length,) = struct.unpack("<I", _receive(connection, 4, deadline_s))
+        answer = rosgraph.network.decode_ros_handshake_header(
+            struct.pack("<I", length) + _receive(connection, length, deadline_s)
+        )
+        if "error" in answer:
+            raise ServiceError(answer["error"])
+        cls = cls or messages.service_class(answer.get("type", ""))
+        data = _serialized(messages.to_native(cls._request_class, request))
+        connection.sendall(struct.pack("<I", len(data)) + data)
+        succeeded, length = struct.unpack("<BI", _receive(connection, 5, deadline_s))
+        data = _receive(connection, length, deadline_s)
+    if not succeeded:
+        raise ServiceError(data.decode("utf-8", "replace"))
+    return messages.to_mapping(cls._response_class().deserialize(data))
+
+
+def _connect(address: str, deadline_s: float) -> socket.socket:
+    parts = urlsplit(address)
+    return socket.create_connection((parts.hostname or "", parts.port or 0), _left_s(deadline_s))
+
+
+def _receive(connection: socket.socket, length: int, deadline_s: float) -> bytes:
+    if length > _MAX_RESPONSE_BYTES:
+        raise ServiceError(f"expected a response of at most {_MAX_RESPONSE_BYTES} bytes, got {length}")
+    parts: List[bytes] = []
+    while length:
+        connection.settimeout(_left_s(deadline_s))
+        part = connection.recv(min(length, _RECEIVE_BYTES))
+        if not part:
+            raise ServiceError("the service closed the connection without a response")
+        parts.append(part)
+        length -= len(part)
+    return b"".join(parts)
+
+
+def _left_s(deadline_s: float) -> float:
+    left_s = deadline_s - time.monotonic()
+    if left_s <= 0.0:
+        raise TimeoutError
+    return left_s
 
 
 def _serialized(native: Any) -> bytes:

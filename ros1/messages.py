@@ -1,18 +1,20 @@
-"""ROS 1 messages: how genpy describes and holds them. `core/native_messages.py` converts them."""
+"""ROS 1 messages: how genpy finds, describes and represents them. `core/native_messages.py` converts them."""
 
 from __future__ import annotations
 
 import functools
+import importlib
+import os
 import re
+import sys
 from typing import Any, Mapping
 
 import genpy
-import roslib.message
 
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is
 
 _KINDS = {"byte": "int8", "char": "uint8"}
-"""Kinds of what ROS 1 calls differently."""
+"""Kinds of types that ROS 1 names differently."""
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
@@ -42,15 +44,36 @@ def _field_type(text: str) -> FieldType:
     return FieldType(
         element,
         _KINDS.get(element, element),
-        roslib.message.get_message_class(element) if "/" in element else _TIMES.get(element),
+        message_class(element) if "/" in element else _TIMES.get(element),
         is_array=array is not None,
         size=int(array["size"]) if array and array["size"] else None,
     )
 
 
 def _find_class(package: str, kind: str, name: str) -> Any:
-    get_class = roslib.message.get_message_class if kind == "msg" else roslib.message.get_service_class
-    return get_class(f"{package}/{name}")
+    if not _is_generated(package, kind, name):
+        return None
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), name, None)
+    except ImportError:
+        return None
+
+
+def _is_generated(package: str, kind: str, name: str) -> bool:
+    """Returns whether genpy generated this class.
+
+    Clients choose type names, and importing runs code: a module must not be imported to find out that it has no
+    messages. So the text of `<package>/msg/__init__.py` is searched for the line that genpy writes there.
+    """
+    line = f"from ._{name} import *"
+    for folder in sys.path:
+        try:
+            with open(os.path.join(folder, package, kind, "__init__.py"), encoding="utf-8") as stream:
+                if line in stream.read().splitlines():
+                    return True
+        except (OSError, ValueError):
+            continue
+    return False
 
 
 _native = NativeMessages(Dialect(_find_class, type_name, field_types, _ROS2_NAMES, byte_array=bytes, plain=as_it_is))

@@ -1,12 +1,14 @@
-"""The port over rospy. It translates and holds the lock; what is healthy is decided in `core`.
+"""The port over rospy: translates, and holds the lock. Health is judged in `core`.
 
-A process has one ROS node, and may hold several `Ros1Middleware`s, each a logical node with private names and
-parameters of its own: `/alert_system/reset` is the same whether the three nodes are composed or not.
+A process has one ROS node but may hold several `Ros1Middleware`s, each a logical node with its own private names and
+parameters: `/alert_system/reset` exists whether or not the three nodes are composed.
+
+Nothing here calls the ROS master while it holds the lock, except to subscribe or unsubscribe when the configuration
+changes: a master that hangs must not delay an alert.
 """
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
@@ -16,13 +18,15 @@ import rospy.core
 import rospy.rostime
 import rospy.topics
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Severity, resolve_name
 from robot_health_monitor.core.parameters import Parameter, describe
+from robot_health_monitor.core.timers import PeriodicSchedule
 
 from . import messages
+from .master import Master
 
 _LOG = {
     Severity.DEBUG: rospy.logdebug,
@@ -32,25 +36,26 @@ _LOG = {
     Severity.FATAL: rospy.logfatal,
 }
 _QUEUE_SIZE = 1000
-"""Messages that may wait to be sent, a second at 1 kHz; then the oldest are lost. What comes in waits at its sender."""
+"""Messages that may wait to be sent to a subscriber, then the oldest are lost. Incoming ones wait at their sender."""
 Reader = Callable[[Any], Any]
 """Reads the value from a native message."""
 
 _FILE_KEY = "ros__parameters"
-"""Under it stands what came from a file in ROS 2's form."""
+"""Key above the parameters of a node in a parameter file."""
 
 
 class Ros1Middleware:
-    """One logical node of this process; implements `core.middleware.Middleware`. `rospy.init_node` comes first."""
+    """One logical node of this process; implements `core.middleware.Middleware`. Call `rospy.init_node` first."""
 
     def __init__(self, name: str = "") -> None:
-        """Joins.
+        """Creates the node.
 
         Args:
-            name: name of the logical node, below the process's namespace unless it begins with `/`; empty: that of
+            name: name of the logical node, below the process's namespace unless it begins with `/`; empty: the name of
                 the process, which `__name:=` may have changed.
         """
         self.name: str = resolve_name(name or rospy.get_name(), rospy.get_name())
+        self._master = Master(rospy.get_name())
         self._simulated = not rospy.rostime.is_wallclock()
         self._clock: Callable[[], float] = rospy.get_time if self._simulated else time.monotonic
         self._lock = threading.RLock()
@@ -80,28 +85,29 @@ class Ros1Middleware:
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
-        """Offers `~reload`, which reads the parameters again.
+        """Advertises `~reload`, which reads the parameters again; its response is what changed.
 
-        ROS 1 knows no declarations. The defaults are not written to the parameter server either: it outlives the
-        node, and would hand them to the next one as if they had been configured.
+        ROS 1 does not declare parameters. The defaults are not written to the parameter server, which outlives the
+        node: the next one would take them for its configuration.
         """
 
         def reload(request: Message) -> Message:
             try:
                 proposed = self._read_parameters()
-                on_change(proposed)
-            except (ConfigError, OSError) as error:
+                with self._lock:
+                    self._check_open()
+                    changes = on_change(proposed)
+                    self._given = proposed
+                return {"success": True, "message": changes}
+            except (ConfigError, ServiceError) as error:
                 reason = str(error)
             except Exception as error:
                 reason = self._log_failure(error)
-            else:
-                self._given = proposed
-                return {"success": True, "message": "the parameters were read again"}
             self.log(Severity.WARN, f"the old parameters stay in force: {reason}")
             return {"success": False, "message": reason}
 
         self.given_parameters()
-        self.advertise_service("~reload", "std_srvs/Trigger", reload)
+        self._serve("~reload", "std_srvs/Trigger", reload)
 
     def advertise(self, topic: str, type_name: str) -> None:
         resolved = self._resolve(topic)
@@ -155,19 +161,12 @@ class Ros1Middleware:
                 subscription.end()
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        cls = messages.service_class(type_name)
-        response_class = cls._response_class
-
-        def answer(request: Any) -> Any:
+        def locked(request: Message) -> Message:
             with self._lock:
-                if self._closed:
-                    raise rospy.ServiceException(f"{self.name} is shutting down")
-                try:
-                    return messages.to_native(response_class, handler(messages.to_mapping(request)))
-                except Exception as error:
-                    raise rospy.ServiceException(self._log_failure(error)) from error
+                self._check_open()
+                return handler(request)
 
-        self._services.append(rospy.Service(self._resolve(service), cls, answer))
+        self._serve(service, type_name, locked)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
         def call(due_s: float) -> None:
@@ -182,7 +181,8 @@ class Ros1Middleware:
         return timer
 
     def log(self, severity: Severity, text: str) -> None:
-        _LOG[severity](text)
+        stream = "stdout" if severity < Severity.WARN else "stderr"
+        self.faults.guard(f"log on {stream}", _LOG[severity], text)
 
     def close(self) -> None:
         with self._lock:
@@ -191,8 +191,8 @@ class Ros1Middleware:
                 timer.cancel()
             for subscription in self._subscriptions:
                 subscription.active = False
-            # A process that is shutting down unregisters everything at once; one call to the master per topic would
-            # take its time, and complain of each when the master is gone.
+            # A process that shuts down unregisters everything with one call. A call per topic would take long, and fail
+            # with a warning each if the master is down.
             if not rospy.core.is_shutdown_requested():
                 for subscription in self._subscriptions:
                     subscription.end()
@@ -205,8 +205,26 @@ class Ros1Middleware:
             self._publishers.clear()
             self._services.clear()
 
+    def _serve(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        """Advertises a service whose handler is called without the lock."""
+        cls = messages.service_class(type_name)
+
+        def answer(request: Any) -> Any:
+            try:
+                return messages.to_native(cls._response_class, handler(messages.to_mapping(request)))
+            except rospy.ServiceException:
+                raise
+            except Exception as error:
+                raise rospy.ServiceException(self._log_failure(error)) from error
+
+        self._services.append(rospy.Service(self._resolve(service), cls, answer))
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise rospy.ServiceException(f"{self.name} is shutting down")
+
     def _wait_for_first_clock_message(self, subscription: Subscription) -> None:
-        """Keeps the thread of one publisher waiting, and with it the messages behind this one."""
+        """Blocks the thread of one publisher, and so its later messages."""
         started = rospy.rostime.get_rostime_cond()
         while subscription.active and self._clock() == 0.0 and not rospy.is_shutdown():
             with started:
@@ -216,17 +234,17 @@ class Ros1Middleware:
         """Returns the publisher of a topic and its class."""
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
-            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+            raise MessageError(f"{self.name} has not advertised {resolved}")
         return self._publishers[resolved]
 
     def _resolve(self, name: str) -> str:
-        """Returns the absolute name, not remapped: rospy does that wherever it is given a name."""
+        """Returns the absolute name. It is not remapped: rospy remaps every name that it gets."""
         return resolve_name(name, self.name)
 
     def _choose_reader(self, topic: str, type_name: str, field: Optional[str]) -> Tuple[Any, Optional[Reader]]:
-        """Returns the class to subscribe with and what reads the value from its messages, None where nothing is read.
+        """Returns the class to subscribe with and the reader of its messages; None: they are only counted.
 
-        All subscriptions of a process to a topic share one connection, and with it the class that came first.
+        All subscriptions of a process to a topic share one connection and the class of the first subscription.
         """
         shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
         if field is None:
@@ -240,17 +258,22 @@ class Ros1Middleware:
         _require_same_class(topic, cls, shared)
         return cls, get
 
-    def _raw_reader(self, topic: str, wanted: str, field: str) -> _RawReader:
-        return _RawReader(topic, wanted, field, self._decoders.setdefault(topic, _Decoder()), self._log_error)
+    def _raw_reader(self, topic: str, expected: str, field: str) -> _RawReader:
+        return _RawReader(topic, expected, field, self._decoders.setdefault(topic, _Decoder()), self._log_error)
 
     def _read_parameters(self) -> Mapping[str, Any]:
-        """Returns what came from a file in ROS 2's form, overlaid with the private parameters."""
-        tree = rospy.get_param(self.name, {})
+        """Returns the parameters from a file in ROS 2's form, overridden by private parameters.
+
+        Raises:
+            ConfigError: a value stands where a mapping is expected.
+            ServiceError: the master does not answer.
+        """
+        tree = self._master.parameter(self.name, {})
         if not isinstance(tree, dict):
-            raise ConfigError(f"found {describe(tree)} as the parameter {self.name}, allowed is a mapping")
+            raise ConfigError(f"expected a mapping as the parameter {self.name}, got {describe(tree)}")
         from_file = tree.pop(_FILE_KEY, {})
         if not isinstance(from_file, dict):
-            raise ConfigError(f"found {describe(from_file)}, allowed is a mapping", (_FILE_KEY,))
+            raise ConfigError(f"expected a mapping, got {describe(from_file)}", (_FILE_KEY,))
         return _overlay(from_file, tree)
 
     def _log_error(self, text: str) -> None:
@@ -263,36 +286,36 @@ class Ros1Middleware:
 
 
 class Subscription:
-    """A rospy subscriber and whether its messages are still wanted: some may be on their way when it ends."""
+    """A rospy subscriber. It may still call back when it has ended: `active` says whether to deliver."""
 
     def __init__(self) -> None:
-        """Makes one without a subscriber."""
+        """Starts without a subscriber."""
         self.active = True
         self.topic = ""
         self._subscriber: Any = None
 
     def bind(self, subscriber: Any) -> None:
-        """Takes the subscriber, whose callback this object is given to."""
+        """Sets the subscriber, whose callback refers to this object."""
         self._subscriber = subscriber
         self.topic = subscriber.resolved_name
 
     def end(self) -> None:
-        """Leaves the topic."""
+        """Unsubscribes."""
         self.active = False
         self._subscriber.unregister()
 
 
 class _RawReader:
-    """Reads a field from messages that arrive as bytes, by the type that the publisher's connection names.
+    """Reads a field from serialized messages, by the type that the publisher's connection header names.
 
-    It gives ABSENT, after one ERROR line, when that type is unknown here, not the one wanted, or has no such field.
+    Returns ABSENT, after one ERROR line, if that type is unknown here, is not the expected one, or has no such field.
     """
 
     def __init__(
-        self, topic: str, wanted: str, field: str, decoder: _Decoder, log_error: Callable[[str], None]
+        self, topic: str, expected: str, field: str, decoder: _Decoder, log_error: Callable[[str], None]
     ) -> None:
         self._topic = topic
-        self._wanted = messages.type_name(messages.message_class(wanted)) if wanted else ""
+        self._expected = messages.type_name(messages.message_class(expected)) if expected else ""
         self._field = field
         self._decoder = decoder
         self._log_error = log_error
@@ -309,15 +332,15 @@ class _RawReader:
         return self._readers[type_name](native)
 
     def _reader(self, type_name: str) -> Callable[[Any], Any]:
-        if self._wanted and type_name != self._wanted:
-            raise ConfigError(f"{self._topic}: somebody publishes {type_name}, wanted is {self._wanted}")
+        if self._expected and type_name != self._expected:
+            raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {type_name}")
         get = messages.field_getter(self._topic, type_name, self._field)
         cls, decode = messages.message_class(type_name), self._decoder.decode
         return lambda native: get(decode(native, cls))
 
 
 class _Decoder:
-    """Deserializes the messages of a topic that arrive as bytes, each once for all that read from it."""
+    """Deserializes each message of a topic once for all its readers."""
 
     def __init__(self) -> None:
         self._native: Any = None
@@ -333,8 +356,8 @@ class _Decoder:
 class _Timer(threading.Thread):
     """Calls back every period of a clock.
 
-    Not a rospy.Timer: that one ends with the first exception, calls at once when time goes back instead of after a
-    period, several times when it jumps ahead, and follows the wall clock when NTP steps it.
+    Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
+    jumps ahead, and follows the wall clock when NTP steps it.
     """
 
     def __init__(
@@ -350,13 +373,11 @@ class _Timer(threading.Thread):
         self._clock = clock
         self._simulated = simulated
         self._lock = lock
-        self._period_s = period_s
-        self._callback = callback
         self._on_failure = on_failure
         self._cancelled = threading.Event()
         self._last_s = clock()
-        self._start_s = self._last_s
-        self._periods = 1
+        self._callback = callback
+        self._schedule = PeriodicSchedule(period_s, self._last_s)
 
     def cancel(self) -> None:
         self._cancelled.set()
@@ -366,14 +387,13 @@ class _Timer(threading.Thread):
         while not self._cancelled.is_set():
             now_s = self._clock()
             if now_s < self._last_s or self._is_clock_unset():
-                self._start_s, self._periods = now_s, 1
+                self._schedule.restart(now_s)
             self._last_s = now_s
-            due_s = self._start_s + self._periods * self._period_s
-            if now_s >= due_s and not self._is_clock_unset():
-                self._periods = max(self._periods, math.floor((now_s - self._start_s) / self._period_s)) + 1
+            if now_s >= self._schedule.due_s and not self._is_clock_unset():
+                self._schedule.advance(now_s)
                 self._call()
             else:
-                wait(now_s, due_s)
+                wait(now_s, self._schedule.due_s)
 
     def _call(self) -> None:
         with self._lock:
@@ -402,18 +422,18 @@ def _absent(data: bytes) -> Any:
 
 
 def _shared_class(impl: Any) -> Any:
-    """Returns the class with which this process already uses a topic, None when it does not."""
+    """Returns the class with which this process already uses a topic; None: it does not use it."""
     return impl.data_class if impl is not None else None
 
 
 def _require_same_class(topic: str, cls: Any, shared: Any) -> None:
-    """Raises ConfigError when this process already uses the topic with another class: rospy would not notice."""
+    """Raises ConfigError if this process already uses the topic with another class, which rospy does not check."""
     if shared not in (None, cls):
-        raise ConfigError(f"found the type {cls._type} on {topic}, which this process already uses as {shared._type}")
+        raise ConfigError(f"{topic}: expected {shared._type}, the type that this process already uses, got {cls._type}")
 
 
 def _overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> Dict[str, Any]:
-    """Returns both trees as one; where both have a value, that of `above`."""
+    """Merges two trees; values of `above` win."""
     merged = dict(below)
     for key, value in above.items():
         under = merged.get(key)

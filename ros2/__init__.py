@@ -1,1 +1,1 @@
-"""The monitor over rclpy: the port, the conversion of messages, and the executables."""
+"""ROS 2: the port over rclpy, the conversion of messages, and the process."""

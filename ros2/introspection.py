@@ -1,12 +1,13 @@
-"""What a rosbridge server needs besides the port, over rclpy: the graph, calls of services, raw bytes."""
+"""What a rosbridge server needs in addition to the port, over rclpy: the graph, service calls, raw messages."""
 
 from __future__ import annotations
 
 import functools
 import threading
+import time
 from typing import Any, Callable, Dict, List
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
 
 from . import messages
@@ -18,16 +19,8 @@ _SEPARATOR = "=" * 80
 class Ros2ServedMiddleware(Ros2Middleware):
     """A node that can be served; implements `core.middleware.ServedMiddleware`."""
 
-    on_close: Callable[[], None] = staticmethod(lambda: None)
-    """Called by `close` before anything else: it closes the server."""
-
-    def close(self) -> None:
-        self.on_close()
-        self.on_close = lambda: None
-        super().close()
-
     def graph(self) -> Graph:
-        """Returns what discovery has found until now."""
+        """As `core.middleware.ServedMiddleware`: what discovery has found so far."""
         node = self.node
         nodes: Dict[str, NodeInfo] = {}
         for name, namespace in node.get_node_names_and_namespaces():
@@ -38,7 +31,7 @@ class Ros2ServedMiddleware(Ros2Middleware):
                     _names(node.get_subscriber_names_and_types_by_node(name, namespace)),
                     _names(node.get_service_names_and_types_by_node(name, namespace)),
                 )
-            except RuntimeError:  # it has left in this moment
+            except RuntimeError:  # the node has just left
                 continue
         return Graph(
             {topic: types[0] for topic, types in node.get_topic_names_and_types() if types},
@@ -47,31 +40,35 @@ class Ros2ServedMiddleware(Ros2Middleware):
         )
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
-        """As `core.middleware.ServedMiddleware`; some other thread has to spin the node meanwhile."""
-        resolved = self._resolve(service)
-        type_name = type_name or dict(self.node.get_service_names_and_types()).get(resolved, [""])[0]
-        if not type_name:
-            raise ValueError(f"there is no service {resolved}")
+        """As `core.middleware.ServedMiddleware`; call it while another thread spins the node."""
+        deadline_s = time.monotonic() + timeout_s
         try:
+            resolved = self._resolve(service)
+            type_name = type_name or dict(self.node.get_service_names_and_types()).get(resolved, [""])[0]
+            if not type_name:
+                raise ServiceError(f"{resolved}: no such service")
             cls = messages.service_class(type_name)
-        except ConfigError as error:
-            raise ValueError(str(error)) from None
-        client = self.node.create_client(cls, resolved)
+            native = messages.to_native(cls.Request, request)
+            client = self.node.create_client(cls, resolved)
+        except MessageError as error:
+            raise MessageError(f"{service}: {error}") from None
+        except (ValueError, RuntimeError) as error:  # an unknown type, an invalid name, a node that is closing
+            raise ServiceError(f"{service}: {' '.join(str(error).split())}") from None
         try:
             if not client.wait_for_service(timeout_s):
-                raise ValueError(f"there is no service {resolved}")
+                raise ServiceError(f"{resolved}: no such service")
             answered = threading.Event()
-            future = client.call_async(messages.to_native(cls.Request, request))
+            future = client.call_async(native)
             future.add_done_callback(lambda done: answered.set())
-            if not answered.wait(timeout_s):
+            if not answered.wait(max(0.0, deadline_s - time.monotonic())):
                 client.remove_pending_request(future)
-                raise ValueError(f"{resolved} did not answer within {timeout_s:g} s")
+                raise ServiceError(f"{resolved}: no response within {timeout_s:g} s")
             return messages.to_mapping(future.result())
         finally:
             self.node.destroy_client(client)
 
     def message_definition(self, type_name: str) -> str:
-        """Returns the definition as far as the class tells it: without constants and comments."""
+        """Returns the definition with what the class contains: no constants and no comments."""
         try:
             return _full_text(messages.message_class(type_name))
         except ConfigError:
@@ -97,14 +94,14 @@ def _names(names_and_types: Any) -> List[str]:
 
 @functools.lru_cache(maxsize=None)
 def _full_text(native_class: Any) -> str:
-    """Returns a class' fields as a .msg file has them, with those of the messages that it holds, each once."""
+    """Returns the fields of a class in .msg syntax, followed by the messages that it contains, each once."""
     parts: Dict[str, str] = {}
 
     def add(cls: Any) -> None:
         lines = []
         inner = []
         for name, field in messages.field_types(cls).items():
-            element = "byte" if field.kind == "octet" else field.kind  # as a .msg file has it
+            element = "byte" if field.kind == "octet" else field.kind  # its name in a .msg file
             bound = str(field.size) if field.size else f"<={field.most}" if field.most else ""
             lines.append(f"{element}{f'[{bound}]' if field.is_array else ''} {name}\n")
             if field.message is not None:

@@ -1,24 +1,23 @@
-"""ROS 2 messages: how rosidl describes and holds them. `core/native_messages.py` converts them."""
+"""ROS 2 messages: how rosidl finds, describes and represents them. `core/native_messages.py` converts them."""
 
 from __future__ import annotations
 
 import functools
 import importlib
+import os
 import re
+import sys
 from typing import Any, Mapping
 
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
-"""Kinds of what rosidl calls differently. (A `char` is a uint8 there.)"""
+"""Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""
 
 _ROS1_NAMES = {"secs": "sec", "nsecs": "nanosec"}
 
 _SEQUENCE = re.compile(r"sequence<(?P<element>.+?)(?:, (?P<most>\d+))?>\Z")
 _ARRAY = re.compile(r"(?P<element>.+)\[(?P<size>\d+)\]\Z")
-
-_MARKS = {"msg": "get_fields_and_field_types", "srv": "Request"}
-"""What a class of each kind has."""
 
 
 def type_name(native_class: Any) -> str:
@@ -47,15 +46,33 @@ def _field_type(text: str) -> FieldType:
 
 
 def _find_class(package: str, kind: str, name: str) -> Any:
+    if not _is_generated(package, kind, name):
+        return None
     try:
-        found = getattr(importlib.import_module(f"{package}.{kind}"), name, None)
+        return getattr(importlib.import_module(f"{package}.{kind}"), name, None)
     except ImportError:
         return None
-    return found if hasattr(found, _MARKS[kind]) else None
+
+
+def _is_generated(package: str, kind: str, name: str) -> bool:
+    """Returns whether rosidl generated this class.
+
+    Clients choose type names, and importing runs code: a module must not be imported to find out that it has no
+    messages. So the text of `<package>/msg/__init__.py` is searched for the line that rosidl writes there.
+    """
+    line = re.compile(rf"^from {package}\.{kind}\._\w+ import {name}(?:\s|$)", re.MULTILINE)
+    for folder in sys.path:
+        try:
+            with open(os.path.join(folder, package, kind, "__init__.py"), encoding="utf-8") as stream:
+                if line.search(stream.read()):
+                    return True
+        except (OSError, ValueError):
+            continue
+    return False
 
 
 def _plain(value: Any) -> Any:
-    """Returns an array or its element as Python's own: of numbers, one of fixed size is numpy's, another an `array`."""
+    """Converts arrays and their elements to plain Python; those of fixed size are numpy's, others `array.array`."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 

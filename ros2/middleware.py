@@ -1,7 +1,7 @@
-"""The port over rclpy. It translates and holds the lock; what is healthy is decided in `core`.
+"""The port over rclpy: translates, and holds the lock. Health is judged in `core`.
 
-A process may hold several `Ros2Middleware`s, each an rclpy node with parameters and services of its own:
-`/alert_system/reset` is the same whether the three nodes are composed or not.
+A process may hold several `Ros2Middleware`s, each an rclpy node with its own parameters and services:
+`/alert_system/reset` exists whether or not the three nodes are composed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from robot_health_monitor.core.config import NODE_PARAMETERS
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Severity
@@ -33,28 +33,30 @@ from . import messages
 EXECUTOR, USE_SIM_TIME = (
     next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")
 )
-"""The two that this adapter reads itself, and only at the start."""
+"""Parameters that this adapter reads itself, at the start only."""
 
-_QUEUE_SIZE = 10
-"""Messages that may wait, in and out: ROS 2's own default."""
+_QUEUE_SIZE = 1000
+"""Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
+_SUBSCRIBER_QUEUE_SIZE = 10
+"""Incoming messages that may wait: ROS 2's own default."""
 _MOST_WAITING_FOR_CLOCK = 1000
 _START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
 _NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
 """Parameters that this adapter or rclpy reads for itself."""
-_LOOK_PERIOD_S = 1.0
-"""How often it looks whom a subscription cannot hear."""
+_QOS_CHECK_PERIOD_S = 1.0
+"""Period of the check for publishers with an incompatible QoS, in s."""
 
 
 class Ros2Middleware:
     """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
 
     def __init__(self, name: str, context: Optional[Context] = None, **options: Any) -> None:
-        """Joins.
+        """Creates the node.
 
         Args:
             name: name of the node, which `__node:=` may change.
             context: rclpy's context; None: the default one.
-            options: what else rclpy's Node takes, such as `namespace` and `parameter_overrides`.
+            options: further arguments of rclpy's Node, such as `namespace` and `parameter_overrides`.
 
         """
         self.node = Node(name, context=context, automatically_declare_parameters_from_overrides=True, **options)
@@ -71,7 +73,7 @@ class Ros2Middleware:
         self._subscriptions: List[Subscription] = []
         self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
         self._timers: List[_Timer] = []
-        self._look_timer: Optional[Any] = None
+        self._qos_timer: Optional[Any] = None
         self._parameters: Dict[str, Parameter] = {}
         self._on_change: Callable[[Mapping[str, Any]], str]
         self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
@@ -86,7 +88,7 @@ class Ros2Middleware:
 
     @property
     def executor(self) -> str:
-        """The executor that this node asks for."""
+        """The parameter `executor` of this node."""
         return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
 
     def now_s(self) -> float:
@@ -107,17 +109,17 @@ class Ros2Middleware:
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
-        """Declares them in ROS 2's sense; `use_sim_time` and `executor` are fixed from now on.
+        """Declares ROS 2 parameters; `use_sim_time` and `executor` cannot change from now on.
 
-        Types are dynamic, so that the whole number 30 will do for a bound, as it does in the file.
+        Types are dynamic, so that a bound may be set to the whole number 30, as in the file.
         """
         self._parameters = {parameter.name: parameter for parameter in parameters}
         for parameter in self._parameters.values():
             self._declare(parameter)
         self._on_change = on_change
         self._set_log_level(self._given)
-        # Registered last, rclpy asks it first; but the only other one is rclpy's own for use_sim_time, which cannot be
-        # changed any more: what the node has accepted nobody else refuses.
+        # rclpy calls this callback first. The only other one is its own for use_sim_time, which is read-only: a change
+        # that the node has accepted is never rejected afterwards.
         self.node.add_on_set_parameters_callback(self._propose)
         self.node.add_post_set_parameters_callback(self._declare_deleted)
 
@@ -172,8 +174,7 @@ class Ros2Middleware:
                 try:
                     return messages.to_native(cls.Response, handler(messages.to_mapping(request)))
                 except Exception as error:
-                    # ROS 2 has no way to say that a call failed. std_srvs say it in these fields, which are at their
-                    # defaults in every other response.
+                    # ROS 2 has no failed calls. In std_srvs `success` is false by default; `message` gets the reason.
                     text = self._log_failure(error)
                     if hasattr(response, "message"):
                         response.message = text
@@ -182,7 +183,7 @@ class Ros2Middleware:
         self.node.create_service(cls, _native_name(service), answer)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
-        timer = _Timer(self.node, steady)
+        timer = _Timer(self.node, steady, self._forget_timer)
         lock, clock, log_failure = self._lock, self._clock, self._log_failure
 
         def call() -> None:
@@ -202,8 +203,11 @@ class Ros2Middleware:
 
     def log(self, severity: Severity, text: str) -> None:
         if not self.node.context.ok():
-            return  # rcl would complain that it cannot publish the line
-        # One line each: rclpy remembers the severity by the place in the source that it is called from.
+            return  # rcl would print that it cannot publish the line
+        self.faults.guard("log", self._write_log_line, severity, text)
+
+    def _write_log_line(self, severity: Severity, text: str) -> None:
+        # One line each: rclpy remembers the severity of each calling line.
         if severity >= Severity.FATAL:
             self._logger.fatal(text)
         elif severity >= Severity.ERROR:
@@ -233,14 +237,19 @@ class Ros2Middleware:
                 self.node.executor.remove_node(self.node)
             self.node.destroy_node()
 
+    def _forget_timer(self, timer: _Timer) -> None:
+        with self._lock:
+            if timer in self._timers:
+                self._timers.remove(timer)
+
     def _ros_time_s(self) -> float:
         nanoseconds: int = self._ros_clock.now().nanoseconds
         return nanoseconds / 1e9
 
     def _on_time_jump(self, jump: TimeJump) -> None:
-        """Restarts every period when simulated time went back, and when it began: until then it is 0.
+        """Restarts every period if simulated time went back, or if it began: until then it is 0.
 
-        Messages that came before it began are delivered now.
+        Delivers the messages that arrived before it began.
         """
         went_back = jump.delta.nanoseconds < 0
         began = self._ros_clock.now().nanoseconds == jump.delta.nanoseconds
@@ -258,7 +267,7 @@ class Ros2Middleware:
         """Returns the publisher of a topic and its class."""
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
-            raise ValueError(f"{self.name} publishes on {resolved}, which it has not advertised")
+            raise MessageError(f"{self.name} has not advertised {resolved}")
         return self._publishers[resolved]
 
     def _resolve(self, name: str) -> str:
@@ -266,11 +275,11 @@ class Ros2Middleware:
             resolved: str = self.node.resolve_topic_name(_native_name(name))
         except (RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
-            raise ConfigError(f"found {name!r}, allowed is the name of a topic: {reason}") from None
+            raise ConfigError(f"expected the name of a topic, got {name!r}: {reason}") from None
         return resolved
 
     def _start(self, subscription: Subscription, type_name: str) -> None:
-        """Begins to receive, together with other subscriptions to the topic: rclpy takes its time per message."""
+        """Subscribes, sharing rclpy's subscription with others to the topic: its cost per message is high."""
         cls = messages.message_class(type_name)
         topic, field = subscription.topic, subscription.field
         if field is not None:
@@ -287,9 +296,9 @@ class Ros2Middleware:
 
     def _keep(self, subscription: Subscription) -> None:
         self._subscriptions.append(subscription)
-        if self._look_timer is None:
-            self._look_timer = self.node.create_timer(
-                _LOOK_PERIOD_S, self._look_for_publishers, clock=self._steady_clock
+        if self._qos_timer is None:
+            self._qos_timer = self.node.create_timer(
+                _QOS_CHECK_PERIOD_S, self._check_publishers, clock=self._steady_clock
             )
 
     def _stop(self, subscription: Subscription) -> None:
@@ -302,7 +311,7 @@ class Ros2Middleware:
                 self.node.destroy_subscription(channel.native)
 
     def _open(self, channel: _Channel) -> _Channel:
-        """Subscribes: reliably, unless there is a best-effort publisher already."""
+        """Creates rclpy's subscription: reliable, unless there is a best-effort publisher already."""
         lock, log_failure = self._lock, self._log_failure
         clock, simulated = self._clock, self._simulated
 
@@ -325,19 +334,19 @@ class Ros2Middleware:
         topic, cls, is_raw = channel.key
         channel.is_best_effort = self._has_best_effort_publisher(topic)
         reliability = ReliabilityPolicy.BEST_EFFORT if channel.is_best_effort else ReliabilityPolicy.RELIABLE
-        # rclpy's default event handlers only log, and its executor looks at each of them for every message.
+        # rclpy's default event handlers only log, and the executor checks each of them for every message.
         channel.native = self.node.create_subscription(
             cls,
             channel.native_name,
             deliver,
-            QoSProfile(depth=_QUEUE_SIZE, reliability=reliability),
+            QoSProfile(depth=_SUBSCRIBER_QUEUE_SIZE, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=is_raw,
         )
         return channel
 
     def _type_of(self, topic: str) -> str:
-        """Returns the type of a topic that somebody uses, empty when nobody does."""
+        """Returns the type of a topic, empty if it is unknown."""
         types = dict(self.node.get_topic_names_and_types()).get(topic, [])
         return types[0] if types else ""
 
@@ -345,12 +354,12 @@ class Ros2Middleware:
         publishers = self.node.get_publishers_info_by_topic(topic)
         return any(publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for publisher in publishers)
 
-    def _look_for_publishers(self) -> None:
-        """Starts subscriptions whose type is known by now, and makes those best effort that somebody needs so.
+    def _check_publishers(self) -> None:
+        """Starts subscriptions whose type is known by now; makes those best effort whose publishers require it.
 
-        A best-effort subscription hears both kinds of publishers, but loses messages on a bad network; so a
-        subscription is reliable until a publisher turns up that is not (sensor-data QoS). DDS would tell of that by an
-        event, at the price of one more thing to look at for every message of the node.
+        A best-effort subscription receives from both kinds of publishers, but loses messages on a bad network. So a
+        subscription is reliable until a best-effort publisher (sensor-data QoS) appears. DDS has an event for that, but
+        each event handler costs time for every message of the node.
         """
         with self._lock:
             for subscription in self._subscriptions:
@@ -390,7 +399,7 @@ class Ros2Middleware:
         if self.node.has_parameter(parameter.name):
             self.node.set_descriptor(parameter.name, descriptor)
         else:
-            # An empty list has no type in rclpy: it is declared like what has no default, without a value.
+            # An empty list has no type in rclpy: it is declared without a value.
             default = None if parameter.default == () else parameter.default
             self.node.declare_parameter(parameter.name, default, descriptor, ignore_override=True)
 
@@ -414,13 +423,13 @@ class Ros2Middleware:
         return SetParametersResult(successful=False, reason=reason)
 
     def _declare_deleted(self, changes: Sequence[Any]) -> None:
-        """Declares what `ros2 param delete` has taken away again, so that it can be set again."""
+        """Declares a parameter again that `ros2 param delete` has removed, so that it can be set again."""
         for change in changes:
             if change.value is None and change.name in self._parameters and not self.node.has_parameter(change.name):
                 self._declare(self._parameters[change.name])
 
     def _set_log_level(self, values: Mapping[str, Any]) -> None:
-        """Follows the parameter `log_level`; when it is not given, `--log-level` stays in force."""
+        """Applies the parameter `log_level`; if it is not given, `--log-level` stays in force."""
         if "log_level" in values:
             self._logger.set_level(LoggingSeverity[values["log_level"]])
 
@@ -431,12 +440,12 @@ class Ros2Middleware:
 
 
 class Subscription:
-    """What to do with a topic's messages."""
+    """A subscription of the port; several may share one subscription of rclpy."""
 
     def __init__(
         self, topic: str, native_name: str, callback: Callable[[Any, float], None], field: Optional[str]
     ) -> None:
-        """Makes one that does not receive yet."""
+        """Does not receive yet."""
         self.topic = topic
         self.native_name = native_name
         self.callback = callback
@@ -444,16 +453,16 @@ class Subscription:
         self.get: Callable[[Any], Any] = _arrival
         self.active = True
         self.is_waiting = False
-        """Whether the type is still to be found out."""
+        """Whether the type of the topic is not known yet."""
         self.channel: Optional[_Channel] = None
 
 
 class _Channel:
-    """An rclpy subscription, which changes with the QoS that is needed, and who reads from it."""
+    """A subscription of rclpy, replaced when the QoS changes, and its readers."""
 
     def __init__(self, key: Tuple[str, Any, bool], native_name: str) -> None:
         self.key = key
-        """Topic, class of its messages, whether they come as bytes."""
+        """Topic, class of its messages, whether they are delivered serialized."""
         self.native_name = native_name
         self.native: Any = None
         self.is_best_effort = False
@@ -461,12 +470,13 @@ class _Channel:
 
 
 class _Timer:
-    """An rclpy timer and whether it is still wanted."""
+    """A timer of rclpy. It may still call back when it was cancelled: `active` says whether to."""
 
-    def __init__(self, node: Node, steady: bool) -> None:
+    def __init__(self, node: Node, steady: bool, on_cancel: Callable[[_Timer], None]) -> None:
         self.active = True
         self._node = node
         self._steady = steady
+        self._on_cancel = on_cancel
         self._native: Any = None
 
     def bind(self, native: Any) -> None:
@@ -479,6 +489,7 @@ class _Timer:
     def cancel(self) -> None:
         if self.active:
             self.active = False
+            self._on_cancel(self)
             self._node.destroy_timer(self._native)
 
 
@@ -487,10 +498,10 @@ def _arrival(native: Any) -> float:
 
 
 def _native_name(name: str) -> str:
-    """Returns the name as ROS 2 writes it: `~/reset` for `~reset`."""
+    """Returns the name in ROS 2's syntax: `~/reset` for `~reset`."""
     return f"~/{name[1:].lstrip('/')}" if name.startswith("~") else name
 
 
 def _plain(value: Any) -> Any:
-    """Returns a parameter's value with lists as lists."""
+    """Converts the arrays among parameter values to lists."""
     return list(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else value

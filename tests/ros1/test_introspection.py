@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+import os
+import socket
+from pathlib import Path
+from typing import Any, Iterator
 
 import pytest
 import yaml
 from harness.bridged_executable import check_served, look_at, settings
 from harness.served_conformance import ServedConformance
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def ros(ros_process: Any) -> Iterator[Any]:
+    from harness.ros1 import Ros1Harness
+
+    harness = Ros1Harness()
+    yield harness
+    harness.close()
 
 
 class TestRos1Served(ServedConformance):
@@ -37,3 +51,34 @@ def test_the_executable_serves_when_rosbridge_port_is_set(
     process = start("health_monitor")
     process.wait_for_text(f"serving on ws://127.0.0.1:{free_port}")
     check_served(process, asyncio.run(look_at(free_port, "s3cret")))
+
+
+def test_a_port_in_use_stops_only_the_server(start: Any, ros: Any, parameters: Any, tmp_path: Path) -> None:
+    alerts = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+
+    def monitor_is_error() -> bool:
+        statuses = [status for report in reports for status in report["status"]]
+        return any(status["name"] == "alert_system: monitor" and status["level"] == 2 for status in statuses)
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        text = settings(tmp_path, taken.getsockname()[1], "s3cret")
+        parameters("/alert_system", yaml.safe_load(text)["alert_system"])
+        process = start("alert_system")
+        process.wait_for_text("rosbridge: not served: ")
+        ros.publish("/battery_level", "std_msgs/Float32", {"data": 15.0})
+        ros.wait_until(lambda: any(alert["name"] == "alert_system: battery_level" for alert in alerts))
+        ros.wait_until(monitor_is_error)
+        process.signal()
+        assert process.wait() == 0
+
+
+def test_without_the_library_only_the_server_is_missing(start: Any, ros: Any, parameters: Any, tmp_path: Path) -> None:
+    (tmp_path / "aiohttp.py").write_text("raise ModuleNotFoundError(\"No module named 'aiohttp'\", name='aiohttp')")
+    parameters("/alert_system", yaml.safe_load(settings(tmp_path, 9, "s3cret"))["alert_system"])
+    process = start("alert_system", environment={"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"})
+    process.wait_for_text("rosbridge: not served: aiohttp is not installed")
+    ros.publish("/battery_level", "std_msgs/Float32", {"data": 15.0})
+    process.wait_for_text("battery_level WARN")

@@ -40,13 +40,23 @@ def test_the_executable_serves_when_rosbridge_port_is_set(start: Any, tmp_path: 
     check_served(process, asyncio.run(look_at(port, "s3cret")))
 
 
-def test_a_port_that_is_taken_is_named_with_its_key(start: Any, tmp_path: Any) -> None:
+def test_a_port_in_use_stops_only_the_server(start: Any, ros: Any, tmp_path: Any) -> None:
+    alerts = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+
+    def monitor_is_error() -> bool:
+        statuses = [status for report in reports for status in report["status"]]
+        return any(status["name"] == "alert_system: monitor" and status["level"] == b"\x02" for status in statuses)
+
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         file = tmp_path / "thresholds.yaml"
         file.write_text(settings(tmp_path, taken.getsockname()[1], "s3cret"))
         process = start("alert_system", "--ros-args", "--params-file", str(file))
-        assert process.wait() == 2
-    (error,) = [line for line in process.errors if "rosbridge_port" in line]
-    assert f"{file}:3: " in error and "cannot be had" in error
+        process.wait_for_text("rosbridge: not served: ")
+        ros.publish_to_process("/battery_level", "std_msgs/Float32", {"data": 15.0})
+        ros.wait_until(lambda: any(alert["name"] == "alert_system: battery_level" for alert in alerts))
+        ros.wait_until(monitor_is_error)
+        process.signal()
+        assert process.wait() == 0

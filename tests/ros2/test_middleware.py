@@ -63,7 +63,7 @@ WARN_BELOW, ERROR_BELOW = "signals.battery_level.warn_below", "signals.battery_l
 def test_parameters_are_described_with_ranges_and_choices(ros: Any) -> None:
     node = Watched(ros, GIVEN).node
     rate = describe(ros, node, "publish_rate")
-    assert "/diagnostics in Hz" in rate.description
+    assert "/diagnostics, in Hz" in rate.description
     assert [(limit.from_value, limit.to_value) for limit in rate.floating_point_range] == [(0.01, 100.0)]
     samples = describe(ros, node, "signals.battery_level.window_samples")
     assert [(limit.from_value, limit.to_value) for limit in samples.integer_range] == [(1, 1_000_000)]
@@ -78,7 +78,7 @@ def test_parameters_show_what_was_given_and_the_defaults(ros: Any) -> None:
         20.0,
         None,
         1.0,
-        "single",
+        "auto",
     ]
 
 

@@ -1,0 +1,177 @@
+"""Runs the executables of ROS 1 and ROS 2: wires nodes, adapter and rosbridge server, and chooses the exit code.
+
+=========  ================================================================
+exit code  meaning
+=========  ================================================================
+0          ended by SIGINT, SIGTERM or a shutdown that ROS requested
+2          the configuration cannot be used, or ROS is not installed
+3          failed; a supervisor may start it again
+=========  ================================================================
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence
+
+from .interrupts import Interrupts
+from .standard_streams import StandardStreams
+
+# Slow imports are in functions: they run once Interrupts handles signals.
+
+SUCCESS, UNUSABLE, FAILED = 0, 2, 3
+
+EXECUTABLES: Mapping[str, Sequence[str]] = {
+    "battery_sensor": ("battery_sensor",),
+    "aggregator": ("aggregator",),
+    "alert_system": ("alert_system",),
+    "health_monitor": ("alert_system", "aggregator", "battery_sensor"),
+}
+"""The nodes of each executable, in the order in which they start: alert_system must not miss the first values."""
+
+Middleware = Any
+"""A `core.middleware.Middleware`; that module is imported later."""
+
+
+class Process(Protocol):
+    """This process as one or several ROS nodes; `ros1/process.py` and `ros2/process.py`."""
+
+    middlewares: List[Middleware]
+    """The middlewares of its nodes."""
+
+    def start(self) -> None:
+        """Connects the process to ROS.
+
+        Raises:
+            ConfigError: ROS cannot use the command line or a parameter file.
+            ServiceError: ROS stopped answering.
+        """
+
+    def create_node(self, name: str) -> Middleware:
+        """Creates the middleware of one node."""
+
+    def create_served_node(self, alert_system: Middleware) -> Middleware:
+        """Creates the node that a rosbridge server serves, in the namespace of alert_system."""
+
+    def locate(self, error: Any, middleware: Middleware) -> Any:
+        """Returns a ConfigError of a node, and its others, with file and line where the key comes from a file."""
+
+    def spin(self) -> str:
+        """Runs until the process is to end; returns why it failed, empty if it did not."""
+
+    def close(self) -> None:
+        """Closes every node and disconnects from ROS. May be called before `start`, and twice."""
+
+
+def run(
+    executable: str,
+    open_process: Callable[[str, Interrupts], Process],
+    *,
+    ros: str,
+    patience_s: Optional[float] = None,
+) -> int:
+    """Runs an executable.
+
+    Args:
+        executable: its name, a key of `EXECUTABLES`.
+        open_process: imports the adapter and returns a `Process` that is not started.
+        ros: name of the middleware for error messages.
+        patience_s: see `Interrupts`.
+
+    Returns:
+        The exit code.
+    """
+    with StandardStreams() as streams, Interrupts(patience_s) as interrupts:
+        try:
+            return _run(executable, open_process, streams, interrupts)
+        except KeyboardInterrupt:
+            return SUCCESS
+        except ModuleNotFoundError as error:
+            _print_error(executable, f"needs {ros}: no Python module {error.name}; without ROS, use robot-health run")
+            return UNUSABLE
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{os.path.basename(place.filename)}:{place.lineno}"
+            _print_error(executable, f"internal error: {type(error).__name__}: {error} ({where})")
+            return FAILED
+
+
+def _run(
+    executable: str,
+    open_process: Callable[[str, Interrupts], Process],
+    streams: StandardStreams,
+    interrupts: Interrupts,
+) -> int:
+    process = open_process(executable, interrupts)
+
+    from robot_health_monitor.core.errors import ConfigError, ServiceError
+
+    servers: List[Any] = []
+    try:
+        process.start()
+        streams.on_change = lambda name, problem: _report(process, name, problem)
+        _start_nodes(process, EXECUTABLES[executable], interrupts, servers)
+        failure = process.spin()
+        if failure:
+            _print_error(executable, failure)
+        return FAILED if failure else SUCCESS
+    except ConfigError as error:
+        for one in error.all:
+            _print_error(executable, str(one))
+        return UNUSABLE
+    except ServiceError as error:
+        _print_error(executable, str(error))
+        return FAILED
+    finally:
+        for server in servers:
+            server.close()
+        process.close()
+
+
+def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts, servers: List[Any]) -> None:
+    """Starts the nodes, and appends the rosbridge server of alert_system to `servers`.
+
+    Raises:
+        ConfigError: the configuration of a node cannot be used.
+        KeyboardInterrupt: a signal has come.
+    """
+    from robot_health_monitor.core.errors import ConfigError
+    from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+
+    classes: Dict[str, Any] = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
+    for name in names:
+        interrupts.check()
+        if name == "battery_sensor" and len(names) > 1 and _without_sensors(process.middlewares[0]):
+            continue
+        middleware = process.create_node(name)
+        try:
+            node = classes[name](middleware)
+        except ConfigError as error:
+            raise process.locate(error, middleware) from None
+        if name == "alert_system" and node.monitor.config.rosbridge_port:
+            servers.extend(_serve(process, node, middleware))
+
+
+def _without_sensors(middleware: Middleware) -> bool:
+    return bool(middleware.given_parameters().get("sensors") == "none")
+
+
+def _serve(process: Process, alert_system: Any, middleware: Middleware) -> List[Any]:
+    from .serving import serve_in_thread
+
+    server = serve_in_thread(lambda: process.create_served_node(middleware), middleware, alert_system)
+    return [] if server is None else [server]
+
+
+def _report(process: Process, stream: str, problem: str) -> None:
+    for middleware in tuple(process.middlewares):
+        if problem:
+            middleware.faults.report(stream, problem)
+        else:
+            middleware.faults.clear(stream)
+
+
+def _print_error(executable: str, text: str) -> None:
+    sys.stderr.write(f"{executable}: {' '.join(text.split())}\n")

@@ -1,0 +1,144 @@
+"""stdout and stderr that never block and never fail, however slowly or badly they are read.
+
+ROS logs to stdout and stderr synchronously: rospy with Python's file objects, rclpy in C while it holds the GIL. A
+terminal that is stopped with Ctrl-S, a pipe whose reader hangs or a full disk would stop the whole node. So the file
+descriptors 1 and 2 become pipes that never block, and a thread per stream copies each pipe to the original stream.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import sys
+import threading
+from typing import Callable, List
+
+_CHUNK_BYTES = 4096
+"""PIPE_BUF: so much can be written without blocking once a pipe is ready."""
+_PIPE_BYTES = 1_000_000
+_F_SETPIPE_SZ = 1031
+_SILENT_READER_S = 5.0
+_DRAIN_S = 1.0
+
+OnChange = Callable[[str, str], None]
+"""Called with the name of a stream and what is wrong with it, empty: it works again. From a thread."""
+
+
+class StandardStreams:
+    """Replaces stdout and stderr while it is entered as a context."""
+
+    def __init__(self) -> None:
+        """Changes nothing until it is entered."""
+        self.on_change: OnChange = _ignore_change
+        self._copies: List[_Copy] = []
+
+    def __enter__(self) -> StandardStreams:
+        """Replaces both streams."""
+        for name, number in (("stdout", 1), ("stderr", 2)):
+            if getattr(sys, name) is None:  # closed before this process started
+                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+            else:
+                self._copies.append(_Copy(name, number, self._report))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Restores both streams; waits up to 1 s for what has been written to get through."""
+        for copy in self._copies:
+            copy.close()
+
+    def _report(self, name: str, problem: str) -> None:
+        self.on_change(name, problem)
+
+
+class _Copy:
+    """One stream: the pipe in its place, and the thread that copies the pipe to the original."""
+
+    def __init__(self, name: str, number: int, on_change: OnChange) -> None:
+        self._name = name
+        self._number = number
+        self._on_change = on_change
+        self._problem = ""
+        self._python_stream = getattr(sys, name)
+        self._python_stream.flush()
+        self._original = os.dup(number)
+        is_terminal = os.isatty(self._original)
+        self._read_end, write_end = os.pipe()
+        _enlarge(write_end)
+        os.set_blocking(write_end, False)
+        os.dup2(write_end, number)
+        os.close(write_end)
+        if is_terminal and name == "stderr":
+            os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "1")  # rclpy sees a pipe now
+        setattr(sys, name, _Stream(number, is_terminal))
+        self._thread = threading.Thread(target=self._run, name=f"{name} copy", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        try:
+            getattr(sys, self._name).flush()
+        except (OSError, ValueError):
+            pass  # what does not fit into the pipe is lost
+        setattr(sys, self._name, self._python_stream)
+        os.dup2(self._original, self._number)  # closes the pipe: the thread reads to its end
+        self._thread.join(_DRAIN_S)
+
+    def _run(self) -> None:
+        while True:
+            data = os.read(self._read_end, _CHUNK_BYTES)
+            if not data:
+                break
+            self._write(data)
+
+    def _write(self, data: bytes) -> None:
+        """Writes what one read returned; on an error the rest of it is lost."""
+        poll = select.poll()
+        poll.register(self._original, select.POLLOUT)
+        while data:
+            try:
+                if not poll.poll(_SILENT_READER_S * 1000.0):
+                    self._set_problem("is not being read: log lines are lost")
+                    continue
+                data = data[os.write(self._original, data) :]
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                self._set_problem(f"cannot be written ({error.strerror or error}): log lines are lost")
+                return
+        self._set_problem("")
+
+    def _set_problem(self, problem: str) -> None:
+        if problem != self._problem:
+            self._problem = problem
+            self._on_change(self._name, problem)
+
+
+class _Stream(io.TextIOWrapper):
+    """A text stream on a pipe that writes each line at once, never raises, and is a terminal if the original was."""
+
+    def __init__(self, number: int, is_terminal: bool) -> None:
+        raw = io.FileIO(number, "w", closefd=False)
+        super().__init__(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace", line_buffering=True)
+        self._is_terminal = is_terminal
+
+    def isatty(self) -> bool:
+        return self._is_terminal
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except OSError:  # the pipe is full, because the original is not being read
+            return len(text)
+
+
+def _enlarge(pipe: int) -> None:
+    try:
+        import fcntl
+
+        fcntl.fcntl(pipe, _F_SETPIPE_SZ, _PIPE_BYTES)
+    except (ImportError, OSError):
+        pass  # the default is 64 KB
+
+
+def _ignore_change(name: str, problem: str) -> None:
+    pass

@@ -1,0 +1,200 @@
+"""Calls to the ROS master that always end, and the thread that notices when the master is lost or was restarted.
+
+rospy's own calls have no timeout: a master that hangs would block whatever made the call. And rospy does not register
+its topics with a new master: the node would go on without receiving anything.
+"""
+
+from __future__ import annotations
+
+import http.client
+import threading
+import xmlrpc.client
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+import rosgraph
+import rospy.core
+
+from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.model import Level
+
+_SUCCESS = 1
+_ERRORS = (OSError, http.client.HTTPException, xmlrpc.client.Error, ValueError, TypeError)
+_TIMEOUT_S = 3.0
+_ROSPY_TIMEOUT_S = 10.0
+
+SystemState = Tuple[List[Any], List[Any], List[Any]]
+
+
+class Master:
+    """The ROS master of ROS_MASTER_URI. May be used from any thread."""
+
+    def __init__(self, caller: str, timeout_s: float = _TIMEOUT_S) -> None:
+        """Does not connect yet.
+
+        Args:
+            caller: name of the node that calls.
+            timeout_s: limit for connecting and for each wait for the response, in s.
+
+        Raises:
+            ServiceError: ROS_MASTER_URI is not an address.
+        """
+        try:
+            self.uri: str = rosgraph.get_master_uri()
+            self._proxy()
+        except (OSError, ValueError) as error:
+            raise ServiceError(f"ROS_MASTER_URI: {error}") from None
+        self._caller = caller
+        self._timeout_s = timeout_s
+
+    def is_online(self) -> bool:
+        """Returns whether the master answers."""
+        try:
+            self._call("getPid")
+        except ServiceError:
+            return False
+        return True
+
+    def system_state(self) -> SystemState:
+        """Returns publishers, subscribers and services, each a list of [name, [node, ...]].
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        publishers, subscribers, services = self._call("getSystemState")
+        return publishers, subscribers, services
+
+    def topic_types(self) -> Dict[str, str]:
+        """Returns the type of each topic.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        return dict(self._call("getTopicTypes"))
+
+    def find_service(self, name: str) -> Optional[str]:
+        """Returns the address of a service, `rosrpc://host:port`; None if there is no such service.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        found: Optional[str] = self._call("lookupService", name, default=None)
+        return found
+
+    def parameter(self, name: str, default: Any) -> Any:
+        """Returns a parameter, or `default` if it is not set.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        return self._call("getParam", name, default=default)
+
+    def identity(self, node: str) -> Optional[Tuple[Any, ...]]:
+        """Returns what differs after a restart of the master; None if this master does not know the node.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        calls = xmlrpc.client.MultiCall(self._proxy(self._timeout_s))
+        calls.lookupNode(self._caller, node)
+        calls.getPid(self._caller)
+        calls.getParam(self._caller, "/run_id")
+        try:
+            results: Any = calls()
+            (known, _, _), (_, _, pid), (_, _, run_id) = (results[index] for index in range(3))
+        except _ERRORS as error:
+            raise self._no_answer(error) from None
+        return (pid, run_id) if known == _SUCCESS else None
+
+    def _call(self, method: str, *arguments: Any, **default: Any) -> Any:
+        try:
+            code, text, value = getattr(self._proxy(self._timeout_s), method)(self._caller, *arguments)
+        except _ERRORS as error:
+            raise self._no_answer(error) from None
+        if code == _SUCCESS:
+            return value
+        if default:
+            return default["default"]
+        raise ServiceError(f"the ROS master at {self.uri} refused {method}: {text}")
+
+    def _no_answer(self, error: Exception) -> ServiceError:
+        return ServiceError(f"the ROS master at {self.uri} does not answer ({' '.join(str(error).split())})")
+
+    def _proxy(self, timeout_s: float = _TIMEOUT_S) -> xmlrpc.client.ServerProxy:
+        """Returns a connection for one call: a ServerProxy is not thread-safe."""
+        return xmlrpc.client.ServerProxy(self.uri, _Transport(timeout_s))
+
+
+class MasterWatch(threading.Thread):
+    """Checks every few seconds that the master still knows this node."""
+
+    def __init__(
+        self,
+        master: Master,
+        node: str,
+        on_change: Callable[[str, Level], None],
+        period_s: float = 2.0,
+    ) -> None:
+        """Prepares the thread.
+
+        Args:
+            master: the master, which knows the node now.
+            node: name of the node of this process.
+            on_change: called with what is wrong and how bad it is; empty and OK: the master answers again.
+            period_s: pause between two checks in s.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        super().__init__(name="master watch", daemon=True)
+        self.lost = threading.Event()
+        """Set when the master was restarted and does not know this node; this never heals."""
+        self._master = master
+        self._node = node
+        self._on_change = on_change
+        self._period_s = period_s
+        self._stopped = threading.Event()
+        self._identity = master.identity(node)
+
+    def stop(self) -> None:
+        """Ends the thread; call before the node unregisters."""
+        self._stopped.set()
+
+    def run(self) -> None:
+        """Checks until the master has lost the node."""
+        silent = 0
+        while not self._stopped.wait(self._period_s):
+            try:
+                identity = self._master.identity(self._node)
+            except ServiceError as error:
+                silent += 1
+                if silent == 2:
+                    self._on_change(f"{error}: no new connections until it does", Level.WARN)
+                continue
+            if identity is None or identity != self._identity:
+                if not self._stopped.is_set():
+                    problem = f"the ROS master at {self._master.uri} was restarted and does not know this node"
+                    self._on_change(problem, Level.ERROR)
+                    self.lost.set()
+                return
+            if silent:
+                silent = 0
+                self._on_change("", Level.OK)
+
+
+class _Transport(xmlrpc.client.Transport):
+    """HTTP with a timeout."""
+
+    def __init__(self, timeout_s: float) -> None:
+        super().__init__()
+        self._timeout_s = timeout_s
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = self._timeout_s
+        return connection
+
+
+def limit_calls_of_rospy(master: Master) -> None:
+    """Gives the calls that rospy itself makes to the master a timeout of 10 s; call before `rospy.init_node`."""
+    proxy = rospy.core._LockedServerProxy(master.uri, _Transport(_ROSPY_TIMEOUT_S))
+    rospy.core._xmlrpc_cache[master.uri] = proxy

@@ -1,0 +1,172 @@
+"""This process as one or several ROS 2 nodes (`middleware.py`), which one executor spins.
+
+`Ros2Process` has the methods of `Process` in `robot_health_monitor/executables.py`, as `Ros1Process` does.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any, Callable, List, Tuple
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
+from rclpy.task import Future
+from std_msgs.msg import Empty
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.interrupts import Interrupts
+
+from .introspection import Ros2ServedMiddleware
+from .middleware import Ros2Middleware
+from .parameter_files import ParameterFiles
+
+_PROBE_TOPIC = "~/_executor_probe"
+_PROBE_S = 2.0
+"""How long the EventsExecutor may take to deliver its first message, in s."""
+_IDLE_S = 0.2
+_MAX_IDLE_LOAD = 0.5
+"""Share of a core above which an executor that has nothing to do is taken for a busy loop."""
+_SPIN_S = 3600.0
+
+
+class Ros2Process:
+    """One rclpy context, with one node or several."""
+
+    def __init__(self, interrupts: Interrupts) -> None:
+        """Does nothing yet.
+
+        Args:
+            interrupts: SIGINT and SIGTERM.
+        """
+        self.middlewares: List[Ros2Middleware] = []
+        self._interrupts = interrupts
+
+    def start(self) -> None:
+        """Reads the command line and the parameter files."""
+        # Until it spins, rclpy's own handlers would shut its context down under nodes that are being created, and an
+        # exception would leave its objects half made.
+        self._interrupts.defer()
+        self._files = ParameterFiles(sys.argv)
+        set_logger_level("rcl", LoggingSeverity.FATAL)  # it would print a less helpful line of its own
+        try:
+            with self._files.arguments_for_any_namespace() as arguments:
+                rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        except (RuntimeError, ValueError) as error:
+            raise self._files.explained(str(error)) from None
+        finally:
+            set_logger_level("rcl", LoggingSeverity.UNSET)
+
+    def create_node(self, name: str) -> Ros2Middleware:
+        """Creates the middleware of one node."""
+        self.middlewares.append(Ros2Middleware(name))
+        return self.middlewares[-1]
+
+    def create_served_node(self, alert_system: Ros2Middleware) -> Ros2ServedMiddleware:
+        """Creates the node that a rosbridge server serves."""
+        # Without the arguments of the process: a `__node:=` among them is meant for alert_system.
+        namespace = alert_system.node.get_namespace()
+        served = Ros2ServedMiddleware("rosbridge", namespace=namespace, use_global_arguments=False)
+        self.middlewares.append(served)
+        return served
+
+    def locate(self, error: ConfigError, middleware: Ros2Middleware) -> ConfigError:
+        """Returns the error and its others with file and line where the key is in a parameter file."""
+        first, *others = (self._files.located(one, middleware.name) for one in error.all)
+        first.others = tuple(others)
+        return first
+
+    def spin(self) -> str:
+        """Runs the callbacks of all nodes in this thread until rclpy is shut down."""
+        log = self.middlewares[0].log
+        nodes = [middleware.node for middleware in self.middlewares]
+        _, spin = choose_executor(self.middlewares[0].executor, nodes, log)
+        while self._leave_signals_to_rclpy() and rclpy.ok():
+            try:
+                spin()
+            except ExternalShutdownException:
+                break
+            except Exception as error:  # of rclpy itself, such as a client that left before it got its response
+                if rclpy.ok():
+                    log(Severity.ERROR, " ".join(str(error).split()))
+        return ""
+
+    def close(self) -> None:
+        """Closes every node and shuts rclpy down."""
+        uninstall_signal_handlers()
+        for middleware in self.middlewares:
+            middleware.close()
+        rclpy.try_shutdown()
+
+    def _leave_signals_to_rclpy(self) -> bool:
+        """Lets rclpy's handlers end the spinning, as no Python code can while it waits; False: a signal has come.
+
+        They call Python's handlers too, so `Interrupts` learns of the signal.
+        """
+        install_signal_handlers(SignalHandlerOptions.ALL)
+        return not self._interrupts.came
+
+
+def choose_executor(
+    wanted: str, nodes: List[Any], log: Callable[[Severity, str], None]
+) -> Tuple[Any, Callable[[], None]]:
+    """Chooses the executor of all nodes, and adds them to it.
+
+    Args:
+        wanted: auto, events or single. auto: rclpy's EventsExecutor if it works here, else the single-threaded one.
+        nodes: the nodes.
+        log: where a choice that differs from an explicit wish is logged.
+
+    Returns:
+        The executor and the function that spins it.
+    """
+    if wanted != "single":
+        try:
+            from rclpy.experimental import EventsExecutor
+        except ImportError:
+            problem = "this rclpy has none"
+        else:
+            executor = EventsExecutor(context=nodes[0].context)
+            problem = _probe(executor, nodes)
+            if not problem:
+                # Not spin(): without a time limit the EventsExecutor of PyPI's wheels delivers nothing.
+                return executor, lambda: executor.spin_until_future_complete(Future(), _SPIN_S)
+            for node in nodes:
+                executor.remove_node(node)
+            executor.shutdown()
+        if wanted == "events":
+            log(Severity.WARN, f"executor single instead of events: {problem}")
+    single = SingleThreadedExecutor(context=nodes[0].context)
+    for node in nodes:
+        single.add_node(node)
+    return single, single.spin
+
+
+def _probe(executor: Any, nodes: List[Any]) -> str:
+    """Adds the nodes to an executor and tests it; returns what is wrong: it is busy with nothing, or delivers nothing.
+
+    A message is what counts: some RMWs have no events for messages, although timers work.
+    """
+    started_s, busy_s = time.monotonic(), time.thread_time()
+    executor.spin_until_future_complete(Future(), _IDLE_S)
+    load = (time.thread_time() - busy_s) / (time.monotonic() - started_s)
+    for node in nodes:
+        executor.add_node(node)
+    if load > _MAX_IDLE_LOAD:
+        return f"it is busy while idle ({load:.0%} of a core)"
+    delivered: Future = Future()
+    node = nodes[0]
+    subscription = node.create_subscription(Empty, _PROBE_TOPIC, delivered.set_result, 1)
+    publisher = node.create_publisher(Empty, _PROBE_TOPIC, 1)
+    timer = node.create_timer(0.01, lambda: publisher.publish(Empty()), clock=Clock(clock_type=ClockType.STEADY_TIME))
+    try:
+        executor.spin_until_future_complete(delivered, _PROBE_S)
+    finally:
+        node.destroy_timer(timer)
+        node.destroy_publisher(publisher)
+        node.destroy_subscription(subscription)
+    return "" if delivered.done() else f"it delivers no message within {_PROBE_S:g} s"
