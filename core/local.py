@@ -32,6 +32,7 @@ class LocalBus:
         start_s: float = 0.0,
         on_log: Optional[Callable[[LogLine], None]] = None,
         wall_time_s: Optional[Callable[[], float]] = None,
+        clock: Optional[Callable[[], float]] = None,
     ) -> None:
         """Makes a bus without nodes.
 
@@ -39,8 +40,11 @@ class LocalBus:
             start_s: the time at the start, in seconds.
             on_log: called with every log line; None: they are appended to `log_lines`.
             wall_time_s: seconds since 1970, for the stamps of messages; None: the time of the bus.
+            clock: monotonic seconds: messages that arrive between two calls of `run_due` have their own time. None:
+                time changes only in `run_due`.
         """
-        self.now_s = start_s
+        self._now_s = start_s
+        self._clock = clock
         self.wall_time_s: Callable[[], float] = wall_time_s or (lambda: self.now_s)
         self.log_lines: List[LogLine] = []
         self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
@@ -51,6 +55,11 @@ class LocalBus:
         self._listeners: Dict[str, List[Callable[[Message], None]]] = {}
         self._services: Dict[str, Callable[[Message], Message]] = {}
         self._service_types: Dict[str, str] = {}
+
+    @property
+    def now_s(self) -> float:
+        """The time in seconds."""
+        return self._now_s if self._clock is None else self._clock()
 
     def node(
         self,
@@ -100,7 +109,7 @@ class LocalBus:
 
         Time may go back: every period restarts.
         """
-        self.now_s = now_s
+        self._now_s = now_s
         for node in sorted(self.nodes, key=_next_due_s):
             node.run_steady_timers()
 

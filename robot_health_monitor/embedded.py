@@ -40,7 +40,7 @@ class EmbeddedMonitor:
         on_log: Optional[Callable[[LogLine], None]] = None,
         outlet: Optional[Outlet] = None,
     ) -> None:
-        """Starts the nodes; time stands still until `run`, or `bus.run_due`, is called.
+        """Starts the nodes; their timers run in `run`, or in `bus.run_due`.
 
         Args:
             file: configuration of the nodes, each under its name; None: their defaults.
@@ -55,7 +55,7 @@ class EmbeddedMonitor:
             ConfigError: the configuration cannot be used; the message names file and line.
         """
         self._clock = clock
-        self.bus = LocalBus(clock(), on_log, wall_time_s)
+        self.bus = LocalBus(on_log=on_log, wall_time_s=wall_time_s, clock=clock)
         self._nodes: List[Any] = []
         self._middlewares: Dict[str, Middleware] = {}
         self._file = file
