@@ -48,9 +48,7 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_a_system_health_published_every_ten_seconds_is_always_shown(
-    clock: Clock, tmp_path: Path
-) -> None:
+def test_a_system_health_published_every_ten_seconds_is_always_shown(clock: Clock, tmp_path: Path) -> None:
     file = configuration(
         tmp_path,
         "alert_system: {ros__parameters: {signals: {cpu_usage: {}}}}\n"

@@ -12,7 +12,7 @@ import pytest
 
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
-from robot_health_monitor.sources_command import Offer, show_sources
+from robot_health_monitor.sources_command import SourceReading, show_sources
 
 yaml = pytest.importorskip("yaml")
 pytest.importorskip("psutil")
@@ -56,7 +56,7 @@ def test_a_pipe_gets_a_line_per_source_with_its_value_or_what_is_missing(machine
 def test_a_terminal_gets_a_table_that_fits(machine: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "72")
     lines = lines_of(Terminal())
-    assert lines[0].split()[:4] == ["below", "`host:", "<name>:`", "now"]
+    assert lines[0].split() == ["configuration", "value", "description"]
     assert any(line.startswith("{source: battery_percent}") and "  62 %  charge" in line for line in lines)
     assert max(map(len, lines)) <= 72
 
@@ -84,11 +84,21 @@ def test_every_kind_of_source_is_listed_whatever_the_machine_lacks(fs: Any) -> N
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"core": 0}, {"path": "/mnt/a b"}, {"path": "/"}, {"sensor": 'x/"y": {z}'}, {"sensor": "no"}, {"sensor": "1"}],
+    [
+        {},
+        {"core": 0},
+        {"path": "/mnt/a b"},
+        {"path": "/"},
+        {"sensor": 'x/"y": {z}'},
+        {"sensor": "no"},
+        {"sensor": "1"},
+        {"sensor": "a\x1b\x9b\u202eb"},
+    ],
 )
 def test_what_is_shown_can_be_copied_into_the_configuration(options: Dict[str, Any]) -> None:
-    offer = Offer("disk_percent", options, 1.0, "")
-    assert yaml.safe_load(offer.configuration) == {"source": "disk_percent", **options}
+    reading = SourceReading("disk_percent", options, 1.0, "")
+    assert reading.configuration.isprintable()
+    assert yaml.safe_load(reading.configuration) == {"source": "disk_percent", **options}
 
 
 def test_this_machine_is_listed_within_the_command_line_and_every_line_is_a_configuration() -> None:

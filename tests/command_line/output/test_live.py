@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import signal
 from pathlib import Path
-from typing import Any, Callable
+from typing import Any, Callable, List
 
 import pytest
 
@@ -197,3 +198,59 @@ def test_an_ascii_terminal_gets_a_table_without_bars(on_terminal: Start, calm: P
     terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK", text) is not None)
     assert terminal.bytes.isascii()
     assert b"\\u" not in terminal.bytes
+
+
+class Terminal(io.StringIO):
+    encoding = "utf-8"
+
+
+def draw(statuses: List[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> List[str]:
+    """Returns the lines of one frame of a terminal of `width` columns, without colours."""
+    from robot_health_monitor.core import Level, Report
+    from robot_health_monitor.output import live
+
+    monkeypatch.setattr(live.LiveView, "_size", lambda view: (width, 40))
+    view = live.LiveView(Terminal())
+    report = Report(Level.OK, {status.name: status for status in statuses}, 0.0, "atlas")
+    view._state = live._State([report], None, {})
+    text = view._render((), 0)
+    return re.sub("\x1b\\[[0-9;?]*[A-Za-z]", "", text).replace("\r", "").split("\n")
+
+
+def status(name: str, level: int, message: str, **values: str) -> Any:
+    from robot_health_monitor.core import Level, Status
+
+    return Status(name, Level(level), message, "atlas", {"value": "19.5", "unit": "%", **values})
+
+
+@pytest.mark.parametrize("state", ["waiting", "unreachable"])
+def test_an_unknown_level_looks_like_neither_ok_nor_an_alarm(state: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = draw([status("a", 0, "OK"), status("b", 3, "no sample yet", state=state)], 80, monkeypatch)
+    assert rows[0].startswith(f"atlas is {state} ")
+    assert re.match(rf"b +19.5 %  {state} ", rows[3])
+    assert not re.search(r"\b(STALE|OK|ERROR)\b", rows[3])
+
+
+def test_an_alarm_counts_more_than_an_unknown_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = draw(
+        [status("a", 1, "19.5 % is below 20 %"), status("b", 3, "no sample yet", state="waiting")], 80, monkeypatch
+    )
+    assert rows[0].startswith("atlas is WARN ")
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+def test_the_reason_of_an_alarm_is_shown_in_full(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    reason = "19.5 % is below 20 %, for 3 s"
+    rows = draw([status("battery_level", 1, reason), status("cpu", 0, "OK")], width, monkeypatch)
+    assert rows[2].rstrip().endswith(reason)
+    assert max(map(len, rows)) <= width
+
+
+@pytest.mark.parametrize("width", [20, 30, 60, 80, 120])
+def test_no_status_of_a_robot_controls_the_terminal_or_breaks_the_table(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hostile = "x\x1b[2J\x9b2J\n\u202e[bold]"
+    rows = draw([status(hostile, 2, hostile, unit=hostile, mean=hostile, state="firing")], width, monkeypatch)
+    assert len(rows) == 3
+    assert all(row.isprintable() for row in rows)
