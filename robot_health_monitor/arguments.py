@@ -22,6 +22,10 @@ def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
 
 
 class _Parser(argparse.ArgumentParser):
+    def __init__(self, **options: Any) -> None:
+        # Abbreviated options would change their meaning when another option is added.
+        super().__init__(allow_abbrev=False, **options)
+
     def error(self, message: str) -> NoReturn:
         """Reports an error in one line; argparse itself prints the usage as well."""
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
@@ -43,6 +47,14 @@ class _ShowVersion(argparse.Action):
         sys.stdout.write(f"robot-health {package_version()}\n")
         parser.exit()
         raise SystemExit(0)
+
+
+class _RejectToken(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        parser.error(
+            f"--token is not supported: every user of this machine can read arguments; use --token-file or "
+            f"{TOKEN_VARIABLE}"
+        )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -121,6 +133,7 @@ def _add_token_file(command: argparse.ArgumentParser, meaning: str) -> None:
     command.add_argument(
         "--token-file", metavar="FILE", default="", help=f"{meaning} (default: the variable {TOKEN_VARIABLE})"
     )
+    command.add_argument("--token", action=_RejectToken, nargs="?", help=argparse.SUPPRESS)
 
 
 def _add_common(command: argparse.ArgumentParser) -> None:

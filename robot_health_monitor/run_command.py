@@ -69,7 +69,7 @@ def server_settings(arguments: argparse.Namespace, monitor: EmbeddedMonitor) -> 
     def warn(text: str) -> None:
         monitor.bus.on_log(LogLine(monitor.now_s, "rosbridge", Severity.WARN, text))
 
-    token_file = arguments.token_file or getattr(config, "rosbridge_token_file", "")
+    token_file = arguments.token_file or config.rosbridge_token_file
     return ServerSettings(
         port=config.rosbridge_port or DEFAULT_PORT if arguments.port is None else arguments.port,
         address=arguments.host or config.rosbridge_address,

@@ -311,6 +311,41 @@ def test_a_default_port_in_use_disables_only_the_server(robot_health: Start, res
         assert f"port {port} of 127.0.0.1 cannot be opened" in requested.errors[0]
 
 
+def test_the_token_file_of_the_configuration_protects_the_server(
+    robot_health: Start, restless: Path, tmp_path: Path
+) -> None:
+    token = tmp_path / "token"
+    token.write_text("s3cret\n")
+    token.chmod(0o644)
+    file = tmp_path / "token.yaml"
+    file.write_text(restless.read_text().replace("robot_name: atlas", f"rosbridge_token_file: {token}"))
+    process = robot_health("run", "--thresholds", file, "--port", 0)
+    process.wait_for_text(f"[WARN] rosbridge: {token}: every user of this machine can read this token")
+    url = process.wait_for_text("serving on ws://").rpartition(" ")[2]
+    stranger = robot_health("connect", url, "--thresholds", restless, ROBOT_HEALTH_TOKEN="guessed")
+    stranger.wait_for_text("own fault")
+    friend = robot_health("connect", url, "--thresholds", restless, "--token-file", token)
+    friend.wait_for_text("battery_level ERROR: ")
+    assert "s3cret" not in process.text + stranger.text + friend.text
+
+
+@pytest.mark.parametrize("arguments", [["run"], ["connect", "ws://robot:9090"]])
+@pytest.mark.parametrize("token", [["--token", "s3cret"], ["--token=s3cret"]])
+def test_a_token_is_no_argument_and_is_not_repeated(robot_health: Start, arguments: Any, token: Any) -> None:
+    process = robot_health(*arguments, *token)
+    assert process.wait() == 2
+    assert len(process.lines) == 1 and "use --token-file or ROBOT_HEALTH_TOKEN" in process.errors[0]
+    assert "s3cret" not in process.text
+
+
+def test_a_token_file_that_cannot_be_read_is_one_line_and_code_2(robot_health: Start, tmp_path: Path) -> None:
+    process = robot_health("run", "--token-file", tmp_path / "nowhere")
+    assert process.wait() == 2
+    assert [(line.stream, line.text) for line in process.lines] == [
+        ("err", f"{tmp_path}/nowhere: token cannot be read: No such file or directory")
+    ]
+
+
 def test_source_none_publishes_nothing(robot_health: Start, tmp_path: Path) -> None:
     file = tmp_path / "none.yaml"
     file.write_text("alert_system: {ros__parameters: {signals: {cpu_usage: {startup_grace_s: 0.5}}}}\n")
