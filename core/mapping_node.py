@@ -27,6 +27,9 @@ _STAMP_LIMIT = 2**32
 _MAX_WAITING = 1000
 """Messages that wait for the first message on /clock; then the oldest are dropped."""
 
+_MAX_FIELDS_SHOWN = 20
+_MAX_TEXT = 200
+
 
 class MappingSubscription:
     """A subscription that reads one field from messages that are mappings. Implements `middleware.Subscription`."""
@@ -80,7 +83,8 @@ class MappingSubscription:
         if not self._has_failed:
             self._has_failed = True
             type_text = f" ({self._type_name})" if self._type_name else ""
-            text = f"{self.topic}{type_text} has no field {self._field}; available: {', '.join(message)}"
+            available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
+            text = f"{self.topic}{type_text} has no field {self._field}; available: {available}"
             self._node.log(Severity.ERROR, printable(text))
 
 

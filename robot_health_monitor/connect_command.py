@@ -29,7 +29,8 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         Whether the duration has passed and there were alerts.
 
     Raises:
-        ConfigError: an address, the token file or the configuration cannot be used.
+        ConfigError: an address, the token file or the configuration cannot be used; or, at the end of the duration, a
+            robot refuses this client.
     """
     addresses = read_addresses(arguments.urls)
     file = arguments.thresholds or find_installed("config/thresholds.yaml")
@@ -54,14 +55,17 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     async def work() -> AsyncIterator[Awaitable[None]]:
         yield fleet.run()
 
-    return run_session(fleet, work(), events, output, interrupts, arguments.duration)
+    alerts_found = run_session(fleet, work(), events, output, interrupts, arguments.duration)
+    if arguments.duration is not None and not interrupts.came:
+        fleet.check_own_faults()
+    return alerts_found
 
 
 def _trust(ca_file: Optional[str]) -> Optional[ssl.SSLContext]:
-    """Returns what trusts the certificate authorities in a file; None: the system's are trusted."""
+    """Returns the TLS settings that trust the certificate authorities in a file; None: those of the system."""
     if ca_file is None:
         return None
     try:
         return ssl.create_default_context(cafile=ca_file)
     except (OSError, ssl.SSLError) as error:
-        raise ConfigError(f"cannot be read as certificates: {error}", file=ca_file) from None
+        raise ConfigError(f"cannot be read as certificates: {error.strerror or error}", file=ca_file) from None

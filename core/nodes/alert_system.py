@@ -101,6 +101,16 @@ class AlertSystem:
         self._samples += 1
         self._announce(self.monitor.observe(sample), sample.now_s)
 
+    def observe_link(self, up: bool, cause: str = "") -> None:
+        """Judges the signal `link`: whether the robot can be reached.
+
+        Args:
+            up: whether it can.
+            cause: why not, for the message of the signal; empty: unknown.
+        """
+        now_s = self._middleware.now_s()
+        self._announce(self.monitor.set_link(up, cause, now_s), now_s)
+
     def close(self) -> None:
         """Leaves the middleware."""
         self._middleware.close()

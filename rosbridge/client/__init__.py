@@ -1,1 +1,8 @@
-"""The port over a WebSocket: nodes for a robot that only its rosbridge server can reach."""
+"""The port over a WebSocket: nodes for a robot that is reached through its rosbridge server."""
+
+from __future__ import annotations
+
+from .cause import Cause
+from .middleware import RosbridgeClient, RosbridgeMiddleware
+
+__all__ = ["Cause", "RosbridgeClient", "RosbridgeMiddleware"]

@@ -44,7 +44,9 @@ def thresholds(tmp_path: Path) -> Path:
 
 def alerts(process: LineProcess) -> List[str]:
     """Returns the transitions among the lines until now, without their times."""
-    lines = [line.text[20:] for line in process.lines if not re.search(r"\[[A-Z]+\]", line.text)]
+    lines = [
+        line.text[20:] for line in process.lines if line.stream == "out" and not re.search(r"\[[A-Z]+\]", line.text)
+    ]
     return [re.sub(r" \(was .*", "", line) for line in lines]
 
 
@@ -63,7 +65,7 @@ def test_a_robot_that_is_killed_and_comes_back_is_one_alert_and_its_end(
     watcher.signal()
     assert watcher.wait() == 0
     assert not watcher.errors
-    assert alerts(watcher) == ["link ERROR: down", "link OK: up"]
+    assert alerts(watcher)[0].startswith("link ERROR: down: ") and alerts(watcher)[1:] == ["link OK: up"]
 
 
 def test_each_of_several_robots_has_its_own_link_and_name(robot_health: Start, calm: Path, thresholds: Path) -> None:
@@ -92,35 +94,51 @@ def test_alerts_of_the_robots_signals_are_judged_here(robot_health: Start, restl
     watcher.wait_for_text("battery_level OK: ")
 
 
-def test_a_robot_that_is_not_there_is_one_alert_with_the_reason_in_the_log(
-    robot_health: Start, thresholds: Path
-) -> None:
+def test_a_robot_that_is_not_there_is_one_alert_with_its_cause(robot_health: Start, thresholds: Path) -> None:
     watcher = robot_health("connect", "atlas=ws://127.0.0.1:1", "--thresholds", thresholds, "--duration", 3)
     assert watcher.wait() == 1
-    assert alerts(watcher) == ["link ERROR: down"]
-    reasons = [line.text for line in watcher.lines if "is down: " in line.text]
-    assert len(reasons) == 1
-    assert "the robot can be reached, but no server listens there" in reasons[0]
+    assert alerts(watcher) == ["link ERROR: down: connection refused: no server listens on this port"]
+    assert not watcher.errors
+    assert not [line.text for line in watcher.lines if "[WARN]" in line.text or "[ERROR]" in line.text]
 
 
-def test_a_wrong_token_is_called_this_sides_fault(robot_health: Start, calm: Path, thresholds: Path) -> None:
+@pytest.mark.parametrize(("token", "cause"), [("guessed", "wrong token")])
+def test_a_wrong_or_missing_token_is_reported_at_once_as_an_own_fault(
+    robot_health: Start, calm: Path, thresholds: Path, token: str, cause: str
+) -> None:
     robot = robot_health("run", "--thresholds", calm, "--port", 0, ROBOT_HEALTH_TOKEN="s3cret")
-    url = f"ws://127.0.0.1:{port_of(robot)}"
-    watcher = robot_health("connect", url, "--thresholds", thresholds, ROBOT_HEALTH_TOKEN="guessed")
-    assert "own fault: the server refuses this client (401)" in watcher.wait_for_text("is down: ")
-    right = robot_health("connect", url, "--thresholds", thresholds, "--duration", 3, ROBOT_HEALTH_TOKEN="s3cret")
-    assert right.wait() == 0
-    assert alerts(right) == []
+    address = f"atlas=ws://127.0.0.1:{port_of(robot)}"
+    watcher = robot_health("connect", address, "--thresholds", thresholds, "--duration", 2, ROBOT_HEALTH_TOKEN=token)
+    assert watcher.wait() == 2
+    assert alerts(watcher) == [f"link ERROR: down: own fault: {cause}"]
+    assert watcher.errors == [f"atlas: own fault: {cause}"]
+
+
+def test_the_right_token_from_a_file_connects_and_is_never_shown(
+    robot_health: Start, calm: Path, thresholds: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "token"
+    file.write_text("s3cret\n")
+    file.chmod(0o600)
+    robot = robot_health("run", "--thresholds", calm, "--port", 0, "--token-file", file)
+    address = f"atlas=ws://127.0.0.1:{port_of(robot)}/?token=s3cret"
+    watcher = robot_health("connect", address, "--thresholds", thresholds, "--duration", 3, "--token-file", file)
+    assert watcher.wait() == 0
+    assert alerts(watcher) == []
+    assert "atlas: connected to ws://127.0.0.1:" in watcher.text
+    for process in (robot, watcher):
+        assert not [line.text for line in process.lines if "s3cret" in line.text]
+        assert not [text for text in process.errors if "s3cret" in text]
 
 
 @pytest.mark.parametrize(
     ("urls", "problem"),
     [
-        (["robot:9090"], "found the address 'robot:9090', allowed is ws://host:port, wss://host:port or NAME=ws://..."),
-        (["http://robot:9090"], "found the address 'http://robot:9090'"),
-        (["ws://"], "found the address 'ws://'"),
-        (["ws://robot:99999"], "found the address 'ws://robot:99999'"),
-        (["a=ws://one:9090", "a=ws://two:9090"], "found two robots called a"),
+        (["robot:9090"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'robot:9090'"),
+        (["http://robot:9090"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'http://robot:9090'"),
+        (["ws://"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'ws://'"),
+        (["ws://u:p@robot:99999"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'ws://robot:99999'"),
+        (["a=ws://one:9090", "a=ws://two:9090"], "two robots are named a; give them names: one=ws://... two=ws://..."),
     ],
 )
 def test_a_wrong_address_is_one_line_and_code_2(robot_health: Start, urls: List[str], problem: str) -> None:

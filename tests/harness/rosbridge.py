@@ -33,7 +33,9 @@ class RosbridgeHarness:
         self._outside.advertise("/clock", "rosgraph_msgs/Clock")
         up = threading.Event()
         self.client = RosbridgeClient(
-            f"ws://127.0.0.1:{self.server.port}", on_link=lambda is_up: up.set() if is_up else up.clear()
+            f"ws://127.0.0.1:{self.server.port}",
+            probation_s=0.0,
+            on_link=lambda is_up, cause: up.set() if is_up else up.clear(),
         )
         self._running = asyncio.run_coroutine_threadsafe(self.client.run(), self._watcher.loop)
         assert up.wait(10.0), self.client.log_lines
@@ -121,8 +123,8 @@ class RosbridgeHarness:
         return self._robot.call(call())
 
     def _settle(self) -> None:
-        """Returns when the server has taken everything that the nodes have asked for until now, and they its messages.
+        """Returns when the server has processed what the nodes sent until now, and the nodes what it sent before that.
 
-        The link keeps the order of both ways.
+        The connection keeps the order in both directions.
         """
-        self._watcher.call(self.client.link.call_service("/rosapi/get_time", {}, 10.0))
+        self._watcher.call(self.client.connection.calls.call("/rosapi/get_time", {}, 10.0))

@@ -1,0 +1,40 @@
+"""Addresses of rosbridge servers: checked before use, and shown without credentials."""
+
+from __future__ import annotations
+
+import re
+from typing import Optional, Tuple
+from urllib.parse import urlsplit
+
+from robot_health_monitor.core.errors import ConfigError
+
+__all__ = ["host_and_port", "http_address", "shown_address"]
+
+
+def host_and_port(url: str) -> Tuple[str, Optional[int]]:
+    """Returns the host of an address, and its port if one is given.
+
+    Raises:
+        ConfigError: this is not the address of a WebSocket server.
+    """
+    try:
+        parts = urlsplit(url)
+        if parts.scheme in ("ws", "wss") and parts.hostname and url.isprintable():
+            return parts.hostname, parts.port
+    except ValueError:
+        pass  # brackets that do not match, or a port that is not one
+    raise ConfigError(f"expected ws://host:port or wss://host:port, got {shown_address(url)!r}")
+
+
+def http_address(url: str) -> str:
+    """Returns the address of the HTTP request that opens the WebSocket; not every aiohttp accepts `ws:`."""
+    return f"http{url[2:]}"
+
+
+def shown_address(url: str) -> str:
+    """Returns an address without user, password and query, any of which may hold a secret. Accepts any text.
+
+    >>> shown_address("ws://user:secret@robot:9090/path?token=secret")
+    'ws://robot:9090/path'
+    """
+    return re.sub(r"^([^/?#]*//)?[^/?#]*@", r"\1", re.split(r"[?#]", url, maxsplit=1)[0])

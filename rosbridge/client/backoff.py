@@ -1,0 +1,47 @@
+"""How long to wait before the next attempt to connect."""
+
+from __future__ import annotations
+
+import random
+from typing import Callable, Optional
+
+__all__ = ["HELD_S", "Backoff"]
+
+HELD_S = 10.0
+"""A connection that lasted this long, in s, is a good one: the delays start again from the shortest."""
+
+_FIRST_S = 0.2
+_LONGEST_S = 2.0
+"""Longest delay while the server cannot be reached or connections break: short, so that a robot is back soon."""
+_SHORT_LIVED_S = 1.0
+_LONGEST_AFTER_CLOSE_S = 30.0
+"""Longest delay for a server that accepts connections only to close them within `_SHORT_LIVED_S`."""
+
+
+class Backoff:
+    """Delays that double with every attempt until a connection has held for `HELD_S`.
+
+    Each delay is shortened by a random part of up to half, so that a fleet does not reconnect all at once.
+    """
+
+    def __init__(self, jitter: Callable[[float, float], float] = random.uniform) -> None:
+        """Starts with the shortest delay.
+
+        Args:
+            jitter: returns a random factor between its two arguments.
+        """
+        self._jitter = jitter
+        self._delay_s = 0.0
+
+    def next_s(self, held_s: Optional[float]) -> float:
+        """Returns the delay before the next attempt, in s.
+
+        Args:
+            held_s: how long the last connection lasted, in s; None: the attempt failed.
+        """
+        if held_s is not None and held_s >= HELD_S:
+            self._delay_s = 0.0
+        closed_at_once = held_s is not None and held_s < _SHORT_LIVED_S
+        longest_s = _LONGEST_AFTER_CLOSE_S if closed_at_once else _LONGEST_S
+        self._delay_s = min(max(2.0 * self._delay_s, _FIRST_S), longest_s)
+        return self._delay_s * self._jitter(0.5, 1.0)

@@ -1,0 +1,117 @@
+"""Why there is no connection to a server: one short line for the operator, free of credentials."""
+
+from __future__ import annotations
+
+import asyncio
+import socket as sockets
+import ssl
+from typing import Dict, NamedTuple, Optional, Type
+
+import aiohttp
+
+from robot_health_monitor.core.formatting import printable
+
+__all__ = ["UP", "Cause", "cause_of_close", "cause_of_error"]
+
+_LONGEST_REASON = 100
+_POLICY_VIOLATION = 1008
+_TOO_LARGE = 1009
+_SYSTEM_ERRORS: Dict[Type[OSError], str] = {
+    sockets.gaierror: "host name not found",
+    ConnectionRefusedError: "connection refused: no server listens on this port",
+    ConnectionResetError: "connection lost",
+    BrokenPipeError: "connection lost",
+}
+
+
+class Cause(NamedTuple):
+    """Why a connection is down."""
+
+    text: str
+    """For instance `connection refused`."""
+    own_fault: bool = False
+    """True if no attempt can succeed until the configuration on this side is corrected; the text says `own fault`."""
+
+
+UP = Cause("")
+"""No cause: the connection is up."""
+
+
+def cause_of_error(error: BaseException, has_token: bool) -> Cause:
+    """Returns the cause behind an error that ended a connection or an attempt to connect.
+
+    Args:
+        error: what aiohttp raised.
+        has_token: whether this side presented a token.
+    """
+    if isinstance(error, aiohttp.WSServerHandshakeError):
+        return _cause_of_status(error.status, has_token)
+    if isinstance(error, aiohttp.InvalidURL):
+        return Cause("own fault: invalid address", True)
+    if isinstance(error, aiohttp.WebSocketError):
+        if error.code == _TOO_LARGE:
+            return Cause("connection closed: a message is larger than this client accepts")
+        return Cause("connection closed: the server violated the WebSocket protocol")
+    if isinstance(error, asyncio.TimeoutError):  # aiohttp's own timeouts are subclasses
+        return Cause("no answer from the host")
+    if isinstance(error, aiohttp.ServerDisconnectedError):
+        return Cause("connection lost")
+    if isinstance(error, aiohttp.ClientConnectorCertificateError):
+        return _cause_of_system_error(error.certificate_error)
+    return _cause_of_system_error(error.os_error if isinstance(error, aiohttp.ClientConnectorError) else error)
+
+
+def cause_of_close(code: Optional[int], reason: str, has_token: bool) -> Cause:
+    """Returns the cause behind a connection that ended.
+
+    Args:
+        code: close code of the WebSocket; None or 1006: it ended without one.
+        reason: the server's text.
+        has_token: whether this side presented a token.
+    """
+    if code in (None, 1006):
+        return Cause("connection lost")
+    if code == _POLICY_VIOLATION and "token" in reason.lower():
+        return _token_refused(has_token)
+    if code in (1000, 1001):
+        return Cause("the server closed the connection")
+    text = f"the server closed the connection with code {code}"
+    return Cause(f"{text}: {_limited(reason)}" if reason else text)
+
+
+def _cause_of_status(status: int, has_token: bool) -> Cause:
+    if status == 401:
+        return _token_refused(has_token)
+    if status == 403:
+        return Cause("own fault: the server refuses this client (HTTP 403)", True)
+    if status >= 500:
+        return Cause(f"the server is not ready (HTTP {status})")
+    return Cause(f"not a rosbridge server (HTTP {status})")
+
+
+def _cause_of_system_error(error: BaseException) -> Cause:
+    if isinstance(error, ssl.SSLError):
+        return _cause_of_tls(error)
+    for kind, text in _SYSTEM_ERRORS.items():
+        if isinstance(error, kind):
+            return Cause(text)
+    # Never str(error): the errors of libraries may show the address with its credentials.
+    text = getattr(error, "strerror", None) or type(error).__name__
+    return Cause(f"no connection: {_limited(text)}")
+
+
+def _cause_of_tls(error: ssl.SSLError) -> Cause:
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return Cause(f"own fault: the server's certificate is not trusted: {_limited(error.verify_message)}", True)
+    reason = (error.reason or type(error).__name__).replace("_", " ").lower()
+    if "certificate required" in reason:
+        return Cause("own fault: the server requires a client certificate", True)
+    return Cause(f"TLS failed: {_limited(reason)}")
+
+
+def _token_refused(has_token: bool) -> Cause:
+    return Cause("own fault: wrong token" if has_token else "own fault: no token", True)
+
+
+def _limited(text: str) -> str:
+    return printable(text)[:_LONGEST_REASON]

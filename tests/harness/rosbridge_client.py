@@ -1,0 +1,124 @@
+"""A client under test with one node, and a rosbridge server that is not this project's."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any, Awaitable, Callable, Dict, List, Optional
+
+import aiohttp
+from aiohttp import web
+
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
+
+DEADLINE_S = 20.0
+
+
+async def until(predicate: Callable[[], bool]) -> None:
+    """Lets the loop work until `predicate()` is true."""
+    deadline_s = asyncio.get_event_loop().time() + DEADLINE_S
+    while not predicate():
+        assert asyncio.get_event_loop().time() < deadline_s, f"still not true after {DEADLINE_S:g} s"
+        await asyncio.sleep(0.01)
+
+
+def scenario(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+    """Makes a test of a coroutine without arguments."""
+
+    def run() -> None:
+        asyncio.run(asyncio.wait_for(test(), 60.0))
+
+    run.__name__ = test.__name__
+    run.__doc__ = test.__doc__
+    return run
+
+
+class Watched:
+    """A client with one node, and what it received."""
+
+    def __init__(self, url: str, *, use_sim_time: bool = False, probation_s: float = 0.0, **options: Any) -> None:
+        self.ups: List[bool] = []
+        self.causes: List[str] = []
+        self.client = RosbridgeClient(
+            url.replace("http", "ws", 1), on_link=self._on_link, probation_s=probation_s, **options
+        )
+        self.node = self.client.node("watcher", use_sim_time=use_sim_time)
+        self.heard: List[Any] = []
+        self.task = asyncio.ensure_future(self.client.run())
+
+    def _on_link(self, up: bool, cause: Cause) -> None:
+        if self.ups[-1:] != [up]:
+            self.ups.append(up)
+        if not up:
+            self.causes.append(cause.text)
+
+    def hear(self, value: Any, now_s: float) -> None:
+        self.heard.append(value)
+
+    def problems(self) -> List[str]:
+        return [line.text for line in self.client.log_lines if line.severity >= Severity.WARN]
+
+    async def call(self, service: str) -> Any:
+        return await self.client.connection.calls.call(service, {}, 10.0)
+
+    async def settle(self) -> None:
+        """Returns when the server has processed what was sent, and the client what the server sent before that."""
+        await self.call("/rosapi/get_time")
+
+    async def close(self) -> None:
+        self.client.close()
+        self.task.cancel()
+        await asyncio.wait({self.task})
+
+
+class ForeignServer:
+    """A rosbridge server that speaks JSON only and does not reply to what it does not like."""
+
+    def __init__(self) -> None:
+        self.received: List[Dict[str, Any]] = []
+        self.sockets: List[web.WebSocketResponse] = []
+        self.requests: List[web.Request] = []
+        self.types: Dict[str, str] = {}
+        self.rosapi = True
+        self.on_connect: Optional[Callable[[web.WebSocketResponse], Awaitable[None]]] = None
+        """What to do with a new connection before reading from it."""
+
+    async def start(self, port: int = 0) -> str:
+        application = web.Application()
+        application.router.add_get("/", self._accept)
+        self._runner = web.AppRunner(application, access_log=None)
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", port).start()
+        self.port = self._runner.addresses[0][1]
+        return f"ws://127.0.0.1:{self.port}"
+
+    async def close(self) -> None:
+        for socket in self.sockets:
+            await socket.close()
+        await self._runner.cleanup()
+
+    async def publish(self, topic: str, message: Any) -> None:
+        """Sends a message on the newest connection."""
+        await self.sockets[-1].send_str(json.dumps({"op": "publish", "topic": topic, "msg": message}))
+
+    async def _accept(self, request: web.Request) -> web.WebSocketResponse:
+        self.requests.append(request)
+        socket = web.WebSocketResponse()
+        await socket.prepare(request)
+        self.sockets.append(socket)
+        if self.on_connect is not None:
+            await self.on_connect(socket)
+        async for message in socket:
+            if message.type == aiohttp.WSMsgType.TEXT:
+                fields = json.loads(message.data)
+                self.received.append(fields)
+                if fields["op"] == "call_service" and not self.rosapi:
+                    failure = {"op": "service_response", "id": fields["id"], "service": "s", "values": "not there"}
+                    await socket.send_json({**failure, "result": False})
+                elif fields["op"] == "call_service":
+                    values = {"type": self.types.get(fields["args"].get("topic", ""), "")}
+                    await socket.send_json(
+                        {"op": "service_response", "id": fields["id"], "service": "s", "values": values, "result": True}
+                    )
+        return socket

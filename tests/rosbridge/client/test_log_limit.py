@@ -1,0 +1,40 @@
+"""Lines that a peer causes are limited."""
+
+from __future__ import annotations
+
+from typing import List
+
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.rosbridge.client.log_limit import LogLimit
+
+
+class Log:
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+        self.lines: List[str] = []
+        self.limit = LogLimit(lambda severity, text: self.lines.append(text), lambda: self.now_s)
+
+    def write(self, kind: str, text: str) -> None:
+        self.limit.write(kind, Severity.WARN, text)
+
+
+def test_one_line_of_a_kind_per_minute_with_the_number_left_out() -> None:
+    log = Log()
+    for second in range(121):
+        log.now_s = 1000.0 + second
+        log.write("invalid", f"line {second}")
+    assert log.lines == ["line 0", "line 60 (59 similar lines left out)", "line 120 (59 similar lines left out)"]
+
+
+def test_kinds_are_limited_separately() -> None:
+    log = Log()
+    for kind in ("a", "b", "a", "b"):
+        log.write(kind, kind)
+    assert log.lines == ["a", "b"]
+
+
+def test_a_peer_that_invents_kinds_is_limited_too() -> None:
+    log = Log()
+    for number in range(10_000):
+        log.write(str(number), "line")
+    assert len(log.lines) <= 101
