@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Dict, Mapping, NamedTuple, Set, Union
+import stat
+from typing import Any, Mapping, NamedTuple, Optional, Union
 
-from .errors import ConfigError, Path
+from .errors import ConfigError, Path, Problems
 from .parameters import require_mapping
 
 PathLike = Union[str, "os.PathLike[str]"]
 
+MOST_BYTES = 200_000
+"""Largest file, so that every file is read within a second."""
 
-_MOST_CHARACTERS = 1_000_000
+_KINDS = {
+    stat.S_IFDIR: "a directory",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 
 
 class YamlFile(NamedTuple):
-    """What a file holds and where."""
+    """The contents of a file, with the lines of its keys."""
 
     tree: Mapping[str, Any]
     """The file's mapping."""
     lines: Mapping[Path, int]
     """Line of each key, counted from 1."""
     file: str
-    """The file's name, as it was given."""
+    """The file's name, as given."""
 
     def locate(self, error: ConfigError) -> ConfigError:
         """Returns `error` and its `others`, by line, each with this file and the line of its key.
@@ -34,78 +43,67 @@ class YamlFile(NamedTuple):
             path = each.path
             while path and path not in self.lines:
                 path = path[:-1]
-            located.append(ConfigError(each.problem, each.path, self.file, self.lines.get(path)))
+            line = each.line if each.line is not None else self.lines.get(path)
+            located.append(ConfigError(each.problem, each.path, self.file, line))
         first, *others = sorted(located, key=lambda each: each.line or 0)
         first.others = tuple(others)
         return first
 
 
-def read_yaml(file: PathLike) -> YamlFile:
-    """Reads a file that holds one mapping.
+def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:
+    """Reads a file that contains one mapping.
+
+    Args:
+        file: path of a regular file.
+        problems: receives mistakes after which the file can still be used: keys that are given twice. None: they are
+            raised.
 
     Raises:
-        ConfigError: it cannot be read, is not YAML in UTF-8, names a key twice, or holds something else.
+        ConfigError: it cannot be read, is not YAML in UTF-8, is too large, or contains something else.
     """
-    import yaml  # here, so that configuration by mapping needs nothing installed
-
     name = os.fspath(file)
-    try:
-        with open(name, encoding="utf-8") as stream:
-            text = stream.read(_MOST_CHARACTERS + 1)
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
-    except UnicodeDecodeError as error:
-        found = f"byte {error.start} is 0x{error.object[error.start]:02x}"
-        raise ConfigError(f"is not a text in UTF-8: {found}", file=name) from None
-    except ValueError as error:  # a name with a null byte
-        raise ConfigError(f"cannot be read: {error}", file=repr(name)) from None
+    text = _read_text(name)
 
-    if len(text) > _MOST_CHARACTERS:
-        raise ConfigError(f"is too large, allowed are {_MOST_CHARACTERS} characters", file=name)
+    from .yaml_loader import load  # here, so that configuration by mapping does not need PyYAML
 
-    lines: Dict[Path, int] = {}
-    loader = yaml.SafeLoader("")
+    found = Problems()
     try:
-        loader = yaml.SafeLoader(text)
-        root = loader.get_single_node()
-        if root is None:
-            raise ConfigError("is empty, allowed is a mapping of node names to ros__parameters", file=name)
-        _note_lines(root, (), lines, name, set(), set())
-        tree = loader.construct_document(root)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = mark.line + 1 if mark else None
-        raise ConfigError(f"is not valid YAML: {error.problem}", file=name, line=line) from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f"is not valid YAML: {str(error).splitlines()[0]}", file=name) from None
-    except RecursionError:
-        raise ConfigError("is nested too deeply", file=name) from None
-    except ValueError as error:
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError(f"is not valid YAML: {error}", file=name) from None
-    finally:
-        loader.dispose()
-    result = YamlFile(tree, lines, name)
-    try:
-        require_mapping(tree)
+        document = load(text, found)
+        if document.value is None and not document.lines:
+            raise ConfigError("is empty; expected a mapping of keys to values")
     except ConfigError as error:
-        raise result.locate(error) from None
+        raise YamlFile({}, {}, name).locate(error) from None
+    result = YamlFile(document.value, document.lines, name)
+    try:
+        require_mapping(document.value)
+        found.raise_if_any()
+    except ConfigError as error:
+        located = result.locate(error)
+        if problems is None or not isinstance(document.value, Mapping):
+            raise located from None
+        problems.add(located)
     return result
 
 
-def _note_lines(node: Any, path: Path, lines: Dict[Path, int], file: str, above: Set[int], noted: Set[int]) -> None:
-    if node.id != "mapping":
-        return
-    if id(node) in above:
-        raise ConfigError("contains itself", path, file, lines.get(path))
-    if id(node) in noted:  # aliases of aliases could name one mapping more often than there is time for
-        return
-    noted.add(id(node))
-    for key, value in node.value:
-        key_path = (*path, str(key.value))
-        line = key.start_mark.line + 1
-        if key_path in lines and key.value != "<<":
-            raise ConfigError(f"is given twice, first in line {lines[key_path]}", key_path, file, line)
-        lines[key_path] = line
-        _note_lines(value, key_path, lines, file, above | {id(node)}, noted)
+def _read_text(name: str) -> str:
+    try:
+        # Opening a named pipe would wait for a writer, and a device has no end.
+        mode = os.stat(name).st_mode
+        if not stat.S_ISREG(mode):
+            kind = _KINDS.get(stat.S_IFMT(mode), "something else")
+            raise ConfigError(f"cannot be read: expected a file, got {kind}", file=name)
+        with open(name, "rb") as stream:
+            data = stream.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", file=name) from None
+    except ValueError as error:  # such as a name with a null byte
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError(f"cannot be read: {error}", file=ascii(name)) from None
+    if len(data) > MOST_BYTES:
+        raise ConfigError(f"is too large; expected at most {MOST_BYTES} bytes", file=name)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        found = f"byte {error.start} is 0x{data[error.start]:02x}"
+        raise ConfigError(f"is not UTF-8 text: {found}", file=name) from None
