@@ -47,6 +47,14 @@ NODE_PARAMETERS = (
         "ROS 2 only: single (SingleThreadedExecutor), events (EventsExecutor, less CPU) or auto (events if it works)",
         choices=("auto", "single", "events"),
     ),
+    Parameter(
+        "sensors",
+        str,
+        "",
+        "source of each metric of battery_sensor that names none: simulated, host or none; empty: simulated. "
+        "none: health_monitor runs without battery_sensor",
+        choices=("", "simulated", "host", "none"),
+    ),
     Parameter("rosbridge_port", int, 0, "port of the rosbridge server of alert_system; 0: no server", 0, 65535),
     Parameter("rosbridge_address", str, "127.0.0.1", "address of the rosbridge server; any other one needs a token"),
     Parameter("rosbridge_token_file", str, "", "path of a file with the token that clients must present; empty: none"),

@@ -3,13 +3,13 @@
     ros2 launch robot_health_monitor health_monitor.launch.py robot_name:=robot1 thresholds:=my.yaml
 
 `--show-args` lists the arguments. To include this file, pass `launch_arguments`; `SetRemap` and `PushRosNamespace`
-around it reach every node.
+around it apply to every node.
 """
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition, UnlessCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -17,76 +17,94 @@ from launch_ros.substitutions import FindPackageShare
 PACKAGE = "robot_health_monitor"
 LOG_LEVELS = ["DEBUG", "INFO", "WARN", "ERROR", "FATAL"]
 BOOLEANS = ["true", "false", "True", "False"]
+SEPARATE = PythonExpression(["'", LaunchConfiguration("composed"), "'.lower() != 'true'"])
+SENSORS = PythonExpression(["'", LaunchConfiguration("sensors"), "' != 'none'"])
 
 
 def generate_launch_description():
-    """Returns the arguments and the nodes."""
+    """Returns the launch arguments and the nodes."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 "log_level",
                 default_value="INFO",
                 choices=LOG_LEVELS + [level.lower() for level in LOG_LEVELS],
-                description="Least severe log lines to write.",
+                description="lowest severity that is logged",
             ),
             DeclareLaunchArgument(
-                "use_sim_time", default_value="false", choices=BOOLEANS, description="Take the time from /clock."
+                "use_sim_time", default_value="false", choices=BOOLEANS, description="true: use the time from /clock"
             ),
             DeclareLaunchArgument(
                 "robot_name",
                 default_value="",
-                description="Namespace of the nodes and hardware_id of what they publish. "
-                "Empty: no namespace, the host's name.",
+                description="namespace of the nodes and hardware_id of their messages; "
+                "empty: no namespace, the host name",
             ),
             DeclareLaunchArgument(
                 "thresholds",
                 default_value=PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "thresholds.yaml"]),
-                description="Path of the thresholds.",
+                description="path of thresholds.yaml",
+            ),
+            DeclareLaunchArgument(
+                "sensors",
+                default_value="simulated",
+                choices=["simulated", "host", "none"],
+                description="source of the metrics of battery_sensor that the thresholds file gives no source; "
+                "none: battery_sensor is not started",
             ),
             DeclareLaunchArgument(
                 "composed",
                 default_value="false",
                 choices=BOOLEANS,
-                description="true: all three nodes in one process, which costs a third of the memory.",
+                description="true: all nodes in one process, which needs a third of the memory",
             ),
             DeclareLaunchArgument(
                 "respawn",
                 default_value="false",
                 choices=BOOLEANS,
-                description="true: a node that ends is started again after 2 s.",
+                description="true: a node that ends is started again after 2 s",
             ),
             DeclareLaunchArgument(
                 "rosbridge_port",
                 default_value="0",
-                description="Port on which alert_system serves rosbridge clients; 0: none.",
+                description="port of the rosbridge server of alert_system; 0: no server",
             ),
             DeclareLaunchArgument(
                 "rosbridge_address",
                 default_value="127.0.0.1",
-                description="Address of that server; any other one needs rosbridge_token_file.",
+                description="address of the rosbridge server; any other one needs a token",
             ),
             DeclareLaunchArgument(
                 "rosbridge_token_file",
                 default_value="",
-                description="Path of a file with the token that clients must present; empty: none.",
+                description="path of a file with the token that clients must present; empty: no token",
             ),
-            *[
-                node(name, name=name, condition=UnlessCondition(LaunchConfiguration("composed")))
-                for name in ("battery_sensor", "aggregator", "alert_system")
-            ],
-            # Without a name: it would become that of all three.
+            DeclareLaunchArgument(
+                "ops",
+                default_value="",
+                description="path of an ops.yaml (history, notifications, server); empty: none",
+            ),
+            node("battery_sensor", name="battery_sensor", condition=both(SEPARATE, SENSORS)),
+            node("aggregator", name="aggregator", condition=IfCondition(SEPARATE)),
+            node("alert_system", name="alert_system", condition=IfCondition(SEPARATE)),
+            # Without a name, which would rename all its nodes.
             node("health_monitor", condition=IfCondition(LaunchConfiguration("composed"))),
         ]
     )
 
 
+def both(first, second):
+    """Returns the condition that two expressions are true."""
+    return IfCondition(PythonExpression([first, " and ", second]))
+
+
 def node(executable, **options):
-    """Returns one process of this package, with what all of them are told."""
+    """Returns one process of this package with the parameters common to all."""
     return Node(
         package=PACKAGE,
         executable=executable,
         namespace=LaunchConfiguration("robot_name"),
-        # As an argument, not among the parameters: there launch only warns of a file that does not exist, and goes on.
+        # An argument instead of a parameter file of launch, which only warns if the file does not exist.
         ros_arguments=[
             "--log-level",
             LaunchConfiguration("log_level"),
@@ -95,13 +113,15 @@ def node(executable, **options):
         ],
         parameters=[
             {
-                # As texts even where they look like numbers: a robot may be called 7.
+                # Strings even if they look like numbers: a robot may be named 7.
                 "robot_name": ParameterValue(LaunchConfiguration("robot_name"), value_type=str),
                 "thresholds": ParameterValue(LaunchConfiguration("thresholds"), value_type=str),
                 "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
                 "rosbridge_port": ParameterValue(LaunchConfiguration("rosbridge_port"), value_type=int),
                 "rosbridge_address": ParameterValue(LaunchConfiguration("rosbridge_address"), value_type=str),
                 "rosbridge_token_file": ParameterValue(LaunchConfiguration("rosbridge_token_file"), value_type=str),
+                "sensors": ParameterValue(LaunchConfiguration("sensors"), value_type=str),
+                "ops": ParameterValue(LaunchConfiguration("ops"), value_type=str),
             }
         ],
         respawn=LaunchConfiguration("respawn"),

@@ -1,6 +1,6 @@
-"""One sensor and one monitor, as in the example of the ROS 2 textbook that this package grew from.
+"""One sensor and one monitor, as in the textbook example that this package grew from.
 
-The same two executables as in health_monitor.launch.py, with other names, another topic and config/robot_monitor.yaml.
+Two executables of health_monitor.launch.py with other names, another topic and config/robot_monitor.yaml.
 """
 
 from launch import LaunchDescription
@@ -16,22 +16,22 @@ BOOLEANS = ["true", "false", "True", "False"]
 
 
 def generate_launch_description():
-    """Returns the arguments and the nodes."""
+    """Returns the launch arguments and the nodes."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 "log_level",
                 default_value="INFO",
                 choices=LOG_LEVELS + [level.lower() for level in LOG_LEVELS],
-                description="Least severe log lines to write.",
+                description="lowest severity that is logged",
             ),
             DeclareLaunchArgument(
-                "use_sim_time", default_value="false", choices=BOOLEANS, description="Take the time from /clock."
+                "use_sim_time", default_value="false", choices=BOOLEANS, description="true: use the time from /clock"
             ),
             DeclareLaunchArgument(
                 "config",
                 default_value=PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "robot_monitor.yaml"]),
-                description="Path of both nodes' parameters.",
+                description="path of the parameters of both nodes",
             ),
             node("battery_sensor", "temperature_sensor", remappings=[("temperature", "sensor_data")]),
             node("alert_system", "data_monitor"),
@@ -40,7 +40,7 @@ def generate_launch_description():
 
 
 def node(executable, name, **options):
-    """Returns one process of this package, with what both are told."""
+    """Returns one process of this package, with the parameters common to both."""
     return Node(
         package=PACKAGE,
         executable=executable,

@@ -92,6 +92,7 @@ def read_sources(tree: Mapping[str, Any], path: Path = ()) -> Dict[str, Source]:
     Raises:
         ConfigError: a key is unknown or a value not allowed.
     """
+    tree = with_default_source(tree)
     seed = SEED.read(tree["seed"], (*path, "seed")) if tree.get("seed") is not None else random.getrandbits(32)
     sources: Dict[str, Source] = {}
     for metric in METRICS:
@@ -114,6 +115,16 @@ def section_of(tree: Mapping[str, Any], metric: str) -> object:
     if section is None:
         return None
     return {**{parameter.name: parameter.default for parameter in _host_parameters(section["source"])}, **section}
+
+
+def with_default_source(tree: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Returns a node's configuration in which each metric without a `source` has the one of the parameter `sensors`."""
+    default = tree.get("sensors", "")
+    if not default:
+        return tree
+    sections = {metric: tree.get(metric, {}) for metric in METRICS}
+    sections = {metric: section for metric, section in sections.items() if isinstance(section, Mapping)}
+    return {**tree, **{metric: {"source": default, **section} for metric, section in sections.items()}}
 
 
 def described_sections(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:

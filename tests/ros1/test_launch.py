@@ -15,7 +15,10 @@ import yaml
 from harness.line_process import LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
-ARGUMENTS = {"log_level", "use_sim_time", "robot_name", "thresholds", "composed", "respawn"}
+ARGUMENTS = {
+    *("log_level", "use_sim_time", "robot_name", "thresholds", "sensors", "composed", "respawn"),
+    *("rosbridge_port", "rosbridge_address", "rosbridge_token_file", "ops"),
+}
 FLOAT32 = "std_msgs/Float32"
 SENSOR_READY = 'sensor "robot" started'
 
@@ -91,6 +94,7 @@ def test_every_argument_has_a_description(roslaunch: Any) -> None:
     described = {line.split()[0].rstrip(":"): line for line in listed if line.startswith("  ")}
     assert set(described) >= ARGUMENTS
     assert not any("undocumented" in line for line in described.values())
+    assert not any("Required" in line for line in listed)
 
 
 def test_the_thresholds_become_parameters_of_alert_system(roslaunch: Any) -> None:
@@ -119,6 +123,16 @@ def test_arguments_reach_the_parameters(roslaunch: Any, tmp_path: Path) -> None:
         assert tree[f"/robot1/{node}/log_level"] == "DEBUG"
 
 
+def test_optional_arguments_become_parameters_only_if_given(roslaunch: Any) -> None:
+    arguments = ("robot_name:=r/007", "ops:=/etc/ops.yaml", "rosbridge_port:=9090", "rosbridge_token_file:=/etc/token")
+    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch", *arguments))
+    assert tree["/r/007/alert_system/robot_name"] == "r/007"
+    assert tree["/r/007/alert_system/ops"] == "/etc/ops.yaml"
+    assert tree["/r/007/alert_system/rosbridge_token_file"] == "/etc/token"
+    tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch"))
+    assert not [name for name, value in tree.items() if isinstance(value, str) and not value.strip()]
+
+
 @pytest.mark.parametrize(
     ("arguments", "nodes"),
     [
@@ -126,6 +140,8 @@ def test_arguments_reach_the_parameters(roslaunch: Any, tmp_path: Path) -> None:
         (("robot_name:=robot1",), {"/robot1/battery_sensor", "/robot1/aggregator", "/robot1/alert_system"}),
         (("composed:=true",), {"/health_monitor"}),
         (("composed:=true", "robot_name:=robot1"), {"/robot1/health_monitor"}),
+        (("sensors:=none",), {"/aggregator", "/alert_system"}),
+        (("sensors:=none", "composed:=true"), {"/health_monitor"}),
     ],
 )
 def test_it_starts_the_nodes_that_were_asked_for(roslaunch: Any, arguments: Any, nodes: Set[str]) -> None:
@@ -183,6 +199,15 @@ def test_a_composed_launch_with_a_discharging_battery_warns_on_the_screen(
     process.wait_for_text("battery_level WARN: ")
     process.signal()
     assert process.wait(10.0) == 0
+
+
+def test_without_sensors_only_the_robot_publishes_values(roslaunch: Any, ros: Any) -> None:
+    process = roslaunch("robot_health_monitor", "health_monitor.launch", "composed:=true", "sensors:=none")
+    process.wait_for_texts("watching cpu_usage", "system_health is the mean of")
+    wait_for_nodes(ros, {"/health_monitor"})
+    process.signal()
+    assert process.wait(10.0) == 0
+    assert SENSOR_READY not in process.text
 
 
 def test_a_node_that_ends_is_started_again_on_request(roslaunch: Any, ros: Any) -> None:

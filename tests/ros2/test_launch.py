@@ -21,7 +21,10 @@ for module in ("launch", "launch_ros", "ros2cli", "ros2launch"):
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "robot_health_monitor"
 NODES = ("battery_sensor", "aggregator", "alert_system")
-ARGUMENTS = {"log_level", "use_sim_time", "robot_name", "thresholds", "composed", "respawn"}
+ARGUMENTS = {
+    *("log_level", "use_sim_time", "robot_name", "thresholds", "sensors", "composed", "respawn"),
+    *("rosbridge_port", "rosbridge_address", "rosbridge_token_file", "ops"),
+}
 FLOAT32 = "std_msgs/Float32"
 SENSOR_READY = 'sensor "robot" started'
 
@@ -124,6 +127,15 @@ def test_nodes_end_cleanly_at_sigterm(ros2_launch: Any, ros: Any) -> None:
     os.kill(node, signal.SIGTERM)
     assert f"process has finished cleanly [pid {node}]" in process.wait_for_text("process has ")
     process.wait()
+
+
+@pytest.mark.parametrize("composed", ["false", "true"])
+def test_without_sensors_only_the_robot_publishes_values(ros2_launch: Any, ros: Any, composed: str) -> None:
+    process = ros2_launch(NAME, "health_monitor.launch.py", "sensors:=none", f"composed:={composed}")
+    ros.wait_until(lambda: nodes_of(ros) >= {"/aggregator", "/alert_system"})
+    process.wait_for_text("system_health is the mean of")
+    end(process)
+    assert SENSOR_READY not in process.text
 
 
 @pytest.mark.parametrize("composed", ["false", "true"])

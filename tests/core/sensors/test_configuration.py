@@ -194,3 +194,12 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
         node.set_parameter("host.disk.path", 5)
     bus.run_until(6.0)
     assert heard == {"memory": 2, "disk": 4}
+
+
+@pytest.mark.parametrize(
+    ("sensors", "kinds"),
+    [("", ["SimulatedBattery", "HostCpuUsage"]), ("host", ["HostBattery", "HostCpuUsage"]), ("none", ["HostCpuUsage"])],
+)
+def test_sensors_is_the_source_of_metrics_that_name_none(sensors: str, kinds: list) -> None:
+    tree = {"sensors": sensors, "temperature": {"source": "none"}, "cpu_usage": {"source": "host"}}
+    assert [type(source).__name__ for source in sensing.read_sources(tree).values()] == kinds
