@@ -22,7 +22,7 @@ from .parameters import Parameter, describe, read_parameters, require_mapping
 from .yaml_file import PathLike, read_yaml
 
 LINK = "link"
-"""Name of the signal that is 1 while a robot can be reached, else 0. Conditions may refer to it."""
+"""Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
 
 STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
 """Statistics to which bounds can apply."""
@@ -79,6 +79,13 @@ SIGNAL_PARAMETERS = (
     Parameter("valid_max", float, None, "largest valid value, in the unit; above it the data is invalid"),
     Parameter("invalid_for_s", float, 0.0, "time for which data must be invalid before it is an ERROR, in s", 0.0),
     Parameter("window_s", float, 60.0, "length of the window for statistics, in s", 0.001),
+    Parameter(
+        "window_min_s",
+        float,
+        None,
+        "time for which samples must come before statistics other than last are defined, in s; left out: window_s / 2",
+        0.0,
+    ),
     Parameter("window_samples", int, 6000, "maximum number of samples in the window", 1, 1_000_000),
     Parameter("statistic", str, "last", "statistic of the window to which the bounds apply", choices=STATISTICS),
     Parameter("warn_below", float, None, "WARN below this value, in the unit of the statistic"),
@@ -199,6 +206,7 @@ class SignalConfig:
     valid_max: Optional[float]
     invalid_for_s: float
     window_s: float
+    window_min_s: float
     window_samples: int
     statistic: str
     warn_below: Optional[float]
@@ -442,6 +450,8 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
     problems.raise_if_any()
     if values["topic"] is None:
         values["topic"] = name
+    if values["window_min_s"] is None:
+        values["window_min_s"] = values["window_s"] / 2.0
     for key in ("for_s", "keep_firing_for_s"):
         if values[f"error_{key}"] is None:
             values[f"error_{key}"] = values[key]
@@ -454,6 +464,9 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
         if "flap_low" not in tree:
             key, problem = "flap_high", f"expected at least flap_low ({low}), got {high}"
         problems.add(ConfigError(problem, (*path, key)))
+    if signal.window_min_s > signal.window_s:
+        most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
+        problems.add(ConfigError(f"expected at most window_s ({most}), got {got}", (*path, "window_min_s")))
     _check_order(signal, path, problems)
     _check_unit(signal, path, problems)
     problems.raise_if_any()

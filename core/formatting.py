@@ -1,4 +1,4 @@
-"""Numbers and durations as people read them in alert lines and statuses."""
+"""Numbers, durations and texts in alert lines and statuses."""
 
 from __future__ import annotations
 
@@ -33,8 +33,17 @@ def bound_text(bound: float) -> str:
 
 
 def duration_text(seconds: float) -> str:
-    """Writes a duration: 0.25 s, 4 s, 312 s, 86400 s."""
-    return f"{_plain(seconds, 3)} s"
+    """Writes a duration: 0.25 s, 312 s, from 10 min on 12 min 5 s, from 1 h on 25 h 1 min, from 100 h on 4 d 5 h."""
+    if not 599.5 <= seconds < 1e15:  # also NaN
+        return f"{_plain(seconds, 3)} s"
+    whole = round(seconds)
+    if whole < 3600:
+        return _two_units(whole // 60, "min", whole % 60, "s")
+    minutes = whole // 60
+    if minutes < 6000:
+        return _two_units(minutes // 60, "h", minutes % 60, "min")
+    hours = minutes // 60
+    return _two_units(hours // 24, "d", hours % 24, "h")
 
 
 def with_unit(number: str, unit: str) -> str:
@@ -63,6 +72,11 @@ def printable(text: str) -> str:
         return text
     # Categories Cc, Cf, Cs, Co, Cn, Zl and Zp are not printable; neither are spaces other than " ", which are harmless.
     return "".join(letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else "?" for letter in text)
+
+
+def _two_units(large: int, large_unit: str, small: int, small_unit: str) -> str:
+    text = f"{large} {large_unit}"
+    return f"{text} {small} {small_unit}" if small else text
 
 
 def _plain(value: float, digits: int) -> str:

@@ -1,34 +1,44 @@
 """The monitor of one robot: samples and time in, transitions and reports out.
 
-It has no clock: every call says what time it is. It raises nothing for any sample and any time.
+It has no clock: every call takes the time. No sample and no time makes it raise.
 """
 
 from __future__ import annotations
 
+import sys
 from typing import Dict, List, Optional
 
-from .config import CONDITIONS, MonitorConfig, read_signal
+from . import explanation
+from .config import CONDITIONS, LINK, MonitorConfig, read_signal
 from .formatting import printable
-from .model import Changes, Level, Report, Sample, Status
-from .signal_monitor import LINK, SignalMonitor
+from .model import Changes, Level, Report, Sample, Status, Transition
+from .signal_monitor import SignalMonitor
 
-_LARGEST = 1.7976931348623157e308
+_LARGEST = sys.float_info.max
 
 LINK_CONFIG = read_signal(
-    LINK, {"valid_min": 0.0, "valid_max": 1.0, "error_below": 1.0, "stale_after_s": 0.0, "startup_grace_s": 0.0}
+    LINK,
+    {
+        "valid_min": 0.0,
+        "valid_max": 1.0,
+        "error_below": 1.0,
+        "keep_firing_for_s": 2.0,
+        "flap_detection": True,
+        "stale_after_s": 0.0,
+    },
 )
-"""How the link to a robot is judged: down is an ERROR at once, and only samples say so."""
+"""How the link to a robot is judged: ERROR at once while it is down, OK once it has been up for 2 s. Never stale."""
 
 
 class Monitor:
     """Watches the signals of one robot.
 
-    A sample of the signal `link` (1.0: the robot can be reached, 0.0: it cannot) need not be configured. While the
-    link is down, the other signals stand still: one alert says it all.
+    The signal `link` (1.0: the robot can be reached, 0.0: it cannot) needs no configuration. While the link is down,
+    the other signals are frozen: the link is the one alert.
     """
 
     def __init__(self, config: MonitorConfig, robot: str = "") -> None:
-        """Makes a monitor that has seen nothing.
+        """Creates a monitor that has seen nothing.
 
         Args:
             config: what to watch, from `load_config`.
@@ -37,7 +47,7 @@ class Monitor:
         self.robot = robot or config.robot_name
         self.config = config
         self._signals: Dict[str, SignalMonitor] = {}
-        # NaN is not smaller than any time, so that the first call goes the careful way.
+        # NaN is not smaller than any time, so that the first call goes through _unusual_time.
         self._now_s = float("nan")
         self._followers: Dict[str, List[SignalMonitor]] = {}
         self._all_followers: List[SignalMonitor] = []
@@ -45,37 +55,34 @@ class Monitor:
         self._link_cause = ""
 
     def observe(self, sample: Sample) -> Changes:
-        """Takes a sample.
+        """Judges a sample.
 
         Args:
             sample: one measurement; a signal that is not configured is ignored.
 
         Returns:
-            The transitions that it causes: at most one of its own signal, and of those that follow it by a condition.
+            The transitions that it causes: of its own signal, and of signals that depend on it by a condition or, for
+            `link`, because it is up again.
         """
         name, value, now_s = sample
         changes = Changes()
         if not self._now_s <= now_s <= _LARGEST:
-            now_s = self._take_odd_time(now_s, changes)
+            now_s = self._unusual_time(now_s, changes)
         self._now_s = now_s
         signal = self._signals.get(name)
         if signal is None:
             if name != LINK:
                 return changes
             signal = self._signals[LINK] = SignalMonitor(LINK_CONFIG, self.robot, now_s)
-        if name == LINK:
             signal.cause = self._link_cause
         transition = signal.observe(value, now_s)
-        if name == LINK:
-            self._follow_link(now_s)
-        elif self._link_down:
-            signal.inhibit(now_s)
-        followers = self._followers.get(name)
         if transition is not None:
             changes.append(transition)
-        if followers is not None:
-            followed = [follower.follow(self.fresh_value, now_s) for follower in followers]
-            changes.extend(transition for transition in followed if transition is not None)
+        if name == LINK:
+            self._follow_link(now_s, changes)
+        if name in self._followers:
+            for follower in self._followers[name]:
+                _add(changes, follower.follow(self.fresh_value, now_s))
         return changes
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
@@ -90,6 +97,8 @@ class Monitor:
             The transitions that it causes.
         """
         self._link_cause = "" if up else printable(cause)
+        if LINK in self._signals:
+            self._signals[LINK].cause = self._link_cause
         return self.observe(Sample(LINK, 1.0 if up else 0.0, now_s))
 
     def tick(self, now_s: float) -> Changes:
@@ -103,37 +112,41 @@ class Monitor:
         """
         changes = Changes()
         if not self._now_s <= now_s <= _LARGEST:
-            now_s = self._take_odd_time(now_s, changes)
+            now_s = self._unusual_time(now_s, changes)
         self._now_s = now_s
-        ticked = [signal.tick(now_s) for name, signal in self._signals.items() if name == LINK or not self._link_down]
+        for signal in self._signals.values():
+            _add(changes, signal.tick(now_s))
         for follower in self._all_followers:
-            ticked.append(follower.follow(self.fresh_value, now_s))
-        changes.extend(transition for transition in ticked if transition is not None)
+            _add(changes, follower.follow(self.fresh_value, now_s))
         return changes
 
     def report(self, now_s: float) -> Report:
-        """Returns the whole state as of the last `observe` or `tick`; ages are counted up to `now_s`, in seconds."""
+        """Returns the whole state as of the last `observe` or `tick`. Reads only.
+
+        Args:
+            now_s: the time in seconds, for ages.
+        """
         signals = self._signals
         if not signals:
             now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
-            signals = {name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()}
+            signals = self._new_signals(now_s)
         elif not self._now_s <= now_s <= _LARGEST:
             now_s = self._now_s
-        statuses = {name: signal.status(now_s) for name, signal in signals.items()}
+        statuses = {name: explanation.status(signal.judgement(now_s)) for name, signal in signals.items()}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
 
     def status(self, signal: str, now_s: float) -> Optional[Status]:
-        """Returns what `report` says of one signal; None for one that nothing is known of."""
+        """Returns the status of one signal as in `report`; None for an unknown signal or before the first call."""
         known = self._signals.get(signal)
         if known is None:
             return None
-        return known.status(now_s if self._now_s <= now_s <= _LARGEST else self._now_s)
+        return explanation.status(known.judgement(now_s if self._now_s <= now_s <= _LARGEST else self._now_s))
 
     def fresh_value(self, signal: str) -> Optional[float]:
-        """Returns the value of a signal's latest sample; None while there is none, it is bad or it is stale."""
+        """Returns a signal's latest value; None while there is none, or it is bad, stale or unreachable."""
         known = self._signals.get(signal)
-        return None if known is None else known.fresh_value
+        return None if known is None else known.latest_good
 
     def reset(self) -> Changes:
         """Clears every latch.
@@ -141,57 +154,64 @@ class Monitor:
         Returns:
             The transitions that it causes, in the order of the configuration, at the time of the last call.
         """
-        transitions = [signal.reset(self._now_s) for signal in self._signals.values()]
-        return Changes(transition for transition in transitions if transition is not None)
+        changes = Changes()
+        for signal in self._signals.values():
+            _add(changes, signal.reset(self._now_s))
+        return changes
 
     def configure(self, config: MonitorConfig) -> Changes:
         """Takes a new configuration; signals whose own configuration is the same are not disturbed.
 
         Args:
-            config: what to watch from now on. Signals that are no longer in it are forgotten.
+            config: what to watch from now on.
 
         Returns:
-            The transitions that the new bounds cause, at the time of the last call.
+            The transitions that the new bounds cause, and one to OK for each signal that was not OK and is no longer
+            watched, at the time of the last call.
         """
         self.config = config
+        changes = Changes()
         if not self._signals:
-            return Changes()
-        transitions = []
+            return changes
         signals: Dict[str, SignalMonitor] = {}
         for name, signal_config in config.signals.items():
             known = self._signals.get(name)
             if known is None:
                 known = SignalMonitor(signal_config, self.robot, self._now_s)
             elif known.config != signal_config:
-                transitions.append(known.configure(signal_config, self._now_s))
+                _add(changes, known.configure(signal_config, self._now_s))
             signals[name] = known
-        if LINK in self._signals:
-            signals.setdefault(LINK, self._signals[LINK])
+        for name, known in self._signals.items():
+            if name == LINK:
+                signals[LINK] = known
+            elif name not in signals:
+                _add(changes, known.end(self._now_s))
         self._signals = signals
         self._inhibit_all(self._now_s)
         self._find_followers()
-        transitions.extend(follower.follow(self.fresh_value, self._now_s) for follower in self._all_followers)
-        return Changes(transition for transition in transitions if transition is not None)
+        for follower in self._all_followers:
+            _add(changes, follower.follow(self.fresh_value, self._now_s))
+        return changes
 
-    def _take_odd_time(self, now_s: float, changes: Changes) -> float:
-        """Returns the time to go on with: the first one, one that went back, or the last one for no time at all."""
+    def _new_signals(self, now_s: float) -> Dict[str, SignalMonitor]:
+        return {name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()}
+
+    def _unusual_time(self, now_s: float, changes: Changes) -> float:
+        """Handles the first time, a time that went back, and what is no time; returns the time to use."""
         if not -_LARGEST <= now_s <= _LARGEST:
             now_s = self._now_s if self._signals else 0.0
         if not self._signals:
-            self._signals = {
-                name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()
-            }
+            self._signals = self._new_signals(now_s)
             self._find_followers()
         elif now_s < self._now_s:
-            went_back_s = self._now_s - now_s
-            changes.notices = (f"time went back by {went_back_s:.3f} s: windows, pending timers and staleness restart",)
+            back_s = self._now_s - now_s
+            changes.notices = (f"time went back by {back_s:.3f} s: windows, pending timers and staleness restart",)
             for signal in self._signals.values():
                 signal.restart_time(now_s)
-            self._inhibit_all(now_s)
         return float(now_s)
 
     def _find_followers(self) -> None:
-        """Notes which signals have a condition on which other one."""
+        """Collects the signals that have a condition on another one."""
         self._followers = {}
         self._all_followers = []
         for signal in self._signals.values():
@@ -201,22 +221,29 @@ class Monitor:
             for name in followed:
                 self._followers.setdefault(name, []).append(signal)
 
-    def _follow_link(self, now_s: float) -> None:
-        reached = self.fresh_value(LINK)
-        down = reached is None or reached < 1.0
+    def _follow_link(self, now_s: float, changes: Changes) -> None:
+        """Freezes the other signals while the link is down, whether or not its alert is held or withheld."""
+        up = self.fresh_value(LINK)
+        down = up is None or up < 1.0
         if down is self._link_down:
             return
         self._link_down = down
-        for name, signal in self._signals.items():
-            if name != LINK:
-                if down:
-                    signal.inhibit(now_s)
-                else:
-                    signal.release(now_s)
+        self._inhibit_all(now_s)
+        if not down:
+            for name, signal in self._signals.items():
+                if name != LINK:
+                    _add(changes, signal.release(now_s))
+            for follower in self._all_followers:
+                _add(changes, follower.follow(self.fresh_value, now_s))
 
     def _inhibit_all(self, now_s: float) -> None:
-        """Lets the signals that were restarted or are new stand still, too, while the link is down."""
+        """Freezes the signals that are not frozen yet, while the link is down."""
         if self._link_down:
             for name, signal in self._signals.items():
                 if name != LINK:
                     signal.inhibit(now_s)
+
+
+def _add(changes: Changes, transition: Optional[Transition]) -> None:
+    if transition is not None:
+        changes.append(transition)

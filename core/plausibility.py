@@ -144,7 +144,7 @@ class Suspicion:
             return _suspect(f"{shown} looks like {unit.thousandths}", remedy)
         if math.isfinite(largest):
             return ""
-        return _suspect(f"{shown} is much for {config.unit}", "check unit and scale, or set valid_max")
+        return _suspect(f"{shown} is implausibly high for {config.unit}", "check unit and scale, or set valid_max")
 
 
 def _explain_not_measured(came: float) -> str:

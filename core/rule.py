@@ -1,14 +1,14 @@
-"""The rule state machine: a value, its bounds and time become "fires" or "does not fire".
+"""The rule state machine: a value, its bounds and time decide whether the rule fires.
 
-Theory of operation. A signal has up to two rules, WARN and ERROR. A rule is two steps of SEMANTICS.md:
+Theory of operation. A signal has up to two rules, WARN and ERROR. A rule is two steps of docs/rules.md:
 
 * Its *condition* (step 3) says whether the judged statistic is beyond a bound. Bounds are strict, and with a
   hysteresis a condition that is true stays true until the value is back by that much on the healthy side. While
-  `only_if` forbids it, the condition is false whatever the value.
-* Its *state* (step 4) says since when. These are the alerting rules of Prometheus: `for_s` is its `for`,
-  `keep_firing_for_s` its `keep_firing_for`.
+  `only_if` does not hold, the condition is false whatever the value.
+* Its *state* (step 4) follows Prometheus's alerting rules: `for_s` is `for`, `keep_firing_for_s` is
+  `keep_firing_for`.
 
-A rule is looked at when its value is judged (`judge`) and when time passes (`advance`). Each look takes one row of
+A rule advances when its value is judged (`judge`) and when time passes (`advance`). Each time it takes one row of
 this table, then, in a waiting state, ends the wait when its time is up:
 
     state     | condition true | condition false | waits for           | then
@@ -18,9 +18,8 @@ this table, then, in a waiting state, ends the wait when its time is up:
     FIRING    | FIRING         | KEEPING         |                     |
     KEEPING   | FIRING         | KEEPING         | keep_firing_for_s   | INACTIVE
 
-A wait of 0 ends in the look that began it, so that PENDING and KEEPING are passed through unseen. FIRING and KEEPING
-fire. The signal's level is the level of its worst rule that fires; `signal_monitor.py` puts latch, quality and
-staleness on top of it.
+A wait of 0 ends in the call that began it. FIRING and KEEPING fire. While a rule is frozen (the signal is stale, the
+link is down, or the statistic is undefined), it takes no row, and the time does not count.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ TIME_TOLERANCE_S = 1e-6
 
 
 class State(enum.Enum):
-    """Where a rule is; the values are the words that people read."""
+    """State of a rule; the values are the words in a status."""
 
     INACTIVE = "inactive"
     """The condition is false."""
@@ -62,13 +61,13 @@ _NEXT_IF_FALSE = {
 }
 _AFTER_WAIT = {State.PENDING: State.FIRING, State.KEEPING: State.INACTIVE}
 
-# Globals are found faster than members of an enumeration, and these are looked at per sample.
+# Globals are faster than members of an enumeration, and these are used per sample.
 _INACTIVE = State.INACTIVE
 _FIRING = State.FIRING
 
 
 class RuleConfig(NamedTuple):
-    """What a rule is told; the fields are those of `SignalConfig`."""
+    """Bounds and durations of one rule; the fields are those of `SignalConfig`."""
 
     below: Optional[float]
     above: Optional[float]
@@ -78,7 +77,7 @@ class RuleConfig(NamedTuple):
 
     @classmethod
     def of(cls, signal: SignalConfig, level: Level) -> RuleConfig:
-        """Returns what `signal` says about its WARN or its ERROR rule."""
+        """Returns the configuration of the WARN or the ERROR rule of `signal`."""
         if level is Level.WARN:
             return cls(signal.warn_below, signal.warn_above, signal.hysteresis, signal.for_s, signal.keep_firing_for_s)
         return cls(
@@ -100,6 +99,7 @@ class Rule:
         "_below",
         "_below_clear",
         "_crossed",
+        "_frozen_since_s",
         "_wait_s",
         "bound",
         "condition",
@@ -110,16 +110,17 @@ class Rule:
     )
 
     def __init__(self, config: RuleConfig) -> None:
-        """Makes an inactive rule."""
+        """Creates an inactive rule."""
         self.state = State.INACTIVE
         self.since_s = 0.0
-        """When the state began, in seconds; moved on by as long as the rule stood still."""
+        """When the state began, in seconds; moved forward by the time for which the rule was frozen."""
         self.fires = False
-        """Whether the rule's level counts: it is firing or keeps firing."""
+        """Whether the rule is firing or held by keep_firing_for_s."""
         self.condition = False
-        """Whether the value last judged was beyond a bound, and the rule is allowed to say so."""
+        """Whether the value last judged was beyond a bound, and `only_if` holds."""
         self._crossed = False
         self._allowed = True
+        self._frozen_since_s: Optional[float] = None
         self.bound: Optional[float] = None
         """The bound that the condition crossed last, None before the first time."""
         self.is_below = False
@@ -127,7 +128,7 @@ class Rule:
         self.configure(config)
 
     def configure(self, config: RuleConfig) -> None:
-        """Takes new bounds and durations; the state stays, and the next look decides by the new ones."""
+        """Takes new bounds and durations; the state stays until the rule advances."""
         infinity = float("inf")
         self._below = -infinity if config.below is None else config.below
         self._above = infinity if config.above is None else config.above
@@ -139,7 +140,7 @@ class Rule:
 
     @property
     def held_back(self) -> bool:
-        """Whether the value last judged was beyond a bound, and `only_if` forbids the rule to say so."""
+        """Whether the value last judged was beyond a bound, but `only_if` does not hold."""
         return self._crossed and not self._allowed
 
     @property
@@ -148,7 +149,7 @@ class Rule:
         return self.state is _INACTIVE and not self._crossed
 
     def judge(self, value: float, now_s: float) -> None:
-        """Looks at the condition with a new value, then advances.
+        """Judges a new value, then advances.
 
         Args:
             value: the judged statistic, in its unit.
@@ -170,16 +171,16 @@ class Rule:
         else:
             self._crossed = False
         condition = self.condition = self._crossed and self._allowed
-        if self.state is not (_FIRING if condition else _INACTIVE):  # else it waits for nothing
+        if self.state is not (_FIRING if condition else _INACTIVE):  # otherwise nothing can change
             self.advance(now_s)
 
     def allow(self, allowed: bool) -> None:
-        """Lets the condition count or not (`only_if`), from the next look on."""
+        """Says whether `only_if` holds; counts when the rule advances."""
         self._allowed = allowed
         self.condition = self._crossed and allowed
 
     def clear(self) -> None:
-        """Forgets what was judged: the rule is inactive."""
+        """Makes the rule inactive."""
         self._crossed = self.condition = self.fires = False
         self.state = State.INACTIVE
 
@@ -190,12 +191,35 @@ class Rule:
 
     def advance(self, now_s: float) -> None:
         """Lets time pass until `now_s`, in seconds."""
+        if self._frozen_since_s is not None:
+            return
         state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]
         if state is not self.state:
             self._enter(state, now_s)
         wait_s = self._wait_s.get(state)
         if wait_s is not None and now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
             self._enter(_AFTER_WAIT[state], now_s)
+
+    def freeze(self, now_s: float) -> None:
+        """Neither fires nor clears from `now_s` on, until `thaw`."""
+        if self._frozen_since_s is None:
+            self._frozen_since_s = now_s
+
+    def thaw(self, now_s: float) -> None:
+        """Continues where `freeze` stopped."""
+        if self._frozen_since_s is not None:
+            self.since_s += now_s - self._frozen_since_s
+            self._frozen_since_s = None
+
+    def restart(self, now_s: float) -> None:
+        """Restarts a running wait: time went back to `now_s`."""
+        self.since_s = now_s
+        if self._frozen_since_s is not None:
+            self._frozen_since_s = now_s
+
+    def waited_s(self, now_s: float) -> float:
+        """Returns for how long the state has lasted, without frozen time, in seconds."""
+        return (now_s if self._frozen_since_s is None else self._frozen_since_s) - self.since_s
 
     def _enter(self, state: State, now_s: float) -> None:
         self.state = state

@@ -1,122 +1,164 @@
-"""Statistics over a sliding window, in O(1) per sample (amortised), without drift.
+"""Statistics over a sliding window: amortised O(1) per sample, without drift, and read without side effects.
 
-Mean and standard deviation come from running sums of `value - reference`. Subtracting what leaves a sum adds a
-rounding error each time, so the sums carry an estimate of that error; when it could matter they are made anew from
-the window, with the mean as the new reference. That happens when the data moved far from the reference, and costs the
-window's length each time that it moved by about its own spread: constant per sample, on the average.
+Theory of operation. Subtracting a sample that leaves from a running sum adds rounding errors, and after an infinity or
+a huge outlier the sum is lost. So nothing is ever subtracted. The window is a queue of two parts (Tangwongsan et al.,
+"Low-latency sliding-window aggregation in worst-case constant time", 2017, describe it as two stacks):
 
-Minimum and maximum come from two monotonic queues (Lemire, "Streaming maximum-minimum filter using no more than three
-comparisons per element", 2006).
+    oldest sample                                                     newest sample
+    | front: one aggregate per sample, of it and all newer ones of the front | back: one running aggregate |
+
+A new sample updates the back's aggregate. A sample that leaves drops its aggregate from the front. When the front is
+empty, the whole back becomes the new front, in one pass. Each sample takes part in one such pass. The statistics
+combine the front's current aggregate with the back's.
+
+An aggregate holds minimum, maximum, and the sums of the distances, and squared distances, to a reference: a sample
+that belongs to the aggregate, so that the sums lose few digits. Where squares would overflow, distances are scaled.
 """
 
 from __future__ import annotations
 
 import math
 import sys
+from array import array
 from collections import deque
-from typing import Callable, Deque, Dict, Mapping, Optional
+from itertools import accumulate
+from operator import mul
+from typing import Callable, Deque, Dict, Mapping, Optional, Tuple
 
-_EPSILON = sys.float_info.epsilon
-_TOLERANCE = 1e-11
-"""Relative error of the variance beyond which the sums are made anew."""
+_LARGEST = sys.float_info.max
+_LARGEST_DISTANCE = 1e150
+"""A million squares of it are still a double."""
+_SCALE = 2.0**-600
+"""Makes the distance between any two doubles smaller than `_LARGEST_DISTANCE`."""
+_TIME_TOLERANCE_S = 1e-6
 
 
 class Window:
     """The samples of the last `window_s` seconds, at most `window_samples` of them, and their statistics.
 
     A statistic is None while it is undefined: all of them without samples, `rate` and `frequency_hz` also with one
-    sample or when no time has passed, and any whose value is no finite number.
+    sample or when no time has passed. `statistic` and `statistics` also apply `window_min_s`.
     """
 
     __slots__ = (
-        "_additions",
-        "_largest_squares",
-        "_maxima",
-        "_minima",
-        "_reference",
-        "_squares",
-        "_sum",
+        "_back_max",
+        "_back_min",
+        "_back_reference",
+        "_back_scale",
+        "_back_squares",
+        "_back_sum",
+        "_began_s",
+        "_front",
+        "_front_max",
+        "_front_min",
+        "_front_reference",
+        "_front_scaled",
+        "_front_squares",
+        "_front_sums",
         "_times",
         "_values",
+        "flips",
+        "window_min_s",
         "window_s",
         "window_samples",
     )
 
-    _reference: float
-    _sum: float
-    _squares: float
-    _largest_squares: float
-    _additions: int
-
-    def __init__(self, window_s: float, window_samples: int) -> None:
-        """Makes an empty window.
+    def __init__(self, window_s: float, window_samples: int, window_min_s: float = 0.0) -> None:
+        """Creates an empty window.
 
         Args:
-            window_s: a sample stays while it is not older than this before the newest one, in seconds.
+            window_s: samples that are at most this much older than the newest stay, in seconds.
             window_samples: the most samples it keeps; the oldest ones go first.
+            window_min_s: how long samples must have come before any statistic but `last` is defined, in seconds.
         """
         self.window_s = window_s
         self.window_samples = window_samples
+        self.window_min_s = window_min_s
+        self.flips = 0
+        """How often the back became the front: each costs the window's length."""
         self.clear()
 
     def clear(self) -> None:
-        """Forgets every sample."""
+        """Removes every sample."""
         self._times: Deque[float] = deque()
         self._values: Deque[float] = deque()
-        self._minima: Deque[float] = deque()
-        self._maxima: Deque[float] = deque()
-        self._restart_sums(0.0)
+        self._began_s: Optional[float] = None
+        self._front = 0
+        self._front_reference = 0.0
+        self._front_scaled = 0
+        # Entry n is the aggregate of the newest n + 1 samples of the front, of which `_front` are left.
+        self._front_sums = array("d")
+        self._front_squares = array("d")
+        self._front_min = array("d")
+        self._front_max = array("d")
+        self._clear_back()
 
     def __len__(self) -> int:
         return len(self._values)
 
     def add(self, value: float, now_s: float) -> None:
-        """Takes a sample in and drops those that are too old.
+        """Adds a sample and drops those that are too old.
 
         Args:
             value: a finite number.
-            now_s: its time in seconds, not before that of the sample before.
+            now_s: its time in seconds, not before that of the previous sample.
         """
-        times, values = self._times, self._values
-        if not values:
-            self._restart_sums(value)
-        difference = value - self._reference
-        self._sum += difference
-        squares = self._squares = self._squares + difference * difference
-        if not squares <= self._largest_squares:
-            self._largest_squares = squares
-        self._additions += 1
+        times = self._times
         times.append(now_s)
-        values.append(value)
-
-        minima, maxima = self._minima, self._maxima
-        while minima and minima[-1] > value:
-            minima.pop()
-        minima.append(value)
-        while maxima and maxima[-1] < value:
-            maxima.pop()
-        maxima.append(value)
-
+        self._values.append(value)
+        if self._began_s is None:
+            self._began_s = now_s
+        distance = value * self._back_scale - self._back_reference
+        if not -_LARGEST_DISTANCE < distance < _LARGEST_DISTANCE:  # NaN: the back is empty
+            distance = self._rescale_back(value)
+        self._back_sum += distance
+        self._back_squares += distance * distance
+        if value < self._back_min:
+            self._back_min = value
+        if value > self._back_max:
+            self._back_max = value
         oldest_s = now_s - self.window_s
         while times[0] < oldest_s or len(times) > self.window_samples:
+            if not self._front:
+                self._flip()
             times.popleft()
-            left = values.popleft()
-            difference = left - self._reference
-            self._sum -= difference
-            self._squares -= difference * difference
-            if minima[0] == left:
-                minima.popleft()
-            if maxima[0] == left:
-                maxima.popleft()
+            self._values.popleft()
+            self._front -= 1
 
-    def resize(self, window_s: float, window_samples: int) -> None:
-        """Changes the window's limits and keeps the samples that still fit."""
-        kept = list(zip(self._values, self._times))
+    def begin_anew(self) -> None:
+        """Counts `window_min_s` from the next sample on: there was a gap. The samples stay."""
+        self._began_s = None
+
+    def shift_begin(self, duration_s: float) -> None:
+        """Leaves a duration out of `window_min_s`: the robot could not be reached."""
+        if self._began_s is not None:
+            self._began_s += duration_s
+
+    def resize(self, window_s: float, window_samples: int, window_min_s: float) -> None:
+        """Changes the limits and keeps the samples that still fit."""
+        kept, began_s = list(zip(self._values, self._times)), self._began_s
         self.window_s = window_s
         self.window_samples = window_samples
+        self.window_min_s = window_min_s
         self.clear()
         for value, now_s in kept:
             self.add(value, now_s)
+        self._began_s = began_s
+
+    @property
+    def is_long_enough(self) -> bool:
+        """Whether samples have come for `window_min_s`."""
+        began_s = self._began_s
+        return began_s is not None and self._times[-1] - began_s >= self.window_min_s - _TIME_TOLERANCE_S
+
+    def statistic(self, name: str) -> Optional[float]:
+        """Returns a statistic by its name in the configuration, None while it is undefined."""
+        return STATISTIC_OF_WINDOW[name](self) if name == "last" or self.is_long_enough else None
+
+    def statistics(self) -> Dict[str, float]:
+        """Returns every defined statistic by its name in the configuration."""
+        found = {name: self.statistic(name) for name in STATISTIC_OF_WINDOW}
+        return {name: value for name, value in found.items() if value is not None}
 
     def last(self) -> Optional[float]:
         """The newest value."""
@@ -124,34 +166,45 @@ class Window:
 
     def min(self) -> Optional[float]:
         """The smallest value."""
-        return self._minima[0] if self._minima else None
+        if not self._values:
+            return None
+        front = self._front
+        return min(self._front_min[front - 1], self._back_min) if front else self._back_min
 
     def max(self) -> Optional[float]:
         """The largest value."""
-        return self._maxima[0] if self._maxima else None
+        if not self._values:
+            return None
+        front = self._front
+        return max(self._front_max[front - 1], self._back_max) if front else self._back_max
 
     def mean(self) -> Optional[float]:
         """The arithmetic mean."""
-        if not self._values:
-            return None
-        if self._minima[0] == self._maxima[0]:
-            return self._minima[0]
-        self._settle_sums()
-        mean = self._reference + self._sum / len(self._values)
-        return mean if math.isfinite(mean) else self._exact_mean()
+        smallest, largest = self.min(), self.max()
+        if smallest is None or largest is None or smallest == largest:
+            return smallest
+        mean, _, scale = self._moments()
+        # Rounding must not carry it beyond the samples, nor beyond the doubles.
+        return min(max(mean / scale, smallest), largest)
 
     def stddev(self) -> Optional[float]:
         """The population standard deviation."""
-        if not self._values:
-            return None
-        if self._minima[0] == self._maxima[0]:
-            return 0.0
-        variance = self._settle_sums() / len(self._values)
-        return math.sqrt(max(0.0, variance)) if math.isfinite(variance) else None
+        smallest, largest = self.min(), self.max()
+        if smallest is None or smallest == largest:
+            return None if smallest is None else 0.0
+        _, variance, scale = self._moments()
+        return min(math.sqrt(variance) / scale, _LARGEST)
 
     def rate(self) -> Optional[float]:
-        """Change per second from the oldest to the newest sample."""
-        return self._per_second(self._values[-1] - self._values[0]) if self._values else None
+        """Change per second from the oldest to the newest sample, None also where it is no double."""
+        times, values = self._times, self._values
+        span_s = times[-1] - times[0] if times else 0.0
+        if not 0.0 < span_s <= _LARGEST:
+            return None
+        rate = (values[-1] - values[0]) / span_s
+        if not math.isfinite(rate):
+            rate = values[-1] / span_s - values[0] / span_s
+        return rate if math.isfinite(rate) else None
 
     def frequency_hz(self) -> Optional[float]:
         """Arrivals per second from the oldest to the newest sample."""
@@ -159,45 +212,88 @@ class Window:
         span_s = times[-1] - times[0] if times else 0.0
         if span_s <= 0.0:
             return None
-        frequency = (len(times) - 1) / span_s  # not by _per_second: it is asked per message
+        frequency = (len(times) - 1) / span_s
         return frequency if math.isfinite(frequency) else None
 
-    def statistics(self) -> Dict[str, float]:
-        """Returns every defined statistic by its name in the configuration."""
-        found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
-        return {name: value for name, value in found.items() if value is not None}
+    def _clear_back(self) -> None:
+        self._back_reference = math.nan
+        self._back_scale = 1.0
+        self._back_sum = 0.0
+        self._back_squares = 0.0
+        self._back_min = math.inf
+        self._back_max = -math.inf
 
-    def _per_second(self, amount: float) -> Optional[float]:
-        span_s = self._times[-1] - self._times[0]
-        if span_s <= 0.0:
-            return None
-        result = amount / span_s
-        return result if math.isfinite(result) else None
+    def _rescale_back(self, value: float) -> float:
+        """Makes the first sample the reference, and scales the aggregate before a distance too large to be squared.
 
-    def _settle_sums(self) -> float:
-        """Makes the sums trustworthy and returns the sum of squared differences from the mean."""
-        centred = self._squares - self._sum * self._sum / len(self._values)
-        if _EPSILON * self._additions * self._largest_squares <= _TOLERANCE * centred:
-            return centred
-        self._restart_sums(self._exact_mean())
-        differences = [value - self._reference for value in self._values]
-        self._sum = sum(differences)
-        self._squares = self._largest_squares = sum(difference * difference for difference in differences)
-        return self._squares - self._sum * self._sum / len(self._values)
+        Returns:
+            The distance of `value`, scaled.
+        """
+        if math.isnan(self._back_reference):
+            self._back_reference = value
+            return 0.0
+        if self._back_scale == 1.0:
+            self._back_scale = _SCALE
+            self._back_reference *= _SCALE
+            self._back_sum *= _SCALE
+            self._back_squares = self._back_squares * _SCALE * _SCALE
+        return value * _SCALE - self._back_reference
 
-    def _restart_sums(self, reference: float) -> None:
-        self._reference = reference
-        self._sum = 0.0
-        self._squares = 0.0
-        self._largest_squares = 0.0
-        self._additions = 0
+    def _flip(self) -> None:
+        """Makes the whole back the new front: the aggregates of every sample and all newer ones."""
+        self.flips += 1
+        newest_first = list(reversed(self._values))
+        reference = self._front_reference = newest_first[0]
+        distances = [value - reference for value in newest_first]
+        sums = array("d", accumulate(distances))
+        squares = array("d", accumulate(map(mul, distances, distances)))
+        self._front_scaled = len(distances)
+        if not -_LARGEST_DISTANCE < min(distances) <= max(distances) < _LARGEST_DISTANCE:
+            first = next(at for at, each in enumerate(distances) if not -_LARGEST_DISTANCE < each < _LARGEST_DISTANCE)
+            small = [value * _SCALE - reference * _SCALE for value in newest_first]
+            sums[first:] = array("d", accumulate(small))[first:]
+            squares[first:] = array("d", accumulate(map(mul, small, small)))[first:]
+            self._front_scaled = first
+        self._front = len(distances)
+        self._front_sums = sums
+        self._front_squares = squares
+        self._front_min = array("d", accumulate(newest_first, min))
+        self._front_max = array("d", accumulate(newest_first, max))
+        self._clear_back()
 
-    def _exact_mean(self) -> float:
-        count = len(self._values)
-        try:
-            return math.fsum(self._values) / count
-        except OverflowError:
-            return math.fsum(value / count for value in self._values)
+    def _moments(self) -> Tuple[float, float, float]:
+        """Combines front and back (Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm", 1979).
+
+        Returns:
+            Mean and variance of the values times a scale, and the scale.
+        """
+        front = self._front
+        back = len(self._values) - front
+        scale = back_scale = self._back_scale
+        front_scale = _SCALE if front > self._front_scaled else 1.0
+        if front and front_scale < scale:
+            scale = front_scale
+        front_mean = front_squares = back_mean = back_squares = apart = 0.0
+        if front:
+            factor = scale / front_scale
+            total = self._front_sums[front - 1] * factor
+            front_mean = total / front
+            front_squares = self._front_squares[front - 1] * factor * factor - total * front_mean
+        if back:
+            factor = scale / back_scale
+            total = self._back_sum * factor
+            back_mean = total / back
+            back_squares = self._back_squares * factor * factor - total * back_mean
+            back_reference = self._back_reference * factor
+        else:
+            back_reference = self._front_reference * scale
+            back_mean = front_mean
+        count = front + back
+        if front and back:
+            # The references first: their difference is exact where they are close; sums with the means are not.
+            apart = (self._front_reference * scale - back_reference) + (front_mean - back_mean)
+        squares = max(0.0, front_squares) + max(0.0, back_squares) + apart * apart * front * back / count
+        return back_reference + back_mean + apart * front / count, squares / count, scale
 
 
 STATISTIC_OF_WINDOW: Mapping[str, Callable[[Window], Optional[float]]] = {

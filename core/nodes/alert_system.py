@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from types import MappingProxyType
 from typing import Any, Callable, Dict, Mapping, Tuple
 
-from ..config import DEFAULT_SIGNALS, MonitorConfig, SignalConfig, described_parameters, load_config
+from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, described_parameters, load_config
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
 from ..formatting import bound_text, printable, with_unit
@@ -15,7 +15,6 @@ from ..middleware import Message, Middleware, Severity, Subscription
 from ..model import Changes, Level, Sample, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets
-from ..signal_monitor import LINK
 from .changes import Sections, describe_changes
 from .identity import DIAGNOSTICS, base_name, refuse_change
 from .self_monitor import CHECK_PERIOD_S, SelfMonitor

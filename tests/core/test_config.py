@@ -64,6 +64,7 @@ def test_a_signal_needs_nothing() -> None:
         valid_max=None,
         invalid_for_s=0.0,
         window_s=60.0,
+        window_min_s=30.0,
         window_samples=6000,
         statistic="last",
         warn_below=None,

@@ -69,9 +69,29 @@ def test_bounds_are_written_in_full(bound: float, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(312.0, "312 s"), (312.4, "312 s"), (0.25, "0.25 s"), (4.0, "4 s"), (86400.0, "86400 s"), (0.0, "0 s")],
+    [
+        (0.0, "0 s"),
+        (0.25, "0.25 s"),
+        (4.0, "4 s"),
+        (312.0, "312 s"),
+        (312.4, "312 s"),
+        (599.4, "599 s"),
+        (599.5, "10 min"),
+        (600.0, "10 min"),
+        (725.0, "12 min 5 s"),
+        (3599.0, "59 min 59 s"),
+        (3600.0, "1 h"),
+        (90061.0, "25 h 1 min"),
+        (86400.0, "24 h"),
+        (359_999.0, "99 h 59 min"),
+        (360_000.0, "4 d 4 h"),
+        (31_536_000.0, "365 d"),
+        (1e300, "1e+300 s"),
+        (math.inf, "inf s"),
+        (math.nan, "nan s"),
+    ],
 )
-def test_durations_are_seconds(seconds: float, text: str) -> None:
+def test_durations_are_in_seconds_until_that_becomes_unreadable(seconds: float, text: str) -> None:
     assert duration_text(seconds) == text
 
 

@@ -1,14 +1,15 @@
-"""Every rule of SEMANTICS.md, through the calls that a node makes."""
+"""Every rule of docs/rules.md, through the calls that a node makes."""
 
 from __future__ import annotations
 
 import hashlib
 import math
+import random
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import pytest
 
-from robot_health_monitor.core import Level, Monitor, Report, Sample, Status, Transition, load_config
+from robot_health_monitor.core import ConfigError, Level, Monitor, Report, Sample, Status, Transition, load_config
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
 
@@ -152,14 +153,14 @@ def test_voltage_sag_shorter_than_for_s_is_no_alert() -> None:
 def test_a_bound_applies_to_the_signals_statistic(
     statistic: str, settings: Dict[str, float], values: List[float], expected: List[Any], judged: float
 ) -> None:
-    watched = Watched(statistic=statistic, **settings)
+    watched = Watched(statistic=statistic, window_min_s=0.0, **settings)
     assert watched.each_second(*values) == expected
     assert watched.transitions[0].statistic == statistic
     assert watched.transitions[0].value == pytest.approx(judged)
 
 
 def test_a_frequency_rule_is_the_same_rule() -> None:
-    watched = Watched(statistic="frequency_hz", warn_below=5.0, window_s=1.0, unit="%")
+    watched = Watched(statistic="frequency_hz", warn_below=5.0, window_s=1.0, window_min_s=0.0, unit="%")
     for step in range(11):
         watched.observe(50.0, step * 0.1)
     assert watched.transitions == []
@@ -168,23 +169,60 @@ def test_a_frequency_rule_is_the_same_rule() -> None:
     watched.observe(50.0, 2.0)  # from 1.0 on: 2 in 1 s
 
     (transition,) = watched.transitions
-    assert transition.text == "battery_level WARN: frequency_hz 2 Hz is below 5 Hz (was OK for 2 s)"
+    assert transition.text == "battery_level WARN: rate 2 Hz is below 5 Hz (was OK for 2 s)"
 
 
 def test_a_rates_unit_is_per_second() -> None:
-    watched = Watched(statistic="rate", warn_below=-4.0, unit="%")
+    watched = Watched(statistic="rate", warn_below=-4.0, window_min_s=0.0, unit="%")
     watched.each_second(50.0, 44.0)
     assert watched.transitions[0].text == "battery_level WARN: rate -6 %/s is below -4 %/s (was OK for 1 s)"
 
 
 def test_an_undefined_statistic_judges_nothing() -> None:
-    watched = Watched(statistic="rate", warn_below=1e9, stale_after_s=0.0, window_s=1.0)
+    watched = Watched(statistic="rate", warn_below=1e9, stale_after_s=0.0, window_s=1.0, window_min_s=0.0)
     watched.observe(50.0, 0.0)
     assert watched.level is OK
     watched.observe(40.0, 1.0)
     assert watched.level is WARN
     watched.observe(60.0, 10.0)  # alone in the window
     assert watched.level is WARN
+
+
+def test_a_mean_does_not_alert_before_window_min_s_has_passed() -> None:
+    watched = Watched(statistic="mean", warn_above=15.0, window_s=10.0)  # window_min_s: 5
+    assert watched.each_second(*[20.0] * 8) == [(5.0, WARN)]
+    watched = Watched(statistic="mean", warn_above=15.0, window_s=10.0)
+    watched.each_second(20.0, 20.0)
+    assert watched.status().message == "mean is undefined until window_min_s (5 s) has passed"
+    assert "mean" not in watched.status().values
+
+
+def test_window_min_s_of_0_judges_the_first_sample() -> None:
+    assert Watched(statistic="mean", warn_above=15.0, window_min_s=0.0).each_second(20.0) == [(0.0, WARN)]
+
+
+def test_last_is_judged_at_once_whatever_window_min_s_says() -> None:
+    assert Watched(warn_above=15.0, window_min_s=60.0).each_second(20.0) == [(0.0, WARN)]
+
+
+def test_window_min_s_counts_again_after_staleness_and_after_time_went_back() -> None:
+    watched = Watched(statistic="max", warn_above=15.0, window_s=10.0, window_min_s=3.0)
+    watched.each_second(1.0, 1.0, 1.0, 1.0)
+    watched.tick(9.0)
+    assert watched.each_second(20.0, 20.0, 20.0, 20.0, start_s=10.0) == [(10.0, OK), (13.0, WARN)]
+    watched = Watched(statistic="max", warn_above=15.0, window_s=10.0, window_min_s=3.0)
+    watched.each_second(1.0, 1.0, 1.0, 1.0, start_s=100.0)
+    assert watched.each_second(20.0, 20.0, 20.0, 20.0) == [(3.0, WARN)]
+
+
+def test_an_undefined_statistic_neither_fires_nor_clears_a_rule() -> None:
+    watched = Watched(statistic="mean", warn_above=15.0, window_s=4.0, window_min_s=2.0, for_s=9.0)
+    watched.each_second(20.0, 20.0, 20.0, 20.0)  # pending since 2
+    watched.tick(9.0)  # stale since 8, with 6 s of 9 passed
+    assert watched.each_second(20.0, None, None, start_s=100.0) == [(100.0, OK)]
+    # Defined again at 102; frozen until then.
+    assert watched.each_second(20.0, 20.0, 20.0, start_s=102.0) == []
+    assert watched.each_second(20.0, start_s=105.0) == [(105.0, WARN)]
 
 
 # --- quality --------------------------------------------------------------------------------------------------------
@@ -227,7 +265,7 @@ def test_a_good_sample_ends_the_error_of_a_bad_one_at_once() -> None:
 
 
 def test_bad_data_enters_no_window_and_no_rule() -> None:
-    watched = Watched(warn_above=80.0, valid_max=100.0, latch=True)
+    watched = Watched(warn_above=80.0, valid_max=100.0, latch=True, window_min_s=0.0)
     watched.each_second(50.0, 101.0, math.nan, 50.0)
     assert watched.level is OK
     assert watched.status().values["window_samples"] == "2"
@@ -280,9 +318,9 @@ def test_bad_data_that_is_all_there_has_been_is_what_a_status_tells_of_while_it_
 
 
 def test_a_statistic_that_needs_two_samples_says_so() -> None:
-    watched = Watched(statistic="rate", warn_below=-4.0)
+    watched = Watched(statistic="rate", warn_below=-4.0, window_min_s=0.0)
     watched.observe(50.0, 0.0)
-    assert watched.status().message == "rate is not defined by so few samples"
+    assert watched.status().message == "rate is undefined: too few samples"
 
 
 # --- latch ----------------------------------------------------------------------------------------------------------
@@ -376,7 +414,7 @@ def test_flapping_is_announced_once_then_silent_and_the_level_is_brought_up_to_d
     assert watched.transitions[-1].to_level is WARN
     assert watched.transitions[-1].text == (
         "battery_level WARN: 15 is below 20 (was OK for 1 s),"
-        f" flapping: {percent:.4g} % state change, silent until below 25 %"
+        f" flapping: {percent:.4g} % state change, further changes not announced until below 25 %"
     )
     assert all("flapping" not in each.text for each in watched.transitions[:-1])
     assert watched.status().values["flapping"] == "true"
@@ -430,7 +468,48 @@ def test_flapping_that_no_transition_reached_is_told_with_the_next_one() -> None
     told = watched.observe(FINE, 3.0)
 
     assert told is not None and told.to_level is OK and "flapping" in told.text
-    assert watched.each_second(LOW, LOW, start_s=4.0) == []
+    assert watched.each_second(LOW, LOW, start_s=4.0) == [(5.0, WARN)]  # worse than OK
+    assert watched.each_second(FINE, LOW, FINE, start_s=6.0) == []
+
+
+FLAPS = [LOW, FINE] * 4 + [LOW]  # the ninth change, to WARN, reaches 51.5 %
+
+
+def test_a_level_worse_than_every_one_announced_since_flapping_began_is_announced_at_once() -> None:
+    watched = Watched(**FLAPPING, error_below=10.0)
+    watched.each_second(*FLAPS)
+    assert watched.each_second(FINE, LOW, FINE, start_s=9.0) == []
+    assert watched.each_second(5.0, FINE, 5.0, start_s=12.0) == [(12.0, ERROR)]
+    assert "flapping" in watched.transitions[-1].text
+
+
+def test_flapping_that_begins_with_a_change_to_ok_still_announces_the_next_warning() -> None:
+    watched = Watched(**{**FLAPPING, "flap_high": 47.0})
+    # Nine changes are 51.5 %, eight 46.3 %; a quiet sample first makes the ninth change one to OK.
+    announced = watched.each_second(LOW, FINE, LOW, FINE, LOW, FINE, LOW, FINE, LOW)
+    assert announced[-1] == (8.0, WARN)
+    watched = Watched(**{**FLAPPING, "flap_high": 46.0})
+    announced = watched.each_second(LOW, FINE, LOW, FINE, LOW, FINE, LOW, FINE)
+    assert announced[-1] == (7.0, OK) and "flapping" in watched.transitions[-1].text
+    assert watched.each_second(LOW, FINE, LOW, start_s=8.0) == [(8.0, WARN)]
+
+
+def test_a_flapping_signal_that_dies_is_announced_at_once() -> None:
+    watched = Watched(**{**FLAPPING, "stale_after_s": 5.0})
+    watched.each_second(*FLAPS)
+    watched.tick(8.0 + 5.5)
+    assert (watched.transitions[-1].to_level, watched.transitions[-1].now_s) == (STALE, 13.5)
+    assert watched.each_second(FINE, LOW, start_s=14.0) == []  # flapping, and announced was worse
+    assert (watched.level, watched.status().values["flapping"]) == (WARN, "true")
+
+
+def test_a_flapping_signal_that_becomes_invalid_is_announced_at_once() -> None:
+    watched = Watched(**FLAPPING)
+    watched.each_second(*FLAPS)
+    assert watched.each_second(math.nan, math.nan, start_s=9.0) == [(9.0, ERROR)]
+    assert watched.transitions[-1].status.message == "invalid data: nan"
+    quiet = watched.each_second(*[FINE] * 20, start_s=11.0)
+    assert [level for _, level in quiet] == [OK]  # one transition, when flapping has ended
 
 
 def test_flap_limits_are_off_by_default() -> None:
@@ -447,7 +526,7 @@ def test_stale_is_strictly_after_stale_after_s() -> None:
     assert watched.tick(5.0) is None
     transition = watched.tick(5.5)
     assert transition is not None
-    assert transition.text == "battery_level STALE: no sample for 5.5 s, allowed are 5 s (was OK for 5.5 s)"
+    assert transition.text == "battery_level STALE: no sample for 5.5 s (limit 5 s) (was OK for 5.5 s)"
     assert (transition.value, transition.bound) == (50.0, None)
 
 
@@ -466,7 +545,9 @@ def test_before_the_first_sample_only_startup_grace_counts() -> None:
     assert watched.tick(110.0) is None
     transition = watched.tick(110.5)
     assert transition is not None
-    assert transition.text == "battery_level STALE: no sample since the start 10.5 s ago (was OK for 10.5 s)"
+    assert (
+        transition.text == "battery_level STALE: no sample since the start 10.5 s ago (limit 10 s) (was OK for 10.5 s)"
+    )
     assert transition.value is None
 
 
@@ -533,6 +614,51 @@ def test_a_warning_that_came_due_before_the_silence_was_too_long_fired() -> None
     assert watched.level is WARN
 
 
+def test_silence_that_no_tick_noticed_freezes_durations_all_the_same() -> None:
+    watched = Watched(warn_below=20.0, for_s=8.0, stale_after_s=5.0)
+    watched.observe(15.0, 0.0)
+    assert watched.each_second(15.0, 15.0, 15.0, start_s=100.0) == []  # 5 s of 8 had passed
+    assert watched.each_second(15.0, start_s=103.0) == [(103.0, WARN)]
+
+
+# --- unknown is never OK --------------------------------------------------------------------------------------------
+
+
+def test_a_signal_waits_until_its_first_sample_and_that_is_no_transition() -> None:
+    watched = Watched(warn_below=20.0)
+    assert watched.tick(0.0) is None
+    assert watched.tick(9.0) is None
+    assert (watched.level, watched.status().values["state"]) == (STALE, "waiting")
+    assert watched.monitor.report(9.0).overall is STALE
+    assert watched.observe(50.0, 9.5) is None
+    assert (watched.level, watched.monitor.report(9.5).overall) == (OK, OK)
+
+
+def test_a_signal_whose_robot_cannot_be_reached_is_unknown_and_that_is_no_transition() -> None:
+    monitor = fleet()
+    monitor.observe(Sample("battery_level", 15.0, 0.0))
+    monitor.observe(Sample("link", 0.0, 2.0))
+    report = monitor.report(12.0)
+    status = report.statuses["battery_level"]
+    assert (status.level, status.values["state"]) == (STALE, "unreachable")
+    assert status.message == "link down, last value 15 12 s ago"
+    assert (status.values["value"], status.values["age_s"]) == ("15", "12")
+    assert report.statuses["temperature"].message == "link down, no sample yet"
+    assert report.overall is ERROR  # of the link
+    assert monitor.observe(Sample("link", 1.0, 13.0)) == []
+    assert monitor.report(13.0).statuses["battery_level"].level is WARN  # as announced before
+
+
+def test_a_latch_that_is_reset_while_the_link_is_down_is_announced_when_it_is_up() -> None:
+    monitor = fleet(latch=True)
+    monitor.observe(Sample("battery_level", 15.0, 0.0))
+    monitor.observe(Sample("battery_level", 50.0, 1.0))
+    monitor.observe(Sample("link", 0.0, 2.0))
+    assert monitor.reset() == []
+    (cleared,) = monitor.observe(Sample("link", 1.0, 3.0))
+    assert (cleared.signal, cleared.from_level, cleared.to_level) == ("battery_level", WARN, OK)
+
+
 # --- the link -------------------------------------------------------------------------------------------------------
 
 
@@ -553,9 +679,12 @@ def test_a_link_that_is_down_is_one_alert_and_not_one_per_signal() -> None:
     assert monitor.report(100.0).overall is ERROR
 
     announced = monitor.observe(Sample("link", 1.0, 100.0))
-    announced += monitor.tick(105.0)  # their silence counts from now
-    assert [each.text for each in announced] == ["link OK: up (was ERROR for 99 s)"]
-    assert {each.signal for each in monitor.tick(105.5)} == {"battery_level", "temperature"}
+    announced += monitor.tick(104.0)  # 1 s of silence before, 4 s after the downtime
+    assert [each.text for each in announced] == ["link OK: up (was ERROR for 103 s)"]
+    assert [each.text for each in monitor.tick(104.5)] == [
+        "battery_level STALE: no sample for 5.5 s (limit 5 s) (was OK for 104 s)",
+        "temperature STALE: no sample for 5.5 s (limit 5 s) (was OK for 104 s)",
+    ]
 
 
 def test_rules_stand_still_while_the_link_is_down() -> None:
@@ -564,8 +693,8 @@ def test_rules_stand_still_while_the_link_is_down() -> None:
     monitor.observe(Sample("link", 0, 2.0))
     monitor.tick(50.0)
     monitor.observe(Sample("link", 1, 100.0))
-    assert monitor.tick(102.0) == []
-    assert [each.to_level for each in monitor.tick(103.0)] == [WARN]
+    assert [each.signal for each in monitor.tick(102.0)] == ["link"]
+    assert [(each.signal, each.to_level) for each in monitor.tick(103.0)] == [("battery_level", WARN)]
 
 
 def test_a_sample_that_was_still_on_its_way_does_not_wake_its_signal_up() -> None:
@@ -575,8 +704,8 @@ def test_a_sample_that_was_still_on_its_way_does_not_wake_its_signal_up() -> Non
     monitor.observe(Sample("battery_level", 15.0, 1.5))
     monitor.tick(50.0)
     monitor.observe(Sample("link", 1.0, 100.0))
-    assert monitor.tick(104.0) == []
-    assert [each.to_level for each in monitor.tick(105.0)] == [WARN]
+    assert [each.signal for each in monitor.tick(104.0)] == ["link"]
+    assert [(each.signal, each.to_level) for each in monitor.tick(105.0)] == [("battery_level", WARN)]
 
 
 def test_a_signal_that_was_stale_before_the_link_broke_stays_stale() -> None:
@@ -602,7 +731,7 @@ def test_a_signal_configured_while_the_link_is_down_waits_for_it_too() -> None:
     monitor.observe(Sample("link", 0.0, 0.0))
     monitor.configure(load_config({"signals": {"battery_level": {}, "voltage": {"startup_grace_s": 5.0}}}))
     monitor.observe(Sample("link", 1.0, 100.0))
-    assert monitor.tick(104.0) == []
+    assert [each.signal for each in monitor.tick(104.0)] == ["link"]
 
 
 def test_time_that_goes_back_while_the_link_is_down_wakes_nothing_up() -> None:
@@ -612,8 +741,62 @@ def test_time_that_goes_back_while_the_link_is_down_wakes_nothing_up() -> None:
     monitor.observe(Sample("link", 0.0, 1007.0))
     monitor.tick(0.0)
     monitor.observe(Sample("link", 1.0, 100.0))
-    monitor.tick(101.0)
-    assert monitor.report(101.0).statuses["battery_level"].level is OK
+    status = monitor.report(101.0).statuses["battery_level"]
+    assert (status.level, status.values["state"]) == (STALE, "waiting")
+
+
+def test_a_link_that_drops_for_a_moment_again_and_again_does_not_hide_a_dead_sensor() -> None:
+    monitor = fleet()
+    monitor.observe(Sample("battery_level", 50.0, 0.0))
+    stale = []
+    for round_s in range(0, 40, 4):
+        stale += monitor.observe(Sample("link", 1.0, float(round_s)))
+        for second in range(1, 4):
+            stale += monitor.tick(float(round_s + second))
+        stale += monitor.observe(Sample("link", 0.0, round_s + 3.8))
+    found = [each for each in stale if each.signal == "battery_level"]
+    # 3.8 s of silence until the first drop, 1.2 s more from 4.0 on: the tick at 6.0 is the first after 5.2.
+    assert [(each.to_level, each.now_s) for each in found] == [(STALE, 6.0)]
+
+
+def test_durations_continue_after_each_drop_of_the_link() -> None:
+    monitor = fleet(for_s=5.0, stale_after_s=60.0)
+    monitor.observe(Sample("battery_level", 15.0, 0.0))
+    monitor.observe(Sample("link", 0.0, 2.0))
+    monitor.observe(Sample("link", 1.0, 10.0))
+    monitor.observe(Sample("link", 0.0, 12.0))
+    monitor.observe(Sample("link", 1.0, 20.0))
+    assert [each for each in monitor.tick(20.9) if each.signal == "battery_level"] == []
+    assert [each.to_level for each in monitor.tick(21.0) if each.signal == "battery_level"] == [WARN]
+
+
+def test_a_server_that_accepts_and_closes_again_and_again_is_one_alert() -> None:
+    monitor = fleet()
+    announced = []
+    for step in range(200):
+        announced += monitor.observe(Sample("link", float(step % 2), step * 0.1))
+        announced += monitor.tick(step * 0.1)
+    assert [each.to_level for each in announced] == [ERROR]
+
+
+def test_what_came_while_the_link_was_down_is_judged_when_it_is_up() -> None:
+    monitor = fleet()
+    monitor.observe(Sample("battery_level", 50.0, 0.0))
+    monitor.observe(Sample("link", 0.0, 1.0))
+    assert monitor.observe(Sample("battery_level", 15.0, 1.1)) == []
+    assert [each.text for each in monitor.observe(Sample("link", 1.0, 5.0))] == [
+        "battery_level WARN: 15 is below 20 (was OK for 5 s)"
+    ]
+
+
+def test_a_mean_is_not_judged_on_its_first_sample_after_a_long_downtime_of_the_link() -> None:
+    monitor = fleet(statistic="mean", window_s=10.0, stale_after_s=60.0)
+    for now_s in range(6):
+        monitor.observe(Sample("battery_level", 50.0, float(now_s)))
+    monitor.observe(Sample("link", 0.0, 6.0))
+    monitor.observe(Sample("link", 1.0, 100.0))
+    assert monitor.observe(Sample("battery_level", 15.0, 101.0)) == []
+    assert [each.to_level for each in monitor.observe(Sample("battery_level", 15.0, 106.0))][-1:] == [WARN]
 
 
 def test_a_link_that_is_down_says_why() -> None:
@@ -655,7 +838,7 @@ def test_time_that_goes_back_is_one_notice_that_says_by_how_much() -> None:
 
 
 def test_windows_start_again_when_time_goes_back() -> None:
-    watched = Watched()
+    watched = Watched(window_min_s=0.0)
     watched.each_second(10.0, 20.0, start_s=100.0)
     watched.observe(40.0, 0.0)
     values = watched.status(0.0).values
@@ -674,9 +857,21 @@ def test_staleness_starts_again_when_time_goes_back() -> None:
     watched.observe(50.0, 100.0)
     watched.tick(106.0)
     assert watched.level is STALE
-    watched.tick(0.0)
-    assert watched.level is OK
+    assert watched.tick(0.0) is None
+    # Nothing is known of the new time, and unknown is never OK. The level announced last stays.
+    assert (watched.level, watched.status().values["state"]) == (STALE, "waiting")
     watched.tick(5.0)
+    assert watched.status().values["state"] == "waiting"
+    assert watched.tick(5.5) is None
+    assert (watched.level, watched.status().values["state"]) == (STALE, "stale")
+    assert watched.each_second(50.0, start_s=6.0) == [(6.0, OK)]
+
+
+def test_a_fresh_signal_gets_its_whole_stale_after_s_again_when_time_goes_back() -> None:
+    watched = Watched(stale_after_s=5.0)
+    watched.observe(50.0, 100.0)
+    watched.tick(104.0)
+    assert watched.tick(0.0) is watched.tick(5.0) is None
     assert watched.level is OK
     watched.tick(5.5)
     assert watched.level is STALE
@@ -763,7 +958,7 @@ def test_the_line_reads_as_the_document_has_it() -> None:
 
 
 def test_a_transition_carries_everything() -> None:
-    watched = Watched(warn_below=20.0, unit="%", stale_after_s=0.0)
+    watched = Watched(warn_below=20.0, unit="%", stale_after_s=0.0, window_min_s=0.0)
     watched.observe(50.0, 100.0)
     watched.observe(19.5, 110.0)
     (transition,) = watched.transitions
@@ -825,7 +1020,7 @@ def test_a_report_is_the_whole_state() -> None:
     assert isinstance(report, Report)
     assert (report.overall, report.now_s, report.robot) == (ERROR, 7.0, "atlas")
     assert list(report.statuses) == ["a", "b", "c"]
-    assert [status.level for status in report.statuses.values()] == [WARN, OK, ERROR]
+    assert [status.level for status in report.statuses.values()] == [WARN, STALE, ERROR]
     assert report.statuses["b"].message == "waiting for the first sample"
 
 
@@ -842,7 +1037,8 @@ def test_overall_goes_by_severity_stale_above_warn_and_below_error() -> None:
 def test_a_report_before_the_first_call_says_that_nothing_has_come() -> None:
     report = Watched(warn_below=20.0).monitor.report(1234.5)
     assert report.now_s == 1234.5
-    assert report.statuses["battery_level"].level is OK
+    assert (report.overall, report.statuses["battery_level"].level) == (STALE, STALE)
+    assert report.statuses["battery_level"].values["state"] == "waiting"
     assert report.statuses["battery_level"].message == "waiting for the first sample"
 
 
@@ -852,6 +1048,21 @@ def test_a_report_changes_nothing() -> None:
     assert watched.status(100.0).level is OK
     assert watched.status(100.0).values["age_s"] == "100"
     assert watched.tick(3.0) is None
+
+
+@pytest.mark.parametrize("statistic", ["last", "mean", "stddev", "min", "rate"])
+def test_reports_between_the_calls_change_nothing_to_the_last_bit(statistic: str) -> None:
+    chance = random.Random(1)
+    settings = {"statistic": statistic, "window_s": 5.0, "window_min_s": 0.0, "warn_above": 1e9, "flap_detection": True}
+    read, unread = Watched(**settings), Watched(**settings)
+    for step in range(3000):
+        value = 1e9 + chance.gauss(0.0, 1.0) if step % 500 else 1.7e308
+        for watched in (read, unread):
+            watched.observe(value, step * 0.1)
+        read.monitor.report(step * 0.1)
+        read.monitor.status("battery_level", step * 0.1 + 3.0)
+    assert read.transitions == unread.transitions and len(read.transitions) > 1
+    assert read.status() == unread.status()
 
 
 def test_samples_of_a_signal_that_is_not_configured_are_ignored() -> None:
@@ -941,7 +1152,7 @@ def test_turning_flap_detection_off_brings_the_announced_level_up_to_date() -> N
 def test_a_new_statistic_is_judged_on_the_window_that_is_there() -> None:
     watched = Watched(warn_below=20.0)
     watched.each_second(10.0, 50.0)
-    watched.configure(statistic="min", warn_below=20.0)
+    watched.configure(statistic="min", warn_below=20.0, window_min_s=0.0)
     assert watched.level is WARN
 
 
@@ -953,6 +1164,27 @@ def test_signals_come_and_go() -> None:
     assert [each.text for each in watched.monitor.observe(Sample("voltage", 23.0, 1.0))] == [
         "voltage WARN: 23 is below 24 (was OK for 1 s)"
     ]
+
+
+def test_a_signal_that_is_removed_while_it_is_not_ok_ends() -> None:
+    watched = Watched(warn_below=20.0)
+    watched.observe(15.0, 0.0)
+    watched.tick(5.0)
+    (ended,) = watched.monitor.configure(load_config({"signals": {"voltage": {}}}))
+    assert (ended.signal, ended.from_level, ended.to_level) == ("battery_level", WARN, OK)
+    assert ended.text == "battery_level OK: no longer watched (was WARN for 5 s)"
+    assert (ended.status.level, ended.status.message) == (OK, "no longer watched")
+
+
+def test_a_signal_that_is_removed_while_it_is_ok_or_waiting_just_goes() -> None:
+    watched = Watched(warn_below=20.0)
+    watched.tick(5.0)
+    assert watched.monitor.configure(load_config({"signals": {"voltage": {}}})) == []
+
+
+def test_the_name_link_is_reserved() -> None:
+    with pytest.raises(ConfigError, match=r"^signals\.link: .*reserved for the link to the robot"):
+        load_config({"signals": {"link": {"warn_below": 1.0}}})
 
 
 def test_a_configuration_before_the_first_call_is_simply_the_configuration() -> None:

@@ -154,8 +154,8 @@ def test_a_placeholder_that_is_configured_is_invalid_and_not_suspected(value: fl
         (2100.0, {"unit": "A", "valid_max": 60.0}, "2100 looks like milliamperes; if so, set scale: 0.001"),
         (318.65, CELSIUS, "318.6 looks like kelvin; if so, set unit: K and bounds in K"),
         (318.65, {"unit": "degC"}, "318.6 looks like kelvin; if so, set unit: K and bounds in K"),
-        (700.0, {"unit": "degC"}, "700 is much for degC; check unit and scale, or set valid_max"),
-        (130.0, {"unit": "%"}, "130 is much for %; check unit and scale, or set valid_max"),
+        (700.0, {"unit": "degC"}, "700 is implausibly high for degC; check unit and scale, or set valid_max"),
+        (130.0, {"unit": "%"}, "130 is implausibly high for %; check unit and scale, or set valid_max"),
     ],
 )
 def test_a_unit_that_does_not_fit_is_suspected(value: float, config: Mapping[str, Any], expected: str) -> None:

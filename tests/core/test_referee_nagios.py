@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 from fractions import Fraction
-from typing import List, Sequence
+from typing import List, Optional, Sequence
 
 import pytest
 
@@ -90,6 +90,7 @@ def test_what_a_monitor_announces_is_what_the_formula_leaves_unsilenced() -> Non
         steadiness = chance.random()
         history: List[Level] = []
         announced, flapping = Level.OK, False
+        worst: Optional[Level] = None  # announced since flapping began
         value = 50.0
         for second in range(120):
             if chance.random() > steadiness and second < 80:
@@ -97,11 +98,15 @@ def test_what_a_monitor_announces_is_what_the_formula_leaves_unsilenced() -> Non
             level = Level.ERROR if value < 10.0 else Level.WARN if value < 20.0 else Level.OK
             history.append(level)
             percent = percent_state_change(last_21(history))
-            was, flapping = flapping, percent >= 25 if flapping else percent >= 50
+            flapping = percent >= 25 if flapping else percent >= 50
             expected = []
-            if level != announced and not (was and flapping):
+            if not flapping:
+                worst = None
+            if level != announced and (worst is None or level.severity > worst.severity):
                 expected = [(announced, level)]
                 announced = level
+                if flapping:
+                    worst = level
 
             transitions = monitor.observe(Sample("a", value, float(second)))
 

@@ -37,6 +37,7 @@ def outliers(chance: numpy.random.Generator) -> numpy.ndarray:
     values = 20.0 + chance.standard_normal(SAMPLES)
     values[10_000::100_000] = 1e300
     values[60_000::100_000] = -1e12
+    values[30_000::100_000] = 1.7e308
     return values
 
 
@@ -83,3 +84,26 @@ def test_statistics_after_a_million_samples_are_those_of_numpy(name: str) -> Non
                 span_s = now_s - times[first]
                 assert found["rate"] == pytest.approx((value - kept[0]) / span_s, rel=ALLOWED), where
                 assert found["frequency_hz"] == pytest.approx((len(kept) - 1) / span_s, rel=ALLOWED), where
+
+
+def test_statistics_are_defined_where_numpy_finds_window_min_s_of_samples() -> None:
+    """Samples with gaps: after each gap and each clear, everything but `last` waits for window_min_s."""
+    chance = numpy.random.default_rng()
+    steps_s = chance.choice([0.25, 1.0, 3.0], 5_000)
+    times = numpy.cumsum(steps_s)
+    values = chance.standard_normal(5_000)
+    gaps = set(chance.integers(0, 5_000, 60).tolist())
+    window = Window(20.0, 6000, window_min_s=12.5)
+    began_s = times[0]
+    for index, (value, now_s) in enumerate(zip(values.tolist(), times.tolist())):
+        if index in gaps:
+            window.begin_anew()
+            began_s = now_s
+        window.add(value, now_s)
+        found = window.statistics()
+        if now_s - began_s < 12.5:
+            assert found == {"last": value}, index
+        else:
+            kept = values[: index + 1][times[: index + 1] >= now_s - 20.0]
+            assert found["mean"] == pytest.approx(kept.mean()), index
+            assert found["stddev"] == pytest.approx(kept.std()), index

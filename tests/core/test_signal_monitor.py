@@ -1,4 +1,4 @@
-"""What a status and an alert line say of one signal: each is read by someone who has to decide what to do."""
+"""One signal: its state, and the text about it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any, Dict, List, Optional
 
 import pytest
 
-from robot_health_monitor.core import Level, Transition
+from robot_health_monitor.core import Level, Status, Transition, explanation
 from robot_health_monitor.core.config import read_signal
+from robot_health_monitor.core.monitor import LINK_CONFIG
 from robot_health_monitor.core.signal_monitor import SignalMonitor
 
 
@@ -16,12 +17,16 @@ def watch(name: str = "battery_level", **settings: Any) -> SignalMonitor:
     return SignalMonitor(read_signal(name, settings), "atlas", 0.0)
 
 
+def status(signal: SignalMonitor, now_s: float) -> Status:
+    return explanation.status(signal.judgement(now_s))
+
+
 def message(signal: SignalMonitor, now_s: float) -> str:
-    return signal.status(now_s).message
+    return status(signal, now_s).message
 
 
 def state(signal: SignalMonitor, now_s: float) -> str:
-    return signal.status(now_s).values["state"]
+    return status(signal, now_s).values["state"]
 
 
 # --- the key-values of a status -------------------------------------------------------------------------------------
@@ -29,15 +34,22 @@ def state(signal: SignalMonitor, now_s: float) -> str:
 
 def test_a_status_carries_value_unit_statistics_bounds_state_since_and_counts() -> None:
     signal = watch(
-        unit="%", valid_min=0.0, valid_max=100.0, warn_below=20.0, error_below=10.0, hysteresis=2.0, for_s=1.0
+        unit="%",
+        valid_min=0.0,
+        valid_max=100.0,
+        warn_below=20.0,
+        error_below=10.0,
+        hysteresis=2.0,
+        for_s=1.0,
+        window_min_s=0.0,
     )
     signal.observe(16.0, 10.0)
     signal.observe(14.0, 12.0)
     signal.observe(math.nan, 12.0)
-    status = signal.status(13.0)
+    found = status(signal, 13.0)
 
-    assert (status.name, status.level, status.hardware_id) == ("battery_level", Level.ERROR, "atlas")
-    assert status.values == {
+    assert (found.name, found.level, found.hardware_id) == ("battery_level", Level.ERROR, "atlas")
+    assert found.values == {
         "value": "nan",
         "unit": "%",
         "statistic": "last",
@@ -64,19 +76,19 @@ def test_a_status_carries_value_unit_statistics_bounds_state_since_and_counts() 
         "since": "12.000",
         "lasts_s": "1",
         "flapping": "false",
-        "fingerprint": status.values["fingerprint"],
+        "fingerprint": found.values["fingerprint"],
     }
 
 
 def test_before_the_first_sample_there_is_no_value_and_no_age() -> None:
-    values = watch().status(5.0).values
+    values = status(watch(), 5.0).values
     assert values["value"] == "" and "age_s" not in values and "mean" not in values
     assert (values["good_samples"], values["bad_samples"]) == ("0", "0")
 
 
 def test_state_change_is_told_where_flapping_is_looked_for() -> None:
-    assert "state_change_percent" not in watch().status(0.0).values
-    assert watch(flap_detection=True).status(0.0).values["state_change_percent"] == "0"
+    assert "state_change_percent" not in status(watch(), 0.0).values
+    assert status(watch(flap_detection=True), 0.0).values["state_change_percent"] == "0"
 
 
 # --- the state in a word --------------------------------------------------------------------------------------------
@@ -84,7 +96,9 @@ def test_state_change_is_told_where_flapping_is_looked_for() -> None:
 
 def test_the_state_is_that_of_the_rule_behind_the_level() -> None:
     signal = watch(warn_below=20.0, error_below=10.0, error_for_s=5.0, error_keep_firing_for_s=5.0)
-    assert state(signal, 0.0) == "inactive"
+    assert state(signal, 0.0) == "waiting"
+    signal.observe(50.0, 0.5)
+    assert state(signal, 0.5) == "inactive"
     signal.observe(5.0, 1.0)  # WARN fires, ERROR is pending
     assert (signal.level, state(signal, 1.0)) == (Level.WARN, "firing")
     signal.observe(5.0, 6.0)
@@ -157,7 +171,7 @@ def test_a_warning_that_keeps_firing_says_that_the_value_is_back() -> None:
     signal = watch(warn_below=20.0, keep_firing_for_s=10.0)
     signal.observe(15.0, 1.0)
     signal.observe(25.0, 2.0)
-    assert message(signal, 2.0) == "25 is no longer below 20, kept firing for a while"
+    assert message(signal, 2.0) == "25 is no longer below 20, held by keep_firing_for_s"
 
 
 def test_a_pending_rule_says_for_how_long() -> None:
@@ -178,43 +192,51 @@ def test_the_silence_in_a_message_goes_on_with_the_time_of_the_report() -> None:
     signal = watch(stale_after_s=5.0)
     signal.observe(50.0, 0.0)
     signal.tick(6.0)
-    assert message(signal, 30.0) == "no sample for 30 s, allowed are 5 s"
+    assert message(signal, 30.0) == "no sample for 30 s (limit 5 s)"
+
+
+def link() -> SignalMonitor:
+    return SignalMonitor(LINK_CONFIG, "atlas", 0.0)
 
 
 def test_a_link_is_up_or_down_in_words() -> None:
-    link = watch("link", error_below=1.0)
-    link.observe(1.0, 0.0)
-    assert message(link, 0.0) == "up"
-    down = link.observe(0.0, 4.0)
+    signal = link()
+    signal.observe(1.0, 0.0)
+    assert message(signal, 0.0) == "up"
+    down = signal.observe(0.0, 4.0)
     assert down is not None and down.text == "link ERROR: down (was OK for 4 s)"
+    signal.observe(1.0, 5.0)
+    assert message(signal, 5.0) == "up, held by keep_firing_for_s"
+    assert signal.tick(6.9) is None
+    up = signal.tick(7.0)
+    assert up is not None and up.text == "link OK: up (was ERROR for 3 s)"
 
 
-def test_a_link_that_nobody_tells_of_is_stale_and_not_down() -> None:
-    link = watch("link", stale_after_s=5.0)
-    link.observe(1.0, 0.0)
-    stale = link.tick(6.0)
-    assert stale is not None
-    assert stale.text == "link STALE: no sample for 6 s, allowed are 5 s (was OK for 6 s)"
+def test_a_link_that_is_down_names_the_cause() -> None:
+    signal = link()
+    signal.cause = "connection refused"
+    down = signal.observe(0.0, 4.0)
+    assert down is not None and down.text == "link ERROR: down: connection refused (was OK for 4 s)"
 
 
-# --- the value that others may use ----------------------------------------------------------------------------------
+# --- the latest good value ----------------------------------------------------------------------------------
 
 
-def test_the_fresh_value_is_the_latest_good_one_and_none_while_it_cannot_be_trusted() -> None:
+def test_the_latest_good_is_the_latest_good_one_and_none_while_it_cannot_be_trusted() -> None:
     signal = watch(stale_after_s=5.0, valid_max=100.0)
-    assert signal.fresh_value is None
+    assert signal.latest_good is None
     signal.observe(50.0, 0.0)
-    assert signal.fresh_value == 50.0
+    assert signal.latest_good == 50.0
     signal.observe(101.0, 1.0)
-    assert signal.fresh_value is None
+    assert signal.latest_good is None
     signal.observe(60.0, 2.0)
-    assert signal.fresh_value == 60.0
+    assert signal.latest_good == 60.0
     signal.tick(8.0)
-    assert signal.fresh_value is None
+    assert signal.latest_good is None
 
 
-def test_the_fresh_value_is_the_value_and_not_the_statistic() -> None:
+def test_the_latest_good_is_the_value_and_not_the_statistic() -> None:
     signal = watch(statistic="max")
     signal.observe(50.0, 0.0)
     signal.observe(10.0, 1.0)
-    assert signal.fresh_value == 10.0
+    assert signal.latest_good == 10.0

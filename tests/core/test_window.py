@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Iterable, Optional, Tuple
+from typing import Iterable, Tuple
 
 import pytest
 
@@ -81,7 +81,7 @@ def test_the_smallest_of_several_equal_values_leaves_only_with_the_last_of_them(
 @pytest.mark.parametrize(("window_s", "window_samples", "mean"), [(1.0, 10, 3.5), (60.0, 1, 4.0), (60.0, 10, 2.5)])
 def test_a_resized_window_keeps_what_still_fits(window_s: float, window_samples: int, mean: float) -> None:
     window = window_of(1.0, 2.0, 3.0, 4.0)
-    window.resize(window_s, window_samples)
+    window.resize(window_s, window_samples, 0.0)
     assert window.mean() == mean
 
 
@@ -95,23 +95,91 @@ def test_a_cleared_window_starts_again() -> None:
 @pytest.mark.parametrize(
     ("values", "mean", "stddev"),
     [
-        ([1.7e308, 1.7e308, -1.7e308, -1.7e308], 0.0, None),  # the deviation is no double
-        ([1.7e308, 1.6e308], 1.65e308, None),
+        ([1.7e308, 1.7e308, -1.7e308, -1.7e308], 0.0, 1.7e308),
+        ([1.7e308, 1.6e308], 1.65e308, 5e306),
+        ([1e200, -1e200, 0.0, 0.0], 0.0, 1e200 / math.sqrt(2.0)),
         ([5e-324, 5e-324], 5e-324, 0.0),
         ([-0.0, 0.0], 0.0, 0.0),
     ],
 )
-def test_the_ends_of_the_doubles_give_finite_statistics_or_none(
-    values: Iterable[float], mean: float, stddev: Optional[float]
-) -> None:
+def test_the_ends_of_the_doubles_give_finite_statistics(values: Iterable[float], mean: float, stddev: float) -> None:
     window = window_of(*values)
     assert window.mean() == pytest.approx(mean)
-    assert window.stddev() == stddev
+    assert window.stddev() == pytest.approx(stddev)
     assert all(math.isfinite(value) for value in window.statistics().values())
 
 
-def test_a_change_that_is_no_double_has_no_rate() -> None:
-    assert window_of(-1.7e308, 1.7e308).rate() is None
+@pytest.mark.parametrize("place", [0, 1, 2999, 5999])
+def test_statistics_are_right_while_a_huge_value_is_anywhere_in_the_window(place: int) -> None:
+    """The same window full of zeros and one of the largest doubles, first while it fills, then after it has turned."""
+    window, huge = Window(1e9, 6000), 1.7e308
+    for number in range(6000):
+        window.add(huge if number == place else 0.0, float(number))
+    expected = (huge / 6000, huge * math.sqrt(1 / 6000 - 1 / 6000**2))
+    assert (window.mean(), window.stddev()) == (pytest.approx(expected[0]), pytest.approx(expected[1]))
+    for number in range(6000, 6000 + place):
+        window.add(0.0, float(number))
+        if number % 1000 == 0:
+            assert (window.mean(), window.stddev()) == (pytest.approx(expected[0]), pytest.approx(expected[1]))
+    window.add(0.0, 6000.0 + place)
+    assert (window.mean(), window.stddev()) == (0.0, 0.0)
+
+
+def test_one_huge_value_costs_no_more_than_any_other() -> None:
+    """The window's length is worked through once per length, whatever the values and whoever reads."""
+    plain, huge = Window(1e9, 6000), Window(1e9, 6000)
+    for number in range(60_000):
+        plain.add(float(number % 7), float(number))
+        huge.add(1.7e308 if number == 3000 else float(number % 7), float(number))
+        assert huge.mean() is not None
+    assert plain.flips == huge.flips == 9  # 60,000 / 6,000, less the first fill
+
+
+def test_reading_changes_nothing() -> None:
+    read, unread = Window(5.0, 100), Window(5.0, 100)
+    for number in range(1000):
+        value, now_s = 1e9 + (number * 7919 % 1000) / 997.0, number * 0.1
+        read.add(value, now_s)
+        unread.add(value, now_s)
+        read.statistics()
+    assert read.statistics() == unread.statistics()
+
+
+def test_nothing_but_last_is_defined_before_window_min_s_has_passed() -> None:
+    window = Window(60.0, 100, window_min_s=30.0)
+    for now_s in (100.0, 110.0, 129.9):
+        window.add(5.0, now_s)
+        assert window.statistics() == {"last": 5.0}
+    window.add(5.0, 130.0)
+    assert set(window.statistics()) == set(STATISTICS)
+
+
+def test_window_min_s_counts_from_the_first_sample_after_a_gap() -> None:
+    window = Window(60.0, 100, window_min_s=10.0)
+    for now_s in range(11):
+        window.add(5.0, float(now_s))
+    assert window.statistic("mean") == 5.0
+    window.begin_anew()
+    assert window.statistic("mean") is None
+    window.add(7.0, 20.0)
+    window.add(7.0, 29.0)
+    assert window.statistic("mean") is None
+    window.add(7.0, 30.0)
+    assert window.statistic("max") == 7.0 and window.statistic("min") == 5.0  # what came before the gap is still there
+
+
+def test_window_min_s_counts_from_the_first_sample_after_a_clear() -> None:
+    window = Window(60.0, 100, window_min_s=10.0)
+    for now_s in (0.0, 10.0):
+        window.add(5.0, now_s)
+    window.clear()
+    window.add(5.0, 20.0)
+    assert window.statistics() == {"last": 5.0}
+
+
+def test_a_rate_that_is_no_double_is_undefined() -> None:
+    assert timed([(0.0, -1.7e308), (1.0, 1.7e308)]).rate() is None
+    assert timed([(0.0, -1.7e308), (4.0, 1.7e308)]).rate() == pytest.approx(0.85e308)
 
 
 def test_an_outlier_that_left_leaves_no_trace() -> None:
@@ -123,5 +191,5 @@ def test_no_queue_grows_beyond_the_window() -> None:
     window = Window(60.0, 50)
     for step in range(10_000):
         window.add(float(step * (-1) ** step), step * 0.001)
-        queues = [getattr(window, name) for name in ("_times", "_values", "_minima", "_maxima")]
-        assert max(map(len, queues)) <= 50
+        queues = [getattr(window, name) for name in ("_times", "_values", "_front_sums", "_front_min")]
+        assert max(map(len, queues)) <= 51  # with the sample that has just come

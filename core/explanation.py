@@ -1,0 +1,223 @@
+"""The text about a signal: the reason for its level, its status with key-values, and the alert line.
+
+`SignalMonitor` judges and describes the outcome as a `Judgement`; everything that people read is made from it here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Dict, Mapping, NamedTuple, Optional
+
+from .config import CONDITIONS, LINK, SignalConfig
+from .formatting import bound_text, datum_text, duration_text, number_text, with_unit
+from .model import Level, Status
+from .quality import as_float, converted
+from .rule import Rule, State
+
+
+class Judgement(NamedTuple):
+    """The state of a signal at one moment, as `SignalMonitor` judged it."""
+
+    config: SignalConfig
+    robot: str
+    fingerprint: str
+    now_s: float
+    """The moment, in seconds."""
+    level: Level
+    """The level to show; STALE where it is unknown."""
+    state: str
+    """`waiting`, `unreachable`, `stale`, `invalid`, `latched`, or the state of the rule."""
+    since_s: float
+    """Since when the level has lasted, in seconds."""
+    latest: object
+    """The latest datum as it came; None before the first."""
+    judged: Optional[float]
+    """Value of the signal's statistic; None while it is undefined."""
+    rule: Optional[Rule]
+    """The rule that explains the level; None where none does."""
+    is_invalid: bool
+    """Whether the level is ERROR for invalid data."""
+    is_stale: bool
+    """Whether no sample has come for too long."""
+    good_samples: int
+    bad_samples: int
+    last_seen_s: float
+    """When the latest sample came, in seconds."""
+    silence_s: float
+    """Time without samples, without the downtime of the link, in seconds."""
+    statistics: Mapping[str, float]
+    """The defined statistics of the window."""
+    window_samples: int
+    suspicion: str
+    """`suspicious data: ...`, or empty."""
+    flapping: bool
+    state_change_percent: float
+    cause: str
+    """Why the link is down, for the signal `link`."""
+
+    @property
+    def seen(self) -> bool:
+        """Whether there has been a sample, good or bad."""
+        return self.good_samples + self.bad_samples > 0
+
+
+def status(judgement: Judgement, message: Optional[str] = None) -> Status:
+    """Returns the status of a signal.
+
+    Args:
+        judgement: the signal's state.
+        message: in place of the reason for its level.
+    """
+    config = judgement.config
+    values: Dict[str, str] = {
+        "value": _latest_text(judgement),
+        "unit": config.unit,
+        "statistic": config.statistic,
+    }
+    values.update((name, number_text(value)) for name, value in judgement.statistics.items())
+    values["window_samples"] = str(judgement.window_samples)
+    values["good_samples"] = str(judgement.good_samples)
+    values["bad_samples"] = str(judgement.bad_samples)
+    if judgement.seen:
+        values["age_s"] = number_text(judgement.now_s - judgement.last_seen_s)
+    values.update(_settings(config))
+    values["state"] = judgement.state
+    values["since"] = f"{judgement.since_s:.3f}"
+    values["lasts_s"] = number_text(judgement.now_s - judgement.since_s)
+    values["flapping"] = "true" if judgement.flapping else "false"
+    if config.flap_detection:
+        values["state_change_percent"] = number_text(judgement.state_change_percent)
+    values["fingerprint"] = judgement.fingerprint
+    text = reason(judgement) if message is None else message
+    return Status(config.name, judgement.level, text, judgement.robot, values)
+
+
+def alert_line(judgement: Judgement, message: str, announced: Level, announced_since_s: float) -> str:
+    """Returns the text of a transition.
+
+    Args:
+        judgement: the signal's state.
+        message: the reason for its level.
+        announced: the level that was announced before; the same level makes it a repetition.
+        announced_since_s: since when, in seconds.
+    """
+    config = judgement.config
+    lasted = duration_text(judgement.now_s - announced_since_s)
+    before = "for" if announced is judgement.level else f"was {announced.name} for"
+    text = f"{config.name} {judgement.level.name}: {message} ({before} {lasted})"
+    if not judgement.flapping:
+        return text
+    percent = number_text(judgement.state_change_percent, config.flap_high)
+    low = bound_text(config.flap_low)
+    return f"{text}, flapping: {percent} % state change, further changes not announced until below {low} %"
+
+
+def reason(judgement: Judgement) -> str:
+    """Returns the reason for the level, in a few words."""
+    config = judgement.config
+    if judgement.state == "waiting":
+        return "waiting for the first sample" if not judgement.seen else "waiting for a sample: time went back"
+    if judgement.state == "unreachable":
+        if not judgement.seen:
+            return "link down, no sample yet"
+        value = with_unit(_latest_text(judgement), config.unit)
+        return f"link down, last value {value} {duration_text(judgement.now_s - judgement.last_seen_s)} ago"
+    if config.name == LINK:
+        return _link_reason(judgement)
+    silence = duration_text(judgement.silence_s)
+    if judgement.level is Level.STALE:
+        if judgement.seen:
+            return f"no sample for {silence} (limit {duration_text(config.stale_after_s)})"
+        return f"no sample since the start {silence} ago (limit {duration_text(config.startup_grace_s)})"
+    text = _invalid_reason(judgement) if judgement.is_invalid else _value_reason(judgement)
+    if judgement.suspicion:
+        text = f"{text}, {judgement.suspicion}"
+    return f"{text}, no sample for {silence}" if judgement.is_stale else text
+
+
+def _link_reason(judgement: Judgement) -> str:
+    down = f"down: {judgement.cause}" if judgement.cause else "down"
+    if judgement.level is Level.OK:
+        return "up"
+    if judgement.rule is not None and judgement.rule.state is State.KEEPING:
+        return "up, held by keep_firing_for_s"
+    return down
+
+
+def _latest_text(judgement: Judgement) -> str:
+    if not judgement.seen:
+        return ""
+    number = converted(judgement.config, as_float(judgement.latest))
+    return number_text(number) if math.isfinite(number) else datum_text(judgement.latest)
+
+
+def _invalid_reason(judgement: Judgement) -> str:
+    config, came = judgement.config, as_float(judgement.latest)
+    number = converted(config, came)
+    if math.isnan(number) and not math.isnan(came) and config.placeholders:
+        return f"invalid data: {datum_text(judgement.latest)} is a placeholder for 'not measured'"
+    text = f"invalid data: {_latest_text(judgement)}"
+    if config.valid_min is not None and number < config.valid_min:
+        return f"{with_unit(text, config.unit)} is below valid_min {bound_text(config.valid_min)}"
+    if config.valid_max is not None and number > config.valid_max:
+        return f"{with_unit(text, config.unit)} is above valid_max {bound_text(config.valid_max)}"
+    return text
+
+
+def _value_reason(judgement: Judgement) -> str:
+    config, rule, judged = judgement.config, judgement.rule, judgement.judged
+    unit = {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
+    if not judgement.good_samples:
+        return f"no valid sample yet: {_latest_text(judgement)}"
+    if judged is None:
+        return _undefined_reason(judgement)
+    bound = None if rule is None else rule.bound
+    value = with_unit(number_text(judged, bound), unit)
+    if config.statistic != "last":
+        value = f"{'rate' if config.statistic == 'frequency_hz' else config.statistic} {value}"
+    if rule is None or bound is None:
+        return value
+    side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
+    if judged < bound if rule.is_below else judged > bound:
+        text = f"{value} is {side}"
+    elif rule.condition or rule.held_back:
+        clears_at = bound + config.hysteresis if rule.is_below else bound - config.hysteresis
+        text = f"{value} was {side}, clears at {with_unit(number_text(clears_at, judged), unit)}"
+    else:
+        text = f"{value} is no longer {side}"
+    if rule.held_back:
+        text += f", which counts only if {config.only_if}"
+    if rule.state is State.PENDING and judgement.level is Level.OK:
+        return f"{text}, pending for {duration_text(rule.waited_s(judgement.now_s))}"
+    if rule.condition or judgement.level is Level.OK:
+        return text
+    if rule.fires:
+        return f"{text}, held by keep_firing_for_s"
+    release = f" or {config.latch_release_if}" if config.latch_release_if else ""
+    return f"{text}, latched until reset{release}"
+
+
+def _undefined_reason(judgement: Judgement) -> str:
+    config = judgement.config
+    if judgement.window_samples == 0:
+        return "no valid sample since time went back"
+    if "mean" not in judgement.statistics:
+        return f"{config.statistic} is undefined until window_min_s ({duration_text(config.window_min_s)}) has passed"
+    return f"{config.statistic} is undefined: too few samples"
+
+
+def _settings(config: SignalConfig) -> Dict[str, str]:
+    """Returns the key-values that come from the configuration."""
+    values = {name: bound_text(bound) for name, bound in config.bounds.items()}
+    names = ("valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s")
+    for name in names if config.statistic == "last" else (*names, "window_min_s"):
+        setting = getattr(config, name)
+        if setting is not None:
+            values[name] = bound_text(setting)
+    if config.scale != 1.0:
+        values["scale"] = bound_text(config.scale)
+    for name in CONDITIONS:
+        condition = getattr(config, name)
+        if condition is not None:
+            values[name] = str(condition)
+    return values

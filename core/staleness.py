@@ -1,0 +1,88 @@
+"""Steps 7 and 8 of docs/rules.md: for how long a signal has been silent, and whether its level is known at all."""
+
+from __future__ import annotations
+
+import math
+from typing import Optional
+
+from .config import SignalConfig
+from .rule import TIME_TOLERANCE_S
+
+
+class Staleness:
+    """Follows the arrivals of one signal. The downtime of the link does not count as silence."""
+
+    __slots__ = ("last_seen_s", "limit_s", "silent_since_s", "stale", "unreachable_since_s", "waiting")
+
+    limit_s: float
+    """Silence that is not yet too long, in seconds; infinite where staleness is disabled."""
+
+    def __init__(self, config: SignalConfig, now_s: float) -> None:
+        """Starts before the first sample: the startup grace counts from `now_s`, in seconds."""
+        self.last_seen_s = now_s
+        """When the latest sample came, in seconds; before the first, when the signal began to be watched."""
+        self.silent_since_s = now_s
+        """The same, moved forward by the downtime of the link."""
+        self.stale = False
+        """Whether the silence was too long; the next sample ends it."""
+        self.waiting = True
+        """Whether no sample has come yet, and the silence is not yet too long."""
+        self.unreachable_since_s: Optional[float] = None
+        """Since when the link has been down, in seconds; None while it is up."""
+        self.configure(config, seen=False)
+
+    @property
+    def unknown(self) -> bool:
+        """Whether the level is unknown without being STALE."""
+        return self.waiting or self.unreachable_since_s is not None
+
+    @property
+    def frozen(self) -> bool:
+        """Whether rules and durations are frozen."""
+        return self.stale or self.unreachable_since_s is not None
+
+    def configure(self, config: SignalConfig, *, seen: bool) -> None:
+        """Takes the limit that holds after the first sample (`seen`), or before it."""
+        limit_s = config.stale_after_s if seen else config.startup_grace_s
+        self.limit_s = limit_s if config.stale_after_s > 0.0 else math.inf
+
+    def is_due(self, now_s: float) -> bool:
+        """Whether a signal that is not stale has been silent for too long at `now_s`, in seconds."""
+        return not self.frozen and self.is_silent(now_s)
+
+    def is_silent(self, now_s: float) -> bool:
+        """Whether the silence is too long at `now_s`, in seconds."""
+        return now_s - self.silent_since_s > self.limit_s + TIME_TOLERANCE_S
+
+    def silence_s(self, now_s: float) -> float:
+        """Returns the time without samples until `now_s`, in seconds."""
+        return (now_s if self.unreachable_since_s is None else self.unreachable_since_s) - self.silent_since_s
+
+    def arrive(self, now_s: float) -> None:
+        """Takes a sample, good or bad."""
+        self.last_seen_s = self.silent_since_s = now_s
+        self.stale = self.waiting = False
+        if self.unreachable_since_s is not None:
+            self.unreachable_since_s = now_s  # it was on its way when the link broke
+
+    def fall_silent(self) -> float:
+        """Makes the signal stale; returns when the limit was reached, in seconds."""
+        self.stale, self.waiting = True, False
+        return self.silent_since_s + self.limit_s
+
+    def end_downtime(self, now_s: float) -> float:
+        """The link is up again; returns for how long it was down, in seconds."""
+        if self.unreachable_since_s is None:
+            return 0.0
+        downtime_s = now_s - self.unreachable_since_s
+        self.unreachable_since_s = None
+        self.silent_since_s += downtime_s
+        return downtime_s
+
+    def restart(self, now_s: float) -> None:
+        """Time went back to `now_s`: silence counts from here. A stale signal waits for its next sample."""
+        self.last_seen_s = self.silent_since_s = now_s
+        if self.stale:
+            self.stale, self.waiting = False, True
+        if self.unreachable_since_s is not None:
+            self.unreachable_since_s = now_s
