@@ -46,8 +46,10 @@ class Judgement(NamedTuple):
     silence_s: float
     """Time without samples, without the downtime of the link, in seconds."""
     statistics: Mapping[str, float]
-    """The defined statistics of the window."""
+    """The statistics of the window that can be computed, and the judged one where it is defined."""
     window_samples: int
+    window_is_long_enough: bool
+    """Whether samples have come for `window_min_s`."""
     suspicion: str
     """`suspicious data: ...`, or empty."""
     flapping: bool
@@ -201,7 +203,7 @@ def _undefined_reason(judgement: Judgement) -> str:
     config = judgement.config
     if judgement.window_samples == 0:
         return "no valid sample since time went back"
-    if "mean" not in judgement.statistics:
+    if not judgement.window_is_long_enough:
         return f"{config.statistic} is undefined until window_min_s ({duration_text(config.window_min_s)}) has passed"
     return f"{config.statistic} is undefined: too few samples"
 

@@ -202,6 +202,9 @@ class SignalMonitor:
         level, staleness, quality = self.level, self._staleness, self._quality
         is_invalid = level is _ERROR and self._invalid.fires
         unreachable_since_s = staleness.unreachable_since_s
+        statistics = self._window.statistics()
+        if self._judged is None:
+            statistics.pop(self.config.statistic, None)
         return Judgement(
             config=self.config,
             robot=self._robot,
@@ -219,8 +222,9 @@ class SignalMonitor:
             bad_samples=quality.bad_samples,
             last_seen_s=staleness.last_seen_s,
             silence_s=staleness.silence_s(now_s),
-            statistics=self._window.statistics(),
+            statistics=statistics,
             window_samples=len(self._window),
+            window_is_long_enough=self._window.is_long_enough,
             suspicion=quality.suspicion.text,
             flapping=self._announcer.flaps.flapping,
             state_change_percent=self._announcer.flaps.percent,

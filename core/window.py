@@ -37,7 +37,7 @@ class Window:
     """The samples of the last `window_s` seconds, at most `window_samples` of them, and their statistics.
 
     A statistic is None while it is undefined: all of them without samples, `rate` and `frequency_hz` also with one
-    sample or when no time has passed. `statistic` and `statistics` also apply `window_min_s`.
+    sample or when no time has passed. `statistic`, for judging, also applies `window_min_s`.
     """
 
     __slots__ = (
@@ -62,6 +62,9 @@ class Window:
         "window_s",
         "window_samples",
     )
+
+    _back_min: float
+    _back_max: float
 
     def __init__(self, window_s: float, window_samples: int, window_min_s: float = 0.0) -> None:
         """Creates an empty window.
@@ -152,12 +155,12 @@ class Window:
         return began_s is not None and self._times[-1] - began_s >= self.window_min_s - _TIME_TOLERANCE_S
 
     def statistic(self, name: str) -> Optional[float]:
-        """Returns a statistic by its name in the configuration, None while it is undefined."""
+        """Returns a statistic to judge by its name in the configuration, None while it is undefined."""
         return STATISTIC_OF_WINDOW[name](self) if name == "last" or self.is_long_enough else None
 
     def statistics(self) -> Dict[str, float]:
-        """Returns every defined statistic by its name in the configuration."""
-        found = {name: self.statistic(name) for name in STATISTIC_OF_WINDOW}
+        """Returns every statistic that can be computed, to show, by its name in the configuration."""
+        found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
         return {name: value for name, value in found.items() if value is not None}
 
     def last(self) -> Optional[float]:

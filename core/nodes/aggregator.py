@@ -112,6 +112,5 @@ def _read_thresholds(values: Mapping[str, Any]) -> Mapping[str, SignalConfig]:
 
 
 def _window_config(values: Mapping[str, Any]) -> MonitorConfig:
-    # Nothing is judged by the statistics: they are published from the first sample on.
-    settings = {"window_min_s": 0.0, **{name: values[name] for name in ("window_s", "stale_after_s")}}
+    settings = {name: values[name] for name in ("window_s", "stale_after_s")}
     return MonitorConfig({name: read_signal(name, settings) for name in INPUTS})

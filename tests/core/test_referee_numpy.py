@@ -100,10 +100,10 @@ def test_statistics_are_defined_where_numpy_finds_window_min_s_of_samples() -> N
             window.begin_anew()
             began_s = now_s
         window.add(value, now_s)
-        found = window.statistics()
+        mean, deviation = window.statistic("mean"), window.statistic("stddev")
         if now_s - began_s < 12.5:
-            assert found == {"last": value}, index
+            assert (mean, deviation, window.statistic("last")) == (None, None, value), index
         else:
             kept = values[: index + 1][times[: index + 1] >= now_s - 20.0]
-            assert found["mean"] == pytest.approx(kept.mean()), index
-            assert found["stddev"] == pytest.approx(kept.std()), index
+            assert mean == pytest.approx(kept.mean()), index
+            assert deviation == pytest.approx(kept.std()), index
