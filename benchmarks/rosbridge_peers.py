@@ -59,7 +59,7 @@ async def server() -> None:
     robot = bus.node("robot")
     robot.advertise(TOPIC, FLOAT)
     robot.advertise("/text", TEXT)
-    served = Server(bus.node("rosbridge"), port=0, threads=False, heartbeat_s=3600.0, behind_s=3600.0)
+    served = Server(bus.node("rosbridge"), port=0, threads=False, heartbeat_s=3600.0, slow_client_timeout_s=3600.0)
     await served.start()
 
     async def send(number: int, payload: int) -> None:

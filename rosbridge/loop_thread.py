@@ -1,4 +1,4 @@
-"""An event loop in a thread of its own, for a server beside ROS and for clients used from ordinary code."""
+"""An event loop in a thread: for a server beside ROS, and for clients that are used from blocking code."""
 
 from __future__ import annotations
 
@@ -6,30 +6,37 @@ import asyncio
 import threading
 from typing import Any, Coroutine, TypeVar
 
+__all__ = ["LoopThread"]
+
 T = TypeVar("T")
 _CLOSE_TIMEOUT_S = 5.0
 
 
 class LoopThread:
-    """A running event loop; `close` ends it and its thread."""
+    """A running event loop."""
 
     def __init__(self, name: str = "rosbridge") -> None:
-        """Starts the thread, which never keeps the process alive."""
+        """Starts the thread. It does not keep the process alive."""
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
+    @property
+    def alive(self) -> bool:
+        """Whether the loop is running."""
+        return self._thread.is_alive()
+
     def call(self, coroutine: Coroutine[Any, Any, T], timeout_s: float = 30.0) -> T:
-        """Runs a coroutine in the loop and returns its result; not to be called from the loop itself.
+        """Runs a coroutine in the loop and returns its result. Not to be called in the loop.
 
         Raises:
-            Exception: whatever the coroutine raised.
+            Exception: what the coroutine raised.
             concurrent.futures.TimeoutError: it took longer than `timeout_s`.
         """
         return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(timeout_s)
 
     def close(self) -> None:
-        """Ends the loop, cancelling what still runs in it. May be called twice."""
+        """Stops the loop and cancels its tasks. May be called twice."""
         if self._thread.is_alive():
             self.loop.call_soon_threadsafe(self.loop.stop)
             self._thread.join(_CLOSE_TIMEOUT_S)

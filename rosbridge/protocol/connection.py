@@ -41,6 +41,11 @@ class Connection:
         self._fragment_ids = itertools.count()
         self._encode: Callable[[object], str] = encode_json if nan_as_null else encode_json_with_nan
 
+    @property
+    def fragment_chars(self) -> int:
+        """Characters of incomplete messages: the next fragment may complete a message of this length."""
+        return self._reassembly.chars
+
     def receive(self, data: Wire, now_s: float) -> Optional[Operation]:
         """Takes one message of the peer.
 

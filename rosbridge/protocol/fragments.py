@@ -41,7 +41,8 @@ class Reassembly:
         """Starts without fragments."""
         self._limits = limits
         self._partial: Dict[Id, _Partial] = {}
-        self._chars = 0
+        self.chars = 0
+        """Characters of the incomplete messages."""
 
     def add(self, fragment: Mapping[str, Any], now_s: float) -> Optional[str]:
         """Takes one fragment; returns the message once it is complete. Repeated fragments are ignored.
@@ -62,13 +63,13 @@ class Reassembly:
         partial.last_s = now_s
         if partial.pieces[number] is not None:
             return None
-        if self._chars + len(data) > self._limits.message_bytes:
+        if self.chars + len(data) > self._limits.message_bytes:
             self._drop(id)
             raise ProtocolError(f"fragments with more than {self._limits.message_bytes} characters", "fragment", id)
         partial.pieces[number] = data
         partial.missing -= 1
         partial.chars += len(data)
-        self._chars += len(data)
+        self.chars += len(data)
         if partial.missing:
             return None
         self._drop(id)
@@ -80,7 +81,7 @@ class Reassembly:
                 self._drop(id)
 
     def _drop(self, id: Id) -> None:  # noqa: A002 - the protocol's word
-        self._chars -= self._partial.pop(id).chars
+        self.chars -= self._partial.pop(id).chars
 
 
 def _fields(fragment: Mapping[str, Any], limits: Limits) -> Tuple[Id, str, int, int]:

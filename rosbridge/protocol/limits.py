@@ -38,6 +38,8 @@ class Limits(NamedTuple):
     """Largest `queue_length` of a subscription; a larger one counts as this."""
     queue_bytes: int = 1_000_000
     """Memory of the messages that wait for one client: those to be sent, and those held back by `throttle_rate`."""
+    encoding_bytes: int = 8_000_000
+    """Estimated size of the messages of a topic that wait to be encoded, per encoding."""
     sent_bytes: int = 16_000_000
     """Estimated size of a message to be sent; larger ones are dropped."""
 

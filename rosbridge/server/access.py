@@ -1,100 +1,152 @@
-"""Who may connect, and what they may do besides reading."""
+"""Who may connect, and what clients may do besides reading."""
 
 from __future__ import annotations
 
+import enum
 import fnmatch
 import hashlib
 import hmac
 import ipaddress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Mapping, Sequence
 from urllib.parse import urlsplit
 
-from robot_health_monitor.core.middleware import resolve_name
-
 from ..protocol import Auth
 
+__all__ = ["LOCAL_PAGES", "Access", "Credentials", "is_loopback", "monitor_access"]
+
 LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
-"""Origins of web pages that this machine serves itself, on any port."""
+"""Origins of the web pages of this machine, on any port."""
 _CLOCK_TOLERANCE_S = 5.0
+
+
+class Credentials(enum.Enum):
+    """Whether a request carries the token."""
+
+    VALID = "valid"
+    """The right token, or none is required."""
+    MISSING = "missing"
+    WRONG = "wrong"
 
 
 @dataclass(frozen=True)
 class Access:
-    """What clients may do. Reading is open to whoever may connect; everything else is a list of name patterns."""
+    """What clients may do. Every client that may connect may read; everything else needs a matching pattern.
+
+    In patterns, `*` and `?` work as in file names.
+    """
 
     publish: Sequence[str] = ()
-    """Topics that clients may publish on; `*` and `?` as in file names."""
+    """Topics that clients may publish on."""
     services: Sequence[str] = ()
-    """Services that clients may call; those of rosapi are always open, since they only tell."""
+    """Services that clients may call, whether the robot or another client provides them. rosapi is always open."""
     offer: Sequence[str] = ()
-    """Services that clients may offer to one another."""
+    """Services that clients may provide to other clients."""
     origins: Sequence[str] = LOCAL_PAGES
-    """Origins (`https://studio.example.org`) from whose pages a browser may connect; without a port: any port."""
-    token: str = ""
-    """What a client has to show in the header `Authorization: Bearer TOKEN`, as `?token=` in the address, or as the
-    secret of the operation `auth`; empty: nothing."""
+    """Origins (`https://studio.example.org`) of web pages that may connect; without a port: any port; `*`: all."""
+    token: str = field(default="", repr=False)
+    """Token that clients must present: in the header `Authorization: Bearer TOKEN`, as `?token=` in the address, or
+    as the secret of the operation `auth`. Empty: none."""
 
-    def origin_allowed(self, origin: str) -> bool:
-        """Whether a browser may connect from a page of this origin. What is no browser sends none, and may."""
-        if not origin:
-            return True
-        if "*" in self.origins or origin in self.origins:
+    def may_publish(self, topic: str) -> bool:
+        """Returns whether clients may publish on a topic."""
+        return _matches(topic, self.publish)
+
+    def may_call(self, service: str) -> bool:
+        """Returns whether clients may call a service."""
+        return _matches(service, self.services)
+
+    def may_offer(self, service: str) -> bool:
+        """Returns whether clients may provide a service."""
+        return _matches(service, self.offer)
+
+    def origin_allowed(self, origin: str, host: str = "") -> bool:
+        """Returns whether a web page may send requests.
+
+        Args:
+            origin: the header `Origin`. Clients other than browsers send none and are allowed.
+            host: the header `Host`; the server's own pages are allowed.
+        """
+        if not origin or "*" in self.origins or origin in self.origins:
             return True
         try:
             parts = urlsplit(origin)
-            host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
+            name = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
         except ValueError:
             return False
-        return f"{parts.scheme}://{host}" in self.origins
+        is_own = parts.scheme in ("http", "https") and parts.netloc == host != ""
+        return is_own or f"{parts.scheme}://{name}" in self.origins
 
-    def token_allowed(self, headers: Mapping[str, str], query: Mapping[str, str]) -> bool:
-        """Whether a request shows the token, if one is needed."""
+    def credentials(self, headers: Mapping[str, str], query: Mapping[str, str]) -> Credentials:
+        """Returns whether a request carries the token."""
         if not self.token:
-            return True
-        scheme, _, credentials = headers.get("Authorization", "").partition(" ")
-        shown = credentials.strip() if scheme.lower() == "bearer" else query.get("token", "")
-        return hmac.compare_digest(shown.encode("utf-8"), self.token.encode("utf-8"))
+            return Credentials.VALID
+        scheme, _, parameter = headers.get("Authorization", "").partition(" ")
+        if "Authorization" in headers:
+            presented = parameter.strip() if scheme.lower() == "bearer" else ""
+        elif "token" in query:
+            presented = query["token"]
+        else:
+            return Credentials.MISSING
+        is_valid = hmac.compare_digest(_bytes(presented), _bytes(self.token))
+        return Credentials.VALID if is_valid else Credentials.WRONG
 
     def auth_allowed(self, auth: Auth, time_s: float) -> bool:
-        """Whether an `auth` operation proves knowledge of the token, as the package rosauth checks it.
+        """Returns whether an `auth` operation proves knowledge of the token, by the rules of the package rosauth.
 
         Args:
             auth: the operation.
-            time_s: the time in s since 1970.
+            time_s: the current time, in s since 1970.
         """
         if abs(time_s - auth.t) > _CLOCK_TOLERANCE_S or auth.end <= time_s:
             return False
         text = f"{self.token}{auth.client}{auth.dest}{auth.rand}{int(auth.t)}{auth.level}{int(auth.end)}"
-        expected = hashlib.sha512(text.encode("utf-8")).hexdigest()
-        return hmac.compare_digest(auth.mac.encode("utf-8"), expected.encode("ascii"))
+        expected = hashlib.sha512(_bytes(text)).hexdigest()
+        return hmac.compare_digest(_bytes(auth.mac), expected.encode("ascii"))
 
 
 def monitor_access(
-    alert_system: str, topics: Sequence[str], *, token: str = "", origins: Sequence[str] = LOCAL_PAGES
+    alert_system: str,
+    *,
+    publish: Sequence[str] = (),
+    services: Sequence[str] = (),
+    offer: Sequence[str] = (),
+    origins: Sequence[str] = (),
+    token: str = "",
 ) -> Access:
-    """Returns what clients of a health monitor may do: send samples of its signals, and call `reset` and `reload`.
+    """Returns the access to a health monitor: reading, `reset` and `reload` of alert_system, and what is granted.
 
     Args:
         alert_system: the fully qualified name of the alert node.
-        topics: the topics of its signals, as the node names them.
-        token: what a client has to show; empty: nothing.
-        origins: from whose pages a browser may connect.
+        publish: patterns of topics that clients may publish on.
+        services: patterns of further services that clients may call.
+        offer: patterns of services that clients may provide.
+        origins: origins of web pages that may connect, besides those of this machine.
+        token: token that clients must present; empty: none.
     """
-    publish = sorted({resolve_name(topic, alert_system) for topic in topics if topic})
-    return Access(publish, (f"{alert_system}/reset", f"{alert_system}/reload"), (), origins, token)
-
-
-def allowed(name: str, patterns: Sequence[str]) -> bool:
-    """Whether a topic's or service's name fits one of `patterns`."""
-    return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
+    own_services = (f"{alert_system}/reset", f"{alert_system}/reload")
+    return Access(publish, (*own_services, *services), offer, (*LOCAL_PAGES, *origins), token)
 
 
 def is_loopback(host: str) -> bool:
-    """Whether `host` can be reached from this machine only."""
-    if host == "localhost":
+    """Returns whether a host name or address, with or without a port, is that of the loopback interface."""
+    name = host
+    if host.startswith("["):
+        name = host[1:].partition("]")[0]
+    elif host.count(":") == 1:
+        name = host.partition(":")[0]
+    if name.lower() == "localhost":
         return True
     try:
-        return ipaddress.ip_address(host).is_loopback
+        return ipaddress.ip_address(name).is_loopback
     except ValueError:
         return False
+
+
+def _matches(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _bytes(text: str) -> bytes:
+    # aiohttp decodes invalid UTF-8 in a header to lone surrogates.
+    return text.encode("utf-8", "surrogatepass")

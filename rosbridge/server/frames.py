@@ -1,67 +1,25 @@
-"""WebSocket frames, made once for any number of clients.
-
-aiohttp's own writer makes them: it is given a transport that keeps what is written. A frame from a server is not masked
-(RFC 6455, section 5.1), so the same bytes do for every client.
-"""
+"""WebSocket frames, encoded once for any number of clients."""
 
 from __future__ import annotations
 
-from typing import Any, Coroutine, List, Union
+import struct
+from typing import Union
 
-from aiohttp import WSMsgType
-from aiohttp.http import WebSocketWriter
+__all__ = ["frame"]
 
-
-class _Paper:
-    """The part of a transport that the writer uses."""
-
-    def __init__(self) -> None:
-        self.written: List[bytes] = []
-
-    def write(self, data: bytes) -> None:
-        self.written.append(bytes(data))
-
-    def is_closing(self) -> bool:
-        return False
+_FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 
 
-class _NeverFull:
-    """The part of a protocol that the writer uses, for flow control, which is not wanted here."""
+def frame(message: Union[str, bytes]) -> bytes:
+    """Returns a message as one WebSocket frame of a server: not masked, so that it fits every client.
 
-    _paused = False
-
-    async def _drain_helper(self) -> None:
-        return None
-
-
-class FrameMaker:
-    """Turns messages into the bytes that go over the socket."""
-
-    def __init__(self) -> None:
-        """Makes a writer that writes on paper."""
-        self._paper = _Paper()
-        # The writer's parameters are a protocol and a transport of asyncio; it uses no more of them than is here.
-        self._writer: Any = WebSocketWriter(_NeverFull(), self._paper, use_mask=False)  # type: ignore[arg-type]
-        self._by_opcode = hasattr(self._writer, "send_frame")
-
-    def frame(self, message: Union[str, bytes]) -> bytes:
-        """Returns one message as one frame: text, or binary for bytes."""
-        binary = isinstance(message, bytes)
-        data = message if isinstance(message, bytes) else message.encode("utf-8")
-        if self._by_opcode:  # aiohttp 3.11 and newer
-            _run(self._writer.send_frame(data, WSMsgType.BINARY if binary else WSMsgType.TEXT))
-        else:
-            _run(self._writer.send(data, binary=binary))
-        frame = b"".join(self._paper.written)
-        self._paper.written.clear()
-        return frame
-
-
-def _run(coroutine: Coroutine[Any, Any, None]) -> None:
-    """Runs a coroutine that waits for nothing."""
-    try:
-        coroutine.send(None)
-    except StopIteration:
-        return
-    coroutine.close()
-    raise RuntimeError("the WebSocket writer waits although nothing is full")
+    RFC 6455, section 5.2.
+    """
+    first = _FINAL_BINARY if isinstance(message, bytes) else _FINAL_TEXT
+    data = message if isinstance(message, bytes) else message.encode("utf-8")
+    length = len(data)
+    if length < 126:
+        return struct.pack("!BB", first, length) + data
+    if length < 65_536:
+        return struct.pack("!BBH", first, 126, length) + data
+    return struct.pack("!BBQ", first, 127, length) + data

@@ -1,101 +1,141 @@
-"""How the server reaches the node that it serves, from an event loop.
+"""Access to the served node from the server's event loop.
 
-A middleware with threads of its own may block (a service call, a name server) and calls back from its threads: it is
-called in threads, and what it delivers is handed over to the loop, many messages at a time when they come fast. The
-in-process middleware lives in the loop's own thread: it is called directly.
+A middleware with threads may block (service calls, name servers) and calls back from its threads. It is called in
+worker threads, and its messages are handed over to the loop. The local middleware runs in the loop's own thread and is
+called directly.
 """
 
 from __future__ import annotations
 
 import asyncio
-import concurrent.futures
+import threading
+import time
 from collections import deque
 from typing import Any, Callable, Deque, Optional, Tuple, TypeVar
+
+from robot_health_monitor.core.errors import ServiceError
+
+from .message_size import estimated_bytes
+from .worker_pool import WorkerPool
+
+__all__ = ["NodeAccess"]
 
 T = TypeVar("T")
 
 _THREADS = 4
+_MOST_PENDING = 1_000
 _MOST_CALLS = 16
-"""Service calls at the same time; a service that never answers keeps its thread."""
+_SLICE_S = 0.005
+_GRACE_S = 0.5
+"""Time for the middleware itself to report that a service did not respond."""
 
 
 class NodeAccess:
-    """Calls the served node, and hands its deliveries to the loop."""
+    """Calls the served node, and hands its messages over to the loop."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, *, threads: bool) -> None:
-        """Prepares to serve from `loop`.
+    def __init__(self, loop: asyncio.AbstractEventLoop, *, threads: bool, queue_bytes: int = 16_000_000) -> None:
+        """Prepares the access.
 
         Args:
             loop: the server's loop.
             threads: whether the middleware has threads of its own.
+            queue_bytes: estimated size of the messages that may wait for the loop; beyond it, the oldest are dropped.
         """
         self._loop = loop
-        self._executor: Optional[concurrent.futures.ThreadPoolExecutor] = None
-        if threads:
-            self._executor = concurrent.futures.ThreadPoolExecutor(_THREADS, "rosbridge")
-            # Of their own: services that hang must not keep anybody from subscribing.
-            self._call_executor = concurrent.futures.ThreadPoolExecutor(_MOST_CALLS, "rosbridge-call")
-        self._calls = 0
-        self._deliveries: Deque[Tuple[Callable[[Any], None], Any]] = deque()
+        self._threads = threads
+        self._workers = WorkerPool(loop, "rosbridge", _THREADS, _MOST_PENDING)
+        # Separate: services that do not respond must not block subscriptions.
+        self._callers = WorkerPool(loop, "rosbridge-call", _MOST_CALLS, _MOST_CALLS)
+        self._queue_bytes = queue_bytes
+        self._lock = threading.Lock()
+        self._messages: Deque[Tuple[Callable[[Any], None], Any, int]] = deque()
+        self._bytes = 0
         self._waking = False
+        self.dropped = 0
+        """Messages that were dropped because the loop was busy."""
 
     async def call(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Calls a method of the node; in a thread where it may block."""
-        if self._executor is None:
-            return function(*arguments)
-        return await self._loop.run_in_executor(self._executor, lambda: function(*arguments))
-
-    async def call_service(self, function: Callable[..., T], *arguments: Any, timeout_s: float) -> T:
-        """Calls a method of the node that waits for a service.
+        """Calls a method of the node, in a thread if it may block.
 
         Raises:
-            ValueError: it took longer than `timeout_s`, or too many others are being waited for.
+            ServiceError: too many calls are pending.
+            Exception: what the method raised.
         """
-        if self._executor is None:
+        if not self._threads:
             return function(*arguments)
-        if self._calls >= _MOST_CALLS:
-            raise ValueError(f"{_MOST_CALLS} other service calls wait for their answer")
-        self._calls += 1
-        call = self._loop.run_in_executor(self._call_executor, lambda: function(*arguments))
-        call.add_done_callback(self._end_call)
+        return await self._workers.run(function, *arguments)
+
+    async def call_service(self, function: Callable[..., T], *arguments: Any, timeout_s: float) -> T:
+        """Calls a method of the node that waits at most `timeout_s` for a service.
+
+        Raises:
+            ServiceError: no response in time, or too many calls are pending.
+            Exception: what the method raised.
+        """
+        if not self._threads:
+            return function(*arguments)
+        call = self._callers.submit(function, *arguments)
+        call.add_done_callback(_retrieve)
         try:
-            return await asyncio.wait_for(asyncio.shield(call), timeout_s)
+            return await asyncio.wait_for(asyncio.shield(call), timeout_s + _GRACE_S)
         except asyncio.TimeoutError:
-            raise ValueError(f"no answer within {timeout_s:g} s") from None
+            raise ServiceError(f"no response within {timeout_s:g} s") from None
 
     def hand_over(self, function: Callable[[Any], None]) -> Callable[[Any, float], None]:
-        """Returns a callback for the node's subscriptions that has `function(value)` called in the loop."""
-        if self._executor is None:
+        """Returns a callback for the node's subscriptions that calls `function(value)` in the loop."""
+        if not self._threads:
             return lambda value, now_s: function(value)
 
         def callback(value: Any, now_s: float) -> None:
-            self._deliveries.append((function, value))
-            if not self._waking:
+            size = estimated_bytes(value)
+            with self._lock:
+                self._messages.append((function, value, size))
+                self._bytes += size
+                while self._bytes > self._queue_bytes and len(self._messages) > 1:
+                    self._bytes -= self._messages.popleft()[2]
+                    self.dropped += 1
+                wake = not self._waking
                 self._waking = True
+            if wake:
                 self._wake()
 
         return callback
 
     def close(self) -> None:
-        """Starts nothing new; calls that have begun end by themselves."""
-        if self._executor is not None:
-            self._executor.shutdown(wait=False)
-            self._call_executor.shutdown(wait=False)
-
-    def _end_call(self, call: asyncio.Future[Any]) -> None:
-        self._calls -= 1
-        if not call.cancelled():
-            call.exception()  # looked at here for those that nobody waits for any more
+        """Starts nothing new; functions that are running end by themselves."""
+        self._workers.close()
+        self._callers.close()
 
     def _wake(self) -> None:
         try:
             self._loop.call_soon_threadsafe(self._deliver)
-        except RuntimeError:  # the loop has ended: the server has been closed
-            self._deliveries.clear()
+        except RuntimeError:  # the loop has ended
+            with self._lock:
+                self._messages.clear()
+                self._bytes = 0
 
     def _deliver(self) -> None:
-        # Cleared first: a message that is appended meanwhile wakes the loop again, at worst for nothing.
-        self._waking = False
-        while self._deliveries:
-            function, value = self._deliveries.popleft()
-            function(value)
+        end_s = time.monotonic() + _SLICE_S
+        while True:
+            message = self._next()
+            if message is None:
+                return
+            message[0](message[1])
+            if time.monotonic() > end_s:  # let other tasks of the loop run
+                self._loop.call_soon(self._deliver)
+                return
+
+    def _next(self) -> Optional[Tuple[Callable[[Any], None], Any, int]]:
+        with self._lock:
+            if not self._messages:
+                self._waking = False
+                return None
+            message = self._messages.popleft()
+            self._bytes -= message[2]
+            return message
+
+
+def _retrieve(call: asyncio.Future[Any]) -> None:
+    """Retrieves the exception of a call that is no longer awaited; asyncio would log it."""
+    if not call.cancelled():
+        call.exception()

@@ -1,7 +1,7 @@
-"""The services of the package rosapi, by which clients find out what there is, answered from a `Graph`.
+"""The services of the package rosapi, by which clients query the graph.
 
-Names and fields are those of rosapi_msgs. They are answered by the server itself, so that they are there whatever the
-middleware; each answer is computed anew, from the graph as it is then.
+Names and fields are those of rosapi_msgs. The server itself provides them, so that they exist with every middleware.
+Each call reads the graph once.
 """
 
 from __future__ import annotations
@@ -9,18 +9,21 @@ from __future__ import annotations
 import json
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
+from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.middleware import Graph
 from robot_health_monitor.core.parameters import flatten
 
 from ..protocol import definitions
 from ..protocol.definitions import canonical
 
+__all__ = ["PREFIX", "Rosapi"]
+
 PREFIX = "/rosapi/"
 _EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
 
 
 class Rosapi:
-    """Answers the services under `/rosapi/`."""
+    """The services under `/rosapi/`."""
 
     def __init__(
         self,
@@ -29,13 +32,13 @@ class Rosapi:
         parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
         time_s: Callable[[], float],
     ) -> None:
-        """Makes the services.
+        """Stores the sources.
 
         Args:
-            graph: what there is now.
-            definition: full text of a message type's definition, empty when it is not known.
-            parameters: per node its parameters, nested.
-            time_s: the time that `get_time` tells, in s since its epoch.
+            graph: returns the current graph.
+            definition: returns the definition of a message type, with the types that it contains; empty if unknown.
+            parameters: returns the parameters per node, nested.
+            time_s: returns the time for `get_time`, in s since its epoch.
         """
         self._graph = graph
         self._definition = definition
@@ -47,18 +50,18 @@ class Rosapi:
         """Type per service."""
 
     def answer(self, service: str, args: object) -> Mapping[str, Any]:
-        """Returns the response of a service.
+        """Returns the response of a service. May block.
 
         Args:
             service: its name, `/rosapi/topics`.
-            args: the request's fields, as a mapping or as a list in their order.
+            args: the fields of the request, by name or in order.
 
         Raises:
-            ValueError: there is no such service.
+            ServiceError: the service does not exist, or the graph cannot be read.
         """
         found = _SERVICES.get(service[len(PREFIX) :]) if service.startswith(PREFIX) else None
         if found is None:
-            raise ValueError(f"no service {service}")
+            raise ServiceError(f"no service {service}")
         function, names = found
         return function(self, *_texts(args, names))
 
@@ -75,7 +78,11 @@ class Rosapi:
     def _topics_and_raw_types(self) -> Mapping[str, Any]:
         topics = self._graph().topics
         texts = {type_name: self._definition(type_name) for type_name in set(topics.values())}
-        return {**self._topics(), "typedefs_full_text": [texts.get(name, "") for name in self._topics()["types"]]}
+        return {
+            "topics": list(topics),
+            "types": list(topics.values()),
+            "typedefs_full_text": [texts[type_name] for type_name in topics.values()],
+        }
 
     def _services(self) -> Mapping[str, Any]:
         return {"services": list(self._graph().services)}
@@ -145,7 +152,12 @@ class Rosapi:
         return {"exists": name in self._values()}
 
     def _values(self) -> Dict[str, Any]:
-        return {f"{node}:{name}": value for node, tree in self._parameters().items() for name, value in flatten(tree)}
+        return {
+            f"{node}:{name}": value
+            for node, tree in self._parameters().items()
+            for name, value in flatten(tree)
+            if not name.endswith("token")
+        }
 
 
 _SERVICES: Mapping[str, Tuple[Callable[..., Mapping[str, Any]], Sequence[str]]] = {
@@ -172,15 +184,15 @@ _SERVICES: Mapping[str, Tuple[Callable[..., Mapping[str, Any]], Sequence[str]]] 
     "get_param": (Rosapi._get_param, ("name", "default_value")),
     "has_param": (Rosapi._has_param, ("name",)),
 }
-"""Per service the function that answers it and the fields of its request, which are texts all."""
+"""Function and fields of the request per service; all fields are strings."""
 
 
 _OLD_NAMES = {"default_value": "default"}
-"""ROS 1 calls it `default`."""
+"""The name of a field in ROS 1."""
 
 
 def _texts(args: object, names: Sequence[str]) -> List[str]:
-    """Returns a request's fields in their order, empty where one is left out or is no text."""
+    """Returns the fields of a request in order; empty if one is missing or not a string."""
     if isinstance(args, Mapping):
         found = [args.get(name, args.get(_OLD_NAMES.get(name, ""))) for name in names]
     else:

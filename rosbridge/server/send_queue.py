@@ -1,8 +1,7 @@
-"""What waits for a client that reads more slowly than it is sent to: bounded, and nobody else's problem.
+"""Bounded send queue of one client.
 
-A frame goes straight to the transport as long as the transport's own buffer is short. Otherwise it waits here, at most
-`bytes_bound` of it; when that is full the client's own oldest frames are dropped. The frames are shared between
-clients, so what waits costs little more than references.
+Frames go to the transport in pieces, so that the transport's own buffer stays small. The frames that wait here are
+shared between clients. If they exceed the bound, the oldest are dropped; a frame that was sent in part is completed.
 """
 
 from __future__ import annotations
@@ -11,57 +10,89 @@ import asyncio
 from collections import deque
 from typing import Deque, Optional
 
+__all__ = ["SendQueue"]
 
-class Outbox:
-    """The frames of one client, on their way to its transport."""
 
-    __slots__ = ("_bound", "_bytes", "_frames", "_high", "_transport", "behind_since_s", "dropped")
+class SendQueue:
+    """The frames that wait for one client."""
 
-    def __init__(self, transport: asyncio.WriteTransport, bytes_bound: int, high_water: int = 65_536) -> None:
+    __slots__ = ("_bound", "_bytes", "_frames", "_high", "_sent", "_transport", "behind_since_s", "dropped")
+
+    def __init__(self, transport: asyncio.WriteTransport, bound_bytes: int, high_water: int = 65_536) -> None:
         """Starts empty.
 
         Args:
-            transport: where frames go.
-            bytes_bound: most bytes that wait here.
-            high_water: with more than this in the transport's own buffer, in bytes, frames wait here.
+            transport: where frames are written.
+            bound_bytes: most bytes that wait here. One larger frame may wait alone.
+            high_water: frames wait here while the transport's buffer holds more than this, in bytes. Also the size of
+                the pieces that are written.
         """
         self._transport = transport
-        self._bound = bytes_bound
+        self._bound = bound_bytes
         self._high = high_water
         self._frames: Deque[bytes] = deque()
         self._bytes = 0
+        self._sent = 0
         self.dropped = 0
-        """How many frames were dropped since somebody last set this to 0."""
+        """Frames dropped since this was last reset."""
         self.behind_since_s: Optional[float] = None
-        """Since when the client has been behind; kept by whoever calls `flush`."""
+        """Start of the current backlog, in s; set by the owner."""
 
     @property
     def behind(self) -> bool:
-        """Whether frames wait here, or would: the client does not read as fast as it is sent to."""
+        """Whether the client reads more slowly than it is sent to."""
         return bool(self._frames) or self._transport.get_write_buffer_size() > self._high
 
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes that wait here."""
+        return self._bytes
+
     def put(self, frame: bytes) -> bool:
-        """Sends a frame, or lets it wait; returns whether the client is behind."""
-        transport = self._transport
-        if not self._frames and transport.get_write_buffer_size() <= self._high:
-            transport.write(frame)
+        """Sends a frame or queues it; returns whether the client is behind."""
+        if not self._frames and len(frame) <= self._high >= self._transport.get_write_buffer_size():
+            self._transport.write(frame)
             return False
         self._frames.append(frame)
         self._bytes += len(frame)
-        while self._bytes > self._bound:
-            self._bytes -= len(self._frames.popleft())
-            self.dropped += 1
-        return True
+        if len(self._frames) == 1:
+            self.flush()
+        self._drop_oldest()
+        return self.behind
 
     def flush(self) -> None:
-        """Hands waiting frames to the transport as far as it takes them."""
-        frames, transport = self._frames, self._transport
-        while frames and transport.get_write_buffer_size() <= self._high:
-            batch = []
-            size = 0
-            while frames and size <= self._high:
-                frame = frames.popleft()
-                batch.append(frame)
-                size += len(frame)
-            self._bytes -= size
-            transport.write(b"".join(batch))
+        """Writes queued frames as far as the transport takes them."""
+        frames, transport, high = self._frames, self._transport, self._high
+        while frames and transport.get_write_buffer_size() <= high:
+            first = frames[0]
+            if self._sent or len(first) > high:
+                piece = first[self._sent : self._sent + high]
+                self._sent += len(piece)
+                if self._sent >= len(first):
+                    frames.popleft()
+                    self._sent = 0
+            else:
+                batch = []
+                size = 0
+                while frames and size + len(frames[0]) <= high:
+                    batch.append(frames.popleft())
+                    size += len(batch[-1])
+                piece = b"".join(batch)
+            self._bytes -= len(piece)
+            transport.write(piece)
+
+    def clear(self) -> None:
+        """Drops everything that waits."""
+        self._frames.clear()
+        self._bytes = self._sent = 0
+
+    def _drop_oldest(self) -> None:
+        while self._bytes > self._bound and len(self._frames) > 1:
+            if self._sent == 0:
+                self._bytes -= len(self._frames.popleft())
+            elif len(self._frames) > 2:
+                self._bytes -= len(self._frames[1])
+                del self._frames[1]
+            else:
+                return  # one frame that was sent in part, and the newest
+            self.dropped += 1

@@ -1,69 +1,66 @@
-"""The rosbridge server beside ROS: an event loop in a thread of its own."""
+"""A rosbridge server with its event loop in a thread, for processes whose main thread runs ROS."""
 
 from __future__ import annotations
 
-from typing import Any, Mapping, Sequence
-
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.middleware import ServedMiddleware, Severity
+import asyncio
+import concurrent.futures
+from typing import Any, Dict
 
 from ..loop_thread import LoopThread
-from .access import monitor_access
 from .server import Server
+
+__all__ = ["ServerThread"]
+
+_CLOSE_TIMEOUT_S = 4.0
 
 
 class ServerThread:
-    """A server that serves what the alert node of this process watches."""
+    """Runs a server until `close`."""
 
-    def __init__(
-        self,
-        middleware: ServedMiddleware,
-        alert_system: str,
-        topics: Sequence[str],
-        given: Mapping[str, Any],
-        *,
-        host: str,
-        port: int,
-        token: str,
-    ) -> None:
+    def __init__(self, server: Server) -> None:
         """Opens the port.
 
         Args:
-            middleware: a node of its own for the server, with threads of its own; not closed here.
-            alert_system: the fully qualified name of the alert node.
-            topics: the topics of its signals, as the node names them.
-            given: its parameters, for clients to look at; the token is kept from them.
-            host: address to listen on.
-            port: port to listen on.
-            token: what clients have to show; empty: nothing.
+            server: the server, not started.
 
         Raises:
-            ConfigError: the port cannot be had, or is not protected.
+            OSError: the port is in use, or the address is not one of this machine.
         """
-        shown = {name: value for name, value in given.items() if name != "rosbridge_token"}
-        server = Server(
-            middleware,
-            host=host,
-            port=port,
-            access=monitor_access(alert_system, topics, token=token),
-            parameters=lambda: {alert_system: shown},
-        )
-        self._server = server
+        self.server = server
         self._thread = LoopThread()
+        self._thread.loop.set_exception_handler(self._log_failure)
         try:
             self._thread.call(server.start())
-        except OSError as error:
+        except BaseException:
             self._thread.close()
-            problem = f"found {port}, but that port of {host} cannot be had: {error.strerror or error}"
-            raise ConfigError(problem, ("rosbridge_port",)) from None
-        middleware.log(Severity.INFO, f"rosbridge: serving on ws://{host}:{server.port}")
+            raise
 
     @property
     def port(self) -> int:
         """The port."""
-        return self._server.port
+        return self.server.port
+
+    @property
+    def clients(self) -> int:
+        """Number of connected clients."""
+        return self.server.clients
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were dropped."""
+        return self.server.dropped
 
     def close(self) -> None:
-        """Says goodbye to every client and closes the port."""
-        self._thread.call(self._server.close())
+        """Closes the port, then every connection. May be called twice."""
+        if not self._thread.alive:
+            return
+        try:
+            self._thread.call(self.server.close(), _CLOSE_TIMEOUT_S)
+        except concurrent.futures.TimeoutError:
+            pass  # the thread's end closes what is left
         self._thread.close()
+
+    def _log_failure(self, loop: asyncio.AbstractEventLoop, context: Dict[str, Any]) -> None:
+        error = context.get("exception")
+        cause = f": {type(error).__name__}: {error}" if error else ""
+        self.server.log(f"{context.get('message', 'unexpected error')}{cause}")

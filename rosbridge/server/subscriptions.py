@@ -1,43 +1,40 @@
-"""What a client asked for when it subscribed: merging several requests for one topic, and keeping to their rate."""
+"""The options of a client's subscriptions: merging several for one topic, and limiting the rate."""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import Deque, Generic, Iterable, NamedTuple, Optional, TypeVar
+from typing import Deque, Generic, Iterable, NamedTuple, Optional, Tuple, TypeVar
 
-from ..protocol import COMPRESSIONS, Subscribe
-from ..protocol.limits import Limits
+from ..protocol import COMPRESSIONS, Limits, Subscribe
+
+__all__ = ["ByteBudget", "Options", "Pacer", "merge", "options_of"]
 
 T = TypeVar("T")
 
 
 class Options(NamedTuple):
-    """How one client gets the messages of one topic."""
+    """How a client receives the messages of a topic."""
 
     throttle_s: float = 0.0
-    """Least time between two messages, in s."""
+    """Minimum time between two messages, in s."""
     queue_length: int = 0
-    """How many wait for their time, the newest ones; 0: those in between are left out."""
+    """Messages to queue meanwhile, the newest ones; 0: messages in between are dropped."""
     fragment_size: Optional[int] = None
+    """In characters; None: no fragments."""
     compression: str = "none"
-
-    @property
-    def direct(self) -> bool:
-        """Whether every message goes out as it is and at once."""
-        return self.throttle_s == 0.0 and self.fragment_size is None
 
 
 def options_of(request: Subscribe, limits: Limits) -> Options:
-    """Returns what a request asks for, with its queue within the limits."""
+    """Returns the options that a client requests, within the limits."""
     queue_length = min(request.queue_length, limits.queue_messages)
     return Options(request.throttle_rate / 1000.0, queue_length, request.fragment_size, request.compression)
 
 
 def merge(requests: Iterable[Options]) -> Options:
-    """Returns what serves all of a client's subscriptions to one topic.
+    """Returns one set of options for all subscriptions of a client to one topic.
 
-    As the reference server has it: the fastest rate, the shortest queue, the smallest fragments, and of the
-    compressions the one that stands last in COMPRESSIONS.
+    As in the reference server: the fastest rate, the shortest queue, the smallest fragments, and the compression that
+    is last in COMPRESSIONS.
     """
     every = list(requests)
     sizes = [options.fragment_size for options in every if options.fragment_size is not None]
@@ -49,38 +46,70 @@ def merge(requests: Iterable[Options]) -> Options:
     )
 
 
-class Pacer(Generic[T]):
-    """Lets messages through at no more than a subscription's rate."""
+class ByteBudget:
+    """Bytes that the throttled messages of one client may occupy together."""
 
-    def __init__(self, options: Options) -> None:
-        """Starts with the rate and queue of `options`; the first message may go at once."""
+    def __init__(self, bound: int) -> None:
+        """Starts with nothing used."""
+        self.bound = bound
+        self.used = 0
+
+
+class Pacer(Generic[T]):
+    """Limits the rate of one subscription."""
+
+    def __init__(self, options: Options, budget: ByteBudget) -> None:
+        """Starts empty; the first message may be sent at once.
+
+        Args:
+            options: rate and queue.
+            budget: shared by all subscriptions of the client.
+        """
         self._period_s = options.throttle_s
-        self._waiting: Deque[T] = deque(maxlen=options.queue_length)
+        self._length = options.queue_length
+        self._budget = budget
+        self._waiting: Deque[Tuple[T, int]] = deque()
         self._next_s = float("-inf")
 
-    def offer(self, message: T, now_s: float) -> Optional[T]:
-        """Takes a message; returns the one to send now, None when its time has not come.
+    def offer(self, message: T, size: int, now_s: float) -> Optional[T]:
+        """Takes a message; returns the one to send now, None if it is too early.
 
-        When the queue is full the oldest in it is left out.
+        If the queue or the budget is full, the oldest messages of the queue are dropped.
+
+        Args:
+            message: the message.
+            size: its estimated size in bytes.
+            now_s: monotonic seconds.
         """
         if now_s < self._next_s - self._period_s:
             self._next_s = now_s
-        self._waiting.append(message)
-        if self._waiting:
-            return self.due(now_s)
-        if now_s < self._next_s:
-            return None
-        self._next_s = now_s + self._period_s
-        return message
+        if not self._waiting and now_s >= self._next_s:
+            self._next_s = now_s + self._period_s
+            return message
+        self._waiting.append((message, size))
+        self._budget.used += size
+        while self._waiting and (len(self._waiting) > self._length or self._budget.used > self._budget.bound):
+            self._pop()
+        return self.due(now_s)
 
     def due(self, now_s: float) -> Optional[T]:
-        """Returns the oldest waiting message when its time has come."""
+        """Returns the oldest queued message if its time has come."""
         if not self._waiting or now_s < self._next_s:
             return None
         self._next_s = now_s + self._period_s
-        return self._waiting.popleft()
+        return self._pop()
+
+    def clear(self) -> None:
+        """Drops the queue."""
+        while self._waiting:
+            self._pop()
 
     @property
     def next_s(self) -> Optional[float]:
-        """When the next waiting message may go, in s; None when none waits."""
+        """When the next queued message may be sent, in s; None if none is queued."""
         return self._next_s if self._waiting else None
+
+    def _pop(self) -> T:
+        message, size = self._waiting.popleft()
+        self._budget.used -= size
+        return message

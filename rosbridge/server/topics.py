@@ -1,209 +1,180 @@
-"""From one message to many clients: each message is encoded once per encoding, whatever the number of clients."""
+"""The subscriptions of clients: one subscription of the middleware per topic, whatever the number of clients."""
 
 from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence
+from typing import Callable, Dict, Optional
 
-from ..protocol import Connection, Wire
-from ..protocol.cbor import encode_cbor
-from ..protocol.codec import encode_json
-from ..protocol.png import encode_png
-from .frames import FrameMaker
-from .subscriptions import Options, Pacer
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.local import LogLine
+from robot_health_monitor.core.middleware import ServedMiddleware, Severity, Subscription
 
+from ..protocol import Limits, ProtocolError
+from ..protocol.definitions import canonical, serializer
+from .graph import ROSOUT, ROSOUT_TYPE, ServedGraph
+from .node_access import NodeAccess
+from .subscriptions import Options
+from .topic import Receiver, Topic
+from .worker_pool import WorkerPool
 
-class Receiver(Protocol):
-    """A client, as seen from a topic."""
+__all__ = ["Topics"]
 
-    connection: Connection
-
-    def put(self, frame: bytes) -> None:
-        """Sends a frame, or lets it wait its turn."""
-
-
-class EncodedMessage:
-    """One message of a topic in all the forms that somebody wants; each is made when it is first asked for."""
-
-    def __init__(
-        self,
-        topic: Topic,
-        message: Optional[Mapping[str, Any]],
-        data: Optional[bytes] = None,
-    ) -> None:
-        """Takes the message as a mapping, or as the bytes that a middleware transports."""
-        self._topic = topic
-        self._message = message
-        self._data = data
-        self._wires: Dict[str, Wire] = {}
-        self._frames: Dict[str, bytes] = {}
-
-    def frame(self, compression: str) -> bytes:
-        """Returns the WebSocket frame for a compression.
-
-        Raises:
-            ValueError: the message cannot be encoded so.
-        """
-        frame = self._frames.get(compression)
-        if frame is None:
-            frame = self._frames[compression] = self._topic.frame_maker.frame(self.wire(compression))
-        return frame
-
-    def wire(self, compression: str) -> Wire:
-        """Returns the message as it is before framing.
-
-        Raises:
-            ValueError: the message cannot be encoded so.
-        """
-        wire = self._wires.get(compression)
-        if wire is None:
-            wire = self._wires[compression] = self._encode(compression)
-        return wire
-
-    def _encode(self, compression: str) -> Wire:
-        if compression == "none":
-            return f"{self._topic.json_start}{encode_json(self._message)}}}"
-        if compression == "png":
-            text = self.wire("none")
-            assert isinstance(text, str)
-            return encode_json({"op": "png", "data": encode_png(text)})
-        message: Any = self._message
-        if compression == "cbor-raw":
-            nanoseconds = time.time_ns()
-            message = {
-                "secs": nanoseconds // 1_000_000_000,
-                "nsecs": nanoseconds % 1_000_000_000,
-                "bytes": self._data if self._message is None else self._topic.serialized(self._message),
-            }
-        return encode_cbor({"op": "publish", "topic": self._topic.name, "msg": message})
+_LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.ERROR: 8, Severity.FATAL: 16}
+"""Severity in rosgraph_msgs/Log."""
 
 
-class Topic:
-    """One topic and the clients that subscribe to it. All of it runs in the server's event loop."""
+class _Subscribed:
+    """A topic and the subscriptions of the middleware that supply it."""
+
+    def __init__(self, topic: Topic) -> None:
+        self.topic = topic
+        self.messages: Optional[Subscription] = None
+        self.raw: Optional[Subscription] = None
+        self.lock = asyncio.Lock()
+
+
+class Topics:
+    """The topics that clients subscribe to."""
 
     def __init__(
         self,
-        name: str,
-        type_name: str,
-        frame_maker: FrameMaker,
-        serialize: Optional[Callable[[Mapping[str, Any]], bytes]],
-        on_failure: Callable[[str], None],
+        middleware: ServedMiddleware,
+        node: NodeAccess,
+        graph: ServedGraph,
+        encoder: WorkerPool,
+        limits: Limits,
+        log: Callable[[str], None],
+        *,
+        has_raw: bool,
     ) -> None:
-        """Makes a topic without clients.
+        """Starts without subscriptions.
 
         Args:
-            name: its name.
-            type_name: type of its messages.
-            frame_maker: makes the frames.
-            serialize: turns a message into raw bytes where the middleware gives none; None: that is not possible.
-            on_failure: told why a message could not be sent.
+            middleware: the served node.
+            node: access to it.
+            graph: types and definitions.
+            encoder: encodes large messages.
+            limits: sizes of queues and messages.
+            log: writes one line about a message that cannot be sent.
+            has_raw: whether the middleware transports bytes.
         """
-        self.name = name
-        self.type_name = type_name
-        self.frame_maker = frame_maker
-        self.json_start = f'{{"op":"publish","topic":{encode_json(name)},"msg":'
-        self.native_raw = False
-        """Whether raw bytes come from the middleware, through `deliver_raw`."""
-        self._serialize = serialize
-        self._on_failure = on_failure
-        self._options: Dict[Receiver, Options] = {}
-        self._direct: Dict[str, List[Receiver]] = {}
-        self._pacers: Dict[Receiver, Pacer[EncodedMessage]] = {}
-        self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
+        self._middleware = middleware
+        self._node = node
+        self._graph = graph
+        self._encoder = encoder
+        self._limits = limits
+        self._log = log
+        self._has_raw = has_raw
+        self._topics: Dict[str, _Subscribed] = {}
+        self._dropped = 0
 
     @property
-    def compressions(self) -> Sequence[str]:
-        """The compressions that somebody wants."""
-        return tuple({options.compression for options in self._options.values()})
+    def dropped(self) -> int:
+        """Messages that were not sent to any client."""
+        return self._dropped + self._node.dropped + sum(one.topic.dropped for one in self._topics.values())
 
-    def serialized(self, message: Mapping[str, Any]) -> bytes:
-        """Returns a message in raw bytes.
+    def publish_log(self, line: LogLine) -> None:
+        """Publishes a log line on `/rosout`, for a middleware without this topic."""
+        rosout = self._topics.get(ROSOUT)
+        if rosout is None:
+            return
+        nanoseconds = time.time_ns()
+        stamp = {"secs": nanoseconds // 1_000_000_000, "nsecs": nanoseconds % 1_000_000_000}
+        rosout.topic.deliver(
+            {
+                "header": {"seq": 0, "stamp": stamp, "frame_id": ""},
+                "level": _LOG_LEVELS[line.severity],
+                "name": line.node,
+                "msg": line.text,
+                "file": "",
+                "function": "",
+                "line": 0,
+                "topics": [],
+            }
+        )
+
+    async def subscribe(self, receiver: Receiver, topic: str, type_name: str, options: Optional[Options]) -> None:
+        """Sends the messages of a topic to a client as in `options`; None: no longer.
 
         Raises:
-            ValueError: its type is not known, or it does not fit.
+            ProtocolError: the type is not known or is not that of the topic, or the middleware does not respond.
         """
-        if self._serialize is None:
-            raise ValueError(f"{self.type_name} cannot be sent as cbor-raw: its definition is not known")
-        return self._serialize(message)
+        while True:
+            subscribed = self._topics.get(topic)
+            if subscribed is None:
+                if options is None:
+                    return
+                subscribed = self._topics.setdefault(topic, _Subscribed(await self._create(topic, type_name)))
+            elif options is not None:
+                _require_same_type(topic, subscribed.topic.type_name, type_name)
+            async with subscribed.lock:
+                if self._topics.get(topic) is subscribed:
+                    await self._set_options(subscribed, receiver, options)
+                    return
+            # The last other client left meanwhile and the topic was removed: start again.
 
-    def set_options(self, receiver: Receiver, options: Optional[Options]) -> None:
-        """Says how a client gets the messages from now on; None: not any more."""
-        self._pacers.pop(receiver, None)
-        timer = self._timers.pop(receiver, None)
-        if timer is not None:
-            timer.cancel()
-        if options is None:
-            self._options.pop(receiver, None)
-        else:
-            self._options[receiver] = options
-            if not options.direct:
-                self._pacers[receiver] = Pacer(options)
-        self._direct = {}
-        for other, chosen in self._options.items():
-            if chosen.direct:
-                self._direct.setdefault(chosen.compression, []).append(other)
-
-    def deliver(self, message: Mapping[str, Any]) -> None:
-        """Sends a message to every client that does not want it raw from the middleware."""
-        encoded = EncodedMessage(self, message)
-        for compression, receivers in self._direct.items():
-            if compression != "cbor-raw" or not self.native_raw:
-                self._send(encoded, compression, receivers)
-        if self._pacers:
-            self._pace(encoded, raw=False)
-
-    def deliver_raw(self, data: bytes) -> None:
-        """Sends the bytes of a message to every client that wants them."""
-        encoded = EncodedMessage(self, None, data)
-        receivers = self._direct.get("cbor-raw")
-        if receivers:
-            self._send(encoded, "cbor-raw", receivers)
-        if self._pacers:
-            self._pace(encoded, raw=True)
-
-    def _send(self, encoded: EncodedMessage, compression: str, receivers: Sequence[Receiver]) -> None:
+    async def _create(self, name: str, type_name: str) -> Topic:
         try:
-            frame = encoded.frame(compression)
-        except (ValueError, TypeError) as error:
-            self._on_failure(f"{self.name}: {error}")
-            return
-        for receiver in receivers:
-            receiver.put(frame)
+            known = await self._graph.topic_type(name)
+            _require_same_type(name, known, type_name)
+            type_name = known or type_name
+            text = await self._graph.message_definition(type_name)
+        except ServiceError as error:
+            raise ProtocolError(str(error), "subscribe") from None
+        return Topic(
+            name,
+            type_name,
+            serializer(type_name, text),
+            self._encoder,
+            self._log,
+            queue_bytes=self._limits.encoding_bytes,
+            sent_bytes=self._limits.sent_bytes,
+        )
 
-    def _pace(self, encoded: EncodedMessage, raw: bool) -> None:
-        now_s = asyncio.get_event_loop().time()
-        for receiver, pacer in tuple(self._pacers.items()):
-            if (self._options[receiver].compression == "cbor-raw" and self.native_raw) == raw:
-                self._send_paced(receiver, pacer.offer(encoded, now_s))
-                self._wait(receiver, pacer, now_s)
-
-    def _wait(self, receiver: Receiver, pacer: Pacer[EncodedMessage], now_s: float) -> None:
-        """Has the next waiting message sent when its time comes."""
-        if pacer.next_s is not None and receiver not in self._timers:
-            delay_s = max(0.0, pacer.next_s - now_s)
-            self._timers[receiver] = asyncio.get_event_loop().call_later(delay_s, self._on_due, receiver)
-
-    def _on_due(self, receiver: Receiver) -> None:
-        self._timers.pop(receiver, None)
-        pacer = self._pacers.get(receiver)
-        if pacer is not None:
-            now_s = asyncio.get_event_loop().time()
-            self._send_paced(receiver, pacer.due(now_s))
-            self._wait(receiver, pacer, now_s)
-
-    def _send_paced(self, receiver: Receiver, encoded: Optional[EncodedMessage]) -> None:
-        if encoded is None:
-            return
-        options = self._options[receiver]
-        if options.fragment_size is None or options.compression.startswith("cbor"):
-            self._send(encoded, options.compression, [receiver])
-            return
+    async def _set_options(self, subscribed: _Subscribed, receiver: Receiver, options: Optional[Options]) -> None:
+        topic = subscribed.topic
+        topic.set_options(receiver, options)
         try:
-            text = encoded.wire(options.compression)
-        except (ValueError, TypeError) as error:
-            self._on_failure(f"{self.name}: {error}")
+            await self._update(subscribed)
+        except (ConfigError, MessageError, ServiceError, OSError) as error:
+            topic.set_options(receiver, None)
+            raise ProtocolError(str(error), "subscribe") from None
+        finally:
+            if not topic.compressions:
+                self._dropped += topic.dropped
+                del self._topics[topic.name]
+
+    async def _update(self, subscribed: _Subscribed) -> None:
+        """Subscribes to what the clients of a topic need, and ends what they no longer need."""
+        topic = subscribed.topic
+        if self._graph.adds_rosout and topic.name == ROSOUT and topic.type_name == ROSOUT_TYPE:
             return
-        assert isinstance(text, str)
-        for piece in receiver.connection.fragmented(text, options.fragment_size):
-            receiver.put(self.frame_maker.frame(piece))
+        needed = set(topic.compressions)
+        if "cbor-raw" in needed and subscribed.raw is None and self._has_raw:
+            try:
+                subscribed.raw = await self._node.call(
+                    self._middleware.subscribe_raw, topic.name, topic.type_name, self._node.hand_over(topic.deliver_raw)
+                )
+                topic.native_raw = True
+            except ConfigError:
+                topic.native_raw = False
+        if topic.native_raw:
+            needed.discard("cbor-raw")
+        if needed and subscribed.messages is None:
+            subscribed.messages = await self._node.call(
+                self._middleware.subscribe, topic.name, topic.type_name, self._node.hand_over(topic.deliver)
+            )
+        if not needed and subscribed.messages is not None:
+            subscription, subscribed.messages = subscribed.messages, None
+            await self._node.call(self._middleware.unsubscribe, subscription)
+        if subscribed.raw is not None and "cbor-raw" not in topic.compressions:
+            subscription, subscribed.raw = subscribed.raw, None
+            topic.native_raw = False
+            await self._node.call(self._middleware.unsubscribe, subscription)
+
+
+def _require_same_type(topic: str, known: str, requested: str) -> None:
+    """Raises ProtocolError if both types are given and differ."""
+    if known and requested and canonical(known) != canonical(requested):
+        raise ProtocolError(f"type of {topic}: expected {known}, got {requested}", "subscribe")

@@ -76,7 +76,7 @@ class RosbridgeHarness:
     def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
         self._settle()
         try:
-            return self._robot.call(self.server.call(service, request or {}, None))  # type: ignore[no-any-return]
+            return self._robot.call(self.server.services.call(service, request or {}, None))  # type: ignore[no-any-return]
         except (ValueError, ServiceError) as error:
             raise ServiceFailed(error) from None
 

@@ -89,8 +89,8 @@ class Robot:
             self.node.publish("/battery_level", {"data": number})
 
     @contextlib.asynccontextmanager
-    async def peer(self, **options: Any) -> AsyncIterator[Peer]:
-        async with aiohttp.ClientSession() as session, session.ws_connect(self.url, **options) as socket:
+    async def peer(self, *, query: str = "", **options: Any) -> AsyncIterator[Peer]:
+        async with aiohttp.ClientSession() as session, session.ws_connect(self.url + query, **options) as socket:
             yield Peer(socket)
 
     async def until(self, predicate: Callable[[], bool]) -> None:

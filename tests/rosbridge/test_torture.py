@@ -52,7 +52,7 @@ def raw_socket(robot: Robot) -> sockets.socket:
 
 
 HANDSHAKE = (
-    b"GET / HTTP/1.1\r\nHost: robot\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
 
@@ -78,27 +78,27 @@ async def stalled_client(robot: Robot) -> sockets.socket:
     return connection
 
 
-@with_robot(queue_bytes=100_000, behind_s=0.5, heartbeat_s=60.0)
+@with_robot(limits=Limits(queue_bytes=100_000), slow_client_timeout_s=0.5, heartbeat_s=60.0)
 async def test_a_stalled_client_loses_its_own_messages_and_is_then_cut_off(robot: Robot) -> None:
     robot.node.advertise("/big", "std_msgs/String")
     stalled = await stalled_client(robot)
     async with well_behaved(robot):
         sessions = {session for session in robot.server._sessions if session._subscriptions.get("/big")}
         (session,) = sessions
-        for _ in range(100):
+        while session in robot.server._sessions:
             robot.node.publish("/big", {"data": "x" * 100_000})
-            waiting = session.outbox._bytes + session.transport.get_write_buffer_size()
-            assert waiting <= 100_000 + 65_536 + 101_000  # the bound, the transport's own, one message
-            await asyncio.sleep(0)
-        assert session.outbox.dropped > 50
-        await robot.until(lambda: session not in robot.server._sessions)
-    assert [text for text in robot.log if "cut off" in text] == [
-        "rosbridge: a client was cut off: it stayed behind for 0.5 s"
+            waiting = session.queue.waiting_bytes + session._transport.get_write_buffer_size()
+            assert waiting <= 100_000 + 2 * 65_536 + 101_000  # the bound, the transport's buffer, one message
+            await asyncio.sleep(0.001)
+        assert session.dropped > 5
+        assert session.queue.waiting_bytes == 0
+    assert [text for text in robot.log if "disconnected" in text] == [
+        "rosbridge: disconnected a client: behind for more than 0.5 s"
     ]
     stalled.close()
 
 
-@with_robot(queue_bytes=50_000)
+@with_robot(limits=Limits(queue_bytes=50_000))
 async def test_a_client_that_catches_up_is_told_what_it_lost_and_stays(robot: Robot) -> None:
     robot.node.advertise("/big", "std_msgs/String")
     async with robot.peer(max_msg_size=0) as peer:
@@ -120,7 +120,7 @@ async def test_a_client_that_catches_up_is_told_what_it_lost_and_stays(robot: Ro
         await peer.settle()
 
 
-@with_robot(most_clients=2000)
+@with_robot(max_clients=450)
 async def test_a_thousand_connections_are_opened_and_dropped(robot: Robot) -> None:
     async with well_behaved(robot):
         loop = asyncio.get_event_loop()
@@ -137,10 +137,9 @@ async def test_a_thousand_connections_are_opened_and_dropped(robot: Robot) -> No
                 connection.close()
         await robot.until(lambda: robot.server.clients == 1)
     await robot.until(lambda: robot.bus.graph().nodes["/rosbridge"].subscribes == ())
-    assert not robot.server._seen_s or robot.server.clients == 0
 
 
-@with_robot(heartbeat_s=0.4)
+@with_robot(heartbeat_s=0.4, auth_timeout_s=0.4)
 async def test_half_open_sockets_are_closed(robot: Robot) -> None:
     """One never says a word, one stops in the middle of its request, one does not answer pings any more."""
     loop = asyncio.get_event_loop()

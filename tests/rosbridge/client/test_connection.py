@@ -56,7 +56,7 @@ async def test_after_a_restart_everything_is_there_again(robot: Robot) -> None:
         robot.publish(19.5)
         watched.node.publish("/in", {"data": 3.5})
         await robot.until(lambda: watched.heard == [19.5] and robot_heard == [3.5])
-        assert await server.call("/watcher/reset", {}, None) == {"success": True, "message": "here"}
+        assert await server.services.call("/watcher/reset", {}, None) == {"success": True, "message": "here"}
 
     await all_works(robot.server)
     await robot.server.close()

@@ -79,7 +79,7 @@ async def test_offered_services_answer_or_fail_with_a_reason(robot: Robot) -> No
     watched.node.advertise_service("~fail", "std_srvs/Trigger", fail)
     await robot.until(lambda: watched.ups == [True])
     await watched.settle()
-    assert await robot.server.call("/watcher/echo", {"data": True}, None) == {"message": "True"}
+    assert await robot.server.services.call("/watcher/echo", {"data": True}, None) == {"message": "True"}
     with pytest.raises(Exception, match="RuntimeError in a callback: no battery"):
-        await robot.server.call("/watcher/fail", {}, None)
+        await robot.server.services.call("/watcher/fail", {}, None)
     await watched.close()

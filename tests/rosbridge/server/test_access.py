@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from robot_health_monitor.rosbridge.protocol import Auth
-from robot_health_monitor.rosbridge.server.access import Access, allowed, is_loopback
+from robot_health_monitor.rosbridge.server.access import Access, Credentials, is_loopback, monitor_access
 
 
 @pytest.mark.parametrize(
@@ -37,25 +37,40 @@ def test_a_star_allows_every_origin() -> None:
 
 
 @pytest.mark.parametrize(
-    ("headers", "query", "may"),
+    ("origin", "host", "may"),
     [
-        ({"Authorization": "Bearer s3cret"}, {}, True),
-        ({"Authorization": "bearer s3cret"}, {}, True),
-        ({}, {"token": "s3cret"}, True),
-        ({}, {}, False),
-        ({"Authorization": "Bearer wrong"}, {}, False),
-        ({"Authorization": "Basic s3cret"}, {}, False),
-        ({"Authorization": "Bearer"}, {}, False),
-        ({}, {"token": "\N{SNOWMAN}"}, False),
+        ("http://robot:9090", "robot:9090", True),
+        ("https://robot", "robot", True),
+        ("http://robot:8080", "robot:9090", False),
+        ("http://evil.example", "robot:9090", False),
+        ("file://", "", False),
     ],
 )
-def test_the_token_is_shown_in_the_header_or_the_address(headers: Any, query: Any, may: bool) -> None:
-    assert Access(token="s3cret").token_allowed(headers, query) is may
-    assert Access().token_allowed(headers, query) is True
+def test_the_servers_own_pages_may_connect(origin: str, host: str, may: bool) -> None:
+    assert Access(token="s3cret").origin_allowed(origin, host) is may
+
+
+@pytest.mark.parametrize(
+    ("headers", "query", "credentials"),
+    [
+        ({"Authorization": "Bearer s3cret"}, {}, Credentials.VALID),
+        ({"Authorization": "bearer s3cret"}, {}, Credentials.VALID),
+        ({}, {"token": "s3cret"}, Credentials.VALID),
+        ({}, {}, Credentials.MISSING),
+        ({"Authorization": "Bearer wrong"}, {}, Credentials.WRONG),
+        ({"Authorization": "Basic s3cret"}, {}, Credentials.WRONG),
+        ({"Authorization": "Bearer"}, {}, Credentials.WRONG),
+        ({"Authorization": "Bearer \udcff"}, {}, Credentials.WRONG),  # the byte 0xff, as aiohttp decodes it
+        ({}, {"token": "\N{SNOWMAN}"}, Credentials.WRONG),
+    ],
+)
+def test_the_token_is_presented_in_the_header_or_the_address(headers: Any, query: Any, credentials: Any) -> None:
+    assert Access(token="s3cret").credentials(headers, query) is credentials
+    assert Access().credentials(headers, query) is Credentials.VALID
 
 
 def auth(**changes: Any) -> Auth:
-    """What rosauth's documentation has a client send: sha512 of secret, client, dest, rand, t, level, end."""
+    """A proof as in rosauth's documentation: sha512 of secret, client, dest, rand, t, level, end."""
     mac = hashlib.sha512(b"s3cret" + b"laptop" + b"robot" + b"xyz" + b"1000" + b"admin" + b"2000").hexdigest()
     return Auth(mac, "laptop", "robot", "xyz", 1000.0, "admin", 2000.0)._replace(**changes)
 
@@ -77,11 +92,28 @@ def test_the_operation_auth_proves_the_token(changes: Any, time_s: float, may: b
     assert Access(token="other").auth_allowed(auth(**changes), time_s) is False
 
 
-def test_names_are_allowed_by_pattern() -> None:
-    assert allowed("/robot1/battery_level", ["/robot1/*"])
-    assert allowed("/reset", ["/other", "/reset"])
-    assert not allowed("/robot2/battery_level", ["/robot1/*"])
-    assert not allowed("/reset", [])
+def test_names_are_granted_by_patterns() -> None:
+    access = Access(publish=("/robot1/*",), services=("/other", "/reset?"), offer=("/offered",))
+    assert access.may_publish("/robot1/battery_level")
+    assert not access.may_publish("/robot2/battery_level")
+    assert access.may_call("/reset1") and access.may_call("/other")
+    assert not access.may_call("/offered")
+    assert access.may_offer("/offered") and not access.may_offer("/reset1")
+
+
+def test_by_default_everything_except_reading_is_denied() -> None:
+    access = Access()
+    assert not any(may("/alert_system/reset") for may in (access.may_publish, access.may_call, access.may_offer))
+
+
+def test_only_reset_and_reload_of_a_monitor_may_be_called() -> None:
+    access = monitor_access("/robot1/alert_system", origins=["https://studio.example.org"])
+    assert access.may_call("/robot1/alert_system/reset") and access.may_call("/robot1/alert_system/reload")
+    assert not access.may_call("/robot1/alert_system/set_parameters")
+    assert not access.may_publish("/robot1/battery_level")
+    assert access.origin_allowed("http://localhost:3000") and access.origin_allowed("https://studio.example.org")
+    granted = monitor_access("/alert_system", publish=["/cmd_vel"], services=["/dock"], offer=["/x"])
+    assert granted.may_publish("/cmd_vel") and granted.may_call("/dock") and granted.may_offer("/x")
 
 
 @pytest.mark.parametrize(
@@ -91,6 +123,11 @@ def test_names_are_allowed_by_pattern() -> None:
         ("127.8.8.8", True),
         ("::1", True),
         ("localhost", True),
+        ("LOCALHOST:9090", True),
+        ("127.0.0.1:9090", True),
+        ("[::1]:9090", True),
+        ("localhost.evil.example:9090", False),
+        ("127.0.0.1.evil.example", False),
         ("0.0.0.0", False),
         ("::", False),
         ("192.168.1.5", False),
@@ -98,5 +135,5 @@ def test_names_are_allowed_by_pattern() -> None:
         ("", False),
     ],
 )
-def test_loopback_is_told_from_what_others_can_reach(host: str, own: bool) -> None:
+def test_loopback_names_and_addresses(host: str, own: bool) -> None:
     assert is_loopback(host) is own

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from typing import Any, List
 
-from robot_health_monitor.rosbridge.server.send_queue import Outbox
+from robot_health_monitor.rosbridge.server.send_queue import SendQueue
 
 
 class SlowTransport:
@@ -20,57 +20,93 @@ class SlowTransport:
         return self.buffered
 
 
-def outbox(bound: int, high_water: int = 10) -> Any:
+def send_queue(bound: int, high_water: int = 10) -> Any:
     transport = SlowTransport()
-    return transport, Outbox(transport, bound, high_water)  # type: ignore[arg-type]
+    return transport, SendQueue(transport, bound, high_water)  # type: ignore[arg-type]
 
 
 def test_frames_go_straight_through_while_the_transport_takes_them() -> None:
-    transport, box = outbox(100)
-    assert box.put(b"one") is False
-    assert box.put(b"two") is False
+    transport, queue = send_queue(100)
+    assert queue.put(b"one") is False
+    assert queue.put(b"two") is False
     assert transport.written == [b"one", b"two"]
-    assert not box.behind
+    assert not queue.behind
 
 
 def test_frames_wait_in_order_when_the_transport_is_full() -> None:
-    transport, box = outbox(100)
-    box.put(b"x" * 11)
-    assert box.put(b"a") is True
+    transport, queue = send_queue(100)
+    transport.buffered = 11
+    assert queue.put(b"a") is True
     transport.buffered = 0
-    assert box.put(b"b") is True  # never before one that waits
-    box.flush()
-    assert b"".join(transport.written[1:]) == b"ab"
-    assert not box.behind and box.dropped == 0
+    assert queue.put(b"b") is True  # never before one that waits
+    queue.flush()
+    assert b"".join(transport.written) == b"ab"
+    assert not queue.behind and queue.dropped == 0
 
 
 def test_beyond_the_bound_the_oldest_are_dropped_and_counted() -> None:
-    transport, box = outbox(6)
-    box.put(b"x" * 11)
+    transport, queue = send_queue(6)
+    transport.buffered = 11
     for frame in (b"aa", b"bb", b"cc", b"dd", b"ee"):
-        box.put(frame)
-    assert box.dropped == 2
+        queue.put(frame)
+    assert queue.dropped == 2
     transport.buffered = 0
-    box.flush()
-    assert b"".join(transport.written[1:]) == b"ccddee"
+    queue.flush()
+    assert b"".join(transport.written) == b"ccddee"
 
 
-def test_a_frame_that_is_larger_than_the_bound_does_not_wait() -> None:
-    transport, box = outbox(6)
-    box.put(b"x" * 11)
-    box.put(b"y" * 7)
-    assert box.dropped == 1
-    assert box.behind
+def test_a_frame_larger_than_the_bound_waits_alone_and_is_written_in_pieces() -> None:
+    transport, queue = send_queue(6)
+    transport.buffered = 11
+    queue.put(b"first")
+    queue.put(b"y" * 25)
+    assert queue.dropped == 1
+    for _ in range(4):
+        transport.buffered = 0
+        queue.flush()
+    assert transport.written == [b"y" * 10, b"y" * 10, b"y" * 5]
+    assert not queue.behind
+
+
+def test_a_frame_that_was_sent_in_part_is_completed() -> None:
+    transport, queue = send_queue(12)
+    queue.put(b"a" * 11 + b"b" * 11)  # larger than a piece
+    queue.put(b"12345")
+    queue.put(b"67890")
+    queue.put(b"last")
+    while queue.waiting_bytes:
+        transport.buffered = 0
+        queue.flush()
+    assert b"".join(transport.written) == b"a" * 11 + b"b" * 11 + b"67890last"
+    assert queue.dropped == 1
+
+
+def test_the_bytes_that_wait_are_bounded_whatever_is_put() -> None:
+    transport, queue = send_queue(1000, 100)
+    for number in range(500):
+        queue.put(b"x" * (7 * number % 450))
+        assert queue.waiting_bytes <= 1000 + 450 and transport.buffered <= 200
+        transport.buffered //= 2
+        queue.flush()
+
+
+def test_a_cleared_queue_holds_nothing() -> None:
+    transport, queue = send_queue(100)
+    transport.buffered = 11
+    queue.put(b"abc")
+    queue.clear()
     transport.buffered = 0
-    assert not box.behind
+    queue.flush()
+    assert transport.written == []
+    assert queue.waiting_bytes == 0 and not queue.behind
 
 
 def test_flushing_stops_where_the_transport_is_full_again() -> None:
-    transport, box = outbox(1000)
-    box.put(b"x" * 11)
+    transport, queue = send_queue(1000)
+    transport.buffered = 11
     for _ in range(10):
-        box.put(b"12345")
+        queue.put(b"12345")
     transport.buffered = 0
-    box.flush()
-    assert box.behind
-    assert transport.written[1:] == [b"12345" * 3]
+    queue.flush()
+    assert queue.behind
+    assert transport.written == [b"12345" * 2] * 2

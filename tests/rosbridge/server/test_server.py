@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
+import hashlib
 import json
 import math
 import ssl
 import struct
+import time
 from typing import Any, Dict
 
 import aiohttp
 import pytest
+from aiohttp import web
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.errors import ConfigError
@@ -19,7 +21,15 @@ from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
 
-OPEN = Access(publish=("/in",), services=("/robot/reset",), offer=("/offered",))
+OPEN = Access(publish=("/in",), services=("/robot/reset", "/offered"), offer=("/offered",))
+
+
+async def healthz(request: web.Request) -> web.Response:
+    return web.Response(text="ok")
+
+
+async def broken(request: web.Request) -> web.Response:
+    raise RuntimeError("broken\nhandler")
 
 
 def reset(request: Any) -> Dict[str, Any]:
@@ -181,7 +191,7 @@ class TestPublishingAndServices:
         async with robot.peer() as peer:
             await peer.send("set_level", level="error")
             for topic, message, problem in (
-                ("/battery_level", {"data": 0.0}, "/battery_level may not be published on from here"),
+                ("/battery_level", {"data": 0.0}, "clients may not publish on /battery_level"),
                 ("/in", {"data": 0.0}, "/in is not advertised"),
             ):
                 await peer.send("publish", topic=topic, msg=message, id="p")
@@ -192,7 +202,7 @@ class TestPublishingAndServices:
             await peer.send("publish", topic="/in", msg={"data": "full"})
             assert "must be a number" in (await peer.receive())["msg"]
             await peer.send("advertise", topic="/in", type="std_msgs/String")
-            assert "is of type std_msgs/Float32" in (await peer.receive())["msg"]
+            assert "type of /in: expected std_msgs/Float32" in (await peer.receive())["msg"]
         assert heard == []
 
     @staticmethod
@@ -206,7 +216,7 @@ class TestPublishingAndServices:
                 assert (response["result"], response["values"]["message"]) == (True, "nothing was latched")
             refused = await peer.call("/robot/shutdown")
             assert refused["result"] is False
-            assert refused["values"] == "/robot/shutdown may not be called from here"
+            assert refused["values"] == "clients may not call /robot/shutdown"
 
     @staticmethod
     @with_robot(OPEN)
@@ -252,7 +262,7 @@ class TestPublishingAndServices:
             await provider.socket.close()
             response = await caller.receive()
             assert (response["id"], response["result"]) == ("second", False)
-            assert "has left" in response["values"]
+            assert "disconnected" in response["values"]
 
     @staticmethod
     @with_robot(OPEN, call_timeout_s=0.05)
@@ -261,7 +271,7 @@ class TestPublishingAndServices:
             await provider.send("advertise_service", service="/offered", type="std_srvs/Trigger")
             await provider.settle()
             response = await caller.call("/offered")
-            assert (response["result"], response["values"]) == (False, "/offered did not answer within 0.05 s")
+            assert (response["result"], response["values"]) == (False, "/offered did not respond within 0.05 s")
 
     @staticmethod
     @with_robot(OPEN)
@@ -308,6 +318,31 @@ class TestAskingWhatThereIs:
             assert (await quiet.call("/rosapi/get_time"))["result"] is True
 
 
+class TestFurtherRoutes:
+    @staticmethod
+    @with_robot(routes=[web.get("/healthz", healthz), web.post("/silences", healthz)])
+    async def test_are_served_on_the_same_port_with_the_same_checks(robot: Robot) -> None:
+        async with aiohttp.ClientSession() as session:
+            async with session.get(robot.url + "healthz") as response:
+                assert (response.status, await response.text()) == (200, "ok")
+            for headers in ({"Origin": "https://evil.example"}, {"Host": "evil.example"}):
+                async with session.post(robot.url + "silences", headers=headers) as response:
+                    assert response.status == 403
+            own = {"Origin": robot.url.rstrip("/")}
+            async with session.post(robot.url + "silences", headers=own) as response:
+                assert response.status == 200
+        async with robot.peer() as peer:
+            await peer.settle()
+
+    @staticmethod
+    @with_robot(routes=[web.get("/broken", broken)])
+    async def test_a_handler_that_fails_is_one_line_in_the_log(robot: Robot) -> None:
+        async with aiohttp.ClientSession() as session, session.get(robot.url + "broken") as response:
+            assert response.status == 500
+        (line,) = robot.log
+        assert line.startswith("rosbridge: Error handling request") and line.endswith(": RuntimeError")
+
+
 class TestWhoMayConnect:
     @staticmethod
     @with_robot(Access(origins=("https://dashboard.example",)))
@@ -331,29 +366,93 @@ class TestWhoMayConnect:
         assert refusal.value.status == 401
 
     @staticmethod
-    @with_robot(Access(token="s3cret"), heartbeat_s=0.5)
-    async def test_without_a_token_nothing_is_answered_and_the_connection_ends(robot: Robot) -> None:
+    @with_robot(Access(token="s3cret"), auth_timeout_s=0.2)
+    async def test_a_client_without_a_token_is_disconnected_after_the_timeout(robot: Robot) -> None:
         async with robot.peer() as peer:
-            await peer.send("subscribe", topic="/battery_level")
-            await peer.send("call_service", service="/rosapi/topics")
-            robot.publish(1.0)
-            message = await asyncio.wait_for(peer.socket.receive(), 20.0)
-            assert message.type in (aiohttp.WSMsgType.CLOSED, aiohttp.WSMsgType.ERROR), message
+            message = await peer.socket.receive(timeout=20.0)
+            assert (message.type, message.data, message.extra) == (aiohttp.WSMsgType.CLOSE, 1008, "token required")
+        await robot.until(lambda: robot.log == ["rosbridge: refused a client at 127.0.0.1: token required"])
+
+    @staticmethod
+    @pytest.mark.parametrize(
+        "first",
+        [
+            '{"op": "subscribe", "topic": "/battery_level"}',
+            "no JSON",
+            '{"op": "auth", "mac": "' + "x" * 5000 + '"}',
+            b"\xa1\x62op\x64auth",
+        ],
+    )
+    def test_the_first_message_of_a_client_without_a_token_must_be_auth(first: Any) -> None:
+        @with_robot(Access(token="s3cret"))
+        async def scenario(robot: Robot) -> None:
+            async with robot.peer() as peer:
+                await (peer.socket.send_str(first) if isinstance(first, str) else peer.socket.send_bytes(first))
+                message = await peer.socket.receive(timeout=20.0)
+                assert (message.type, message.data, message.extra) == (aiohttp.WSMsgType.CLOSE, 1008, "token required")
+
+        scenario()
 
     @staticmethod
     @with_robot(Access(token="s3cret"))
-    async def test_a_false_proof_ends_the_connection(robot: Robot) -> None:
+    async def test_the_operation_auth_opens_and_a_false_proof_does_not(robot: Robot) -> None:
+        now_s = int(time.time())
+        text = f"s3cretlaptoprobotxyz{now_s}user{now_s + 60}"  # the order of rosauth's documentation
+        fields = {"client": "laptop", "dest": "robot", "rand": "xyz", "t": now_s, "level": "user", "end": now_s + 60}
         async with robot.peer() as peer:
-            fields = {"client": "a", "dest": "b", "rand": "c", "t": 0, "level": "d", "end": 1e10}
+            await peer.send("auth", mac=hashlib.sha512(text.encode()).hexdigest(), **fields)
+            await peer.settle()
+        async with robot.peer() as peer:
             await peer.send("auth", mac="0" * 128, **fields)
-            await peer.closed()
+            message = await peer.socket.receive(timeout=20.0)
+            assert (message.type, message.data, message.extra) == (aiohttp.WSMsgType.CLOSE, 1008, "wrong token")
+
+    @staticmethod
+    @with_robot(Access(token="s3cret"))
+    async def test_the_token_is_never_disclosed(robot: Robot) -> None:
+        for headers, query in (
+            ({"Authorization": "Bearer s3cret"}, ""),
+            ({}, "?token=s3cret"),
+        ):
+            async with robot.peer(headers=headers, query=query) as peer:
+                names = (await peer.call("/rosapi/get_param_names"))["values"]["names"]
+                values = [(await peer.call("/rosapi/get_param", {"name": name}))["values"]["value"] for name in names]
+                assert "s3cret" not in str(values)
+        with pytest.raises(aiohttp.WSServerHandshakeError):
+            async with robot.peer(query="?token=s3cret-wrong"):
+                pass
+        assert robot.log == ["rosbridge: refused a client at 127.0.0.1: wrong token"]
+        assert "s3cret" not in repr(robot.server.access)
+
+    @staticmethod
+    @pytest.mark.parametrize("host", ["evil.example", "robot", "192.168.1.5:9090", "localhost.evil.example", ""])
+    def test_without_a_token_only_loopback_names_are_served(host: str) -> None:
+        """A page of evil.example may make this name resolve to 127.0.0.1 (DNS rebinding)."""
+
+        @with_robot()
+        async def scenario(robot: Robot) -> None:
+            with pytest.raises(aiohttp.WSServerHandshakeError) as refusal:
+                async with robot.peer(headers={"Host": host}):
+                    pass
+            assert refusal.value.status == 403
+            for loopback in ("localhost:9090", "127.0.0.1", "[::1]:9090"):
+                async with robot.peer(headers={"Host": loopback}) as peer:
+                    await peer.settle()
+
+        scenario()
+
+    @staticmethod
+    @with_robot(Access(token="s3cret"))
+    async def test_with_a_token_every_name_is_served(robot: Robot) -> None:
+        async with robot.peer(headers={"Host": "robot:9090", "Authorization": "Bearer s3cret"}) as peer:
+            await peer.settle()
 
     @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5", "::"])
     def test_an_address_that_others_can_reach_needs_protection(self, host: str) -> None:
         node = LocalBus().node("rosbridge")
-        with pytest.raises(ConfigError, match="without protection"):
+        with pytest.raises(ConfigError, match="reachable from other machines"):
             Server(node, host=host)
-        with pytest.raises(ConfigError, match="without protection"):
+        with pytest.raises(ConfigError, match="reachable from other machines"):
             Server(node, host=host, ssl_context=ssl.create_default_context(ssl.Purpose.CLIENT_AUTH))
         Server(node, host=host, access=Access(token="s3cret"))
         clients = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
@@ -361,9 +460,11 @@ class TestWhoMayConnect:
         Server(node, host=host, ssl_context=clients)
 
     @staticmethod
-    @with_robot(most_clients=2)
-    async def test_one_client_too_many_is_told_so(robot: Robot) -> None:
-        async with robot.peer() as first, robot.peer():
+    @with_robot(max_clients=2)
+    async def test_one_client_too_many_is_refused(robot: Robot) -> None:
+        async with robot.peer() as first, robot.peer() as second:
+            await first.settle()
+            await second.settle()
             with pytest.raises(aiohttp.WSServerHandshakeError) as refusal:
                 async with robot.peer():
                     pass
@@ -372,7 +473,7 @@ class TestWhoMayConnect:
 
     @staticmethod
     @with_robot()
-    async def test_a_browser_that_looks_at_the_address_is_told_what_it_is(robot: Robot) -> None:
+    async def test_a_browser_at_this_address_gets_an_explanation(robot: Robot) -> None:
         async with aiohttp.ClientSession() as session, session.get(robot.url) as response:
             assert response.status == 426
             assert "rosbridge" in await response.text()

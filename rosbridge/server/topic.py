@@ -1,0 +1,178 @@
+"""One topic and the clients that subscribe to it."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence
+
+from robot_health_monitor.core.errors import MessageError
+
+from .encoded_message import EncodedMessage, Encoding, Serializer
+from .encoding_queue import EncodingQueue
+from .subscriptions import ByteBudget, Options, Pacer
+from .worker_pool import WorkerPool
+
+__all__ = ["Receiver", "Topic"]
+
+
+class Receiver(Protocol):
+    """A client, as seen from a topic."""
+
+    throttled: ByteBudget
+    """For the messages that wait because of `throttle_rate`."""
+
+    def put(self, frames: bytes) -> None:
+        """Sends frames or queues them."""
+
+
+class Topic:
+    """The clients of one topic. Used in the event loop only."""
+
+    def __init__(
+        self,
+        name: str,
+        type_name: str,
+        serialize: Optional[Serializer],
+        encoder: WorkerPool,
+        on_failure: Callable[[str], None],
+        *,
+        queue_bytes: int = 1_000_000,
+        sent_bytes: int = 16_000_000,
+    ) -> None:
+        """Starts without clients.
+
+        Args:
+            name: as sent to clients.
+            type_name: type of the messages.
+            serialize: makes raw bytes of a message if the middleware gives none; None: not possible.
+            encoder: encodes large messages.
+            on_failure: called with the reason if a message cannot be sent.
+            queue_bytes: estimated size of the messages that may wait per encoding.
+            sent_bytes: estimated size of the largest message.
+        """
+        self.name = name
+        self.type_name = type_name
+        self.native_raw = False
+        """Whether the middleware gives raw bytes, through `deliver_raw`."""
+        self._serialize = serialize
+        self._encoder = encoder
+        self._on_failure = on_failure
+        self._queue_bytes = queue_bytes
+        self._sent_bytes = sent_bytes
+        self._options: Dict[Receiver, Options] = {}
+        self._direct: Dict[Encoding, List[Receiver]] = {}
+        self._pacers: Dict[Receiver, Pacer[EncodedMessage]] = {}
+        self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
+        self._queues: Dict[Encoding, EncodingQueue[Receiver]] = {}
+        self._dropped = 0
+
+    @property
+    def compressions(self) -> Sequence[str]:
+        """The compressions that clients have requested."""
+        return tuple({options.compression for options in self._options.values()})
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were not sent because they were too large or the encoder was busy."""
+        return self._dropped + sum(queue.dropped for queue in self._queues.values())
+
+    def set_options(self, receiver: Receiver, options: Optional[Options]) -> None:
+        """Sets how a client receives the messages; None: no longer."""
+        pacer = self._pacers.pop(receiver, None)
+        if pacer is not None:
+            pacer.clear()
+        timer = self._timers.pop(receiver, None)
+        if timer is not None:
+            timer.cancel()
+        if options is None:
+            self._options.pop(receiver, None)
+        else:
+            self._options[receiver] = options
+            if options.throttle_s:
+                self._pacers[receiver] = Pacer(options, receiver.throttled)
+        self._direct = {}
+        for other, chosen in self._options.items():
+            if not chosen.throttle_s:
+                self._direct.setdefault(_encoding(chosen), []).append(other)
+        self._forget_unused_queues()
+
+    def deliver(self, message: Mapping[str, Any]) -> None:
+        """Sends a message to every client, except those that receive it from `deliver_raw`."""
+        self._deliver(EncodedMessage(self.name, message, serialize=self._serialize), raw=False)
+
+    def deliver_raw(self, data: bytes) -> None:
+        """Sends the raw bytes of a message to every client that requested them."""
+        self._deliver(EncodedMessage(self.name, None, data), raw=True)
+
+    def _deliver(self, message: EncodedMessage, *, raw: bool) -> None:
+        if message.size > self._sent_bytes:
+            self._dropped += 1
+            self._on_failure(f"{self.name}: message of {message.size} bytes dropped (limit {self._sent_bytes})")
+            return
+        for encoding, receivers in self._direct.items():
+            if self._is_raw(encoding.compression) == raw:
+                self._send(message, encoding, receivers)
+        if self._pacers:
+            now_s = asyncio.get_event_loop().time()
+            for receiver, pacer in tuple(self._pacers.items()):
+                if self._is_raw(self._options[receiver].compression) == raw:
+                    self._send_paced(receiver, pacer.offer(message, message.size, now_s))
+                    self._wait(receiver, pacer, now_s)
+
+    def _is_raw(self, compression: str) -> bool:
+        return compression == "cbor-raw" and self.native_raw
+
+    def _send(self, message: EncodedMessage, encoding: Encoding, receivers: Sequence[Receiver]) -> None:
+        queue = self._queues.get(encoding)
+        if message.is_large or (queue is not None and queue.busy):
+            if queue is None:
+                queue = EncodingQueue(encoding, self._encoder, self._queue_bytes, self._put, self._fail)
+                self._queues[encoding] = queue
+            queue.put(message, tuple(receivers))
+            return
+        try:
+            frames = message.frames(encoding)
+        except MessageError as error:
+            self._fail(str(error))
+            return
+        for receiver in receivers:
+            receiver.put(frames)
+
+    def _put(self, frames: bytes, receivers: Sequence[Receiver]) -> None:
+        for receiver in receivers:
+            if receiver in self._options:
+                receiver.put(frames)
+
+    def _fail(self, reason: str) -> None:
+        self._dropped += 1
+        self._on_failure(f"{self.name} ({self.type_name}): {reason}")
+
+    def _send_paced(self, receiver: Receiver, message: Optional[EncodedMessage]) -> None:
+        if message is not None:
+            self._send(message, _encoding(self._options[receiver]), [receiver])
+
+    def _wait(self, receiver: Receiver, pacer: Pacer[EncodedMessage], now_s: float) -> None:
+        """Sends the next queued message when it is due."""
+        if pacer.next_s is not None and receiver not in self._timers:
+            delay_s = max(0.0, pacer.next_s - now_s)
+            self._timers[receiver] = asyncio.get_event_loop().call_later(delay_s, self._on_due, receiver)
+
+    def _on_due(self, receiver: Receiver) -> None:
+        self._timers.pop(receiver, None)
+        pacer = self._pacers.get(receiver)
+        if pacer is not None:
+            now_s = asyncio.get_event_loop().time()
+            self._send_paced(receiver, pacer.due(now_s))
+            self._wait(receiver, pacer, now_s)
+
+    def _forget_unused_queues(self) -> None:
+        used = {_encoding(options) for options in self._options.values()}
+        for encoding in tuple(self._queues):
+            if encoding not in used:
+                queue = self._queues.pop(encoding)
+                queue.clear()
+                self._dropped += queue.dropped
+
+
+def _encoding(options: Options) -> Encoding:
+    return Encoding(options.compression, options.fragment_size)
