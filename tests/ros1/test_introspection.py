@@ -13,6 +13,8 @@ import yaml
 from harness.bridged_executable import check_served, look_at, settings
 from harness.served_conformance import ServedConformance
 
+from robot_health_monitor.core.errors import MessageError, ServiceError
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -82,3 +84,62 @@ def test_without_the_library_only_the_server_is_missing(start: Any, ros: Any, pa
     process.wait_for_text("rosbridge: not served: aiohttp is not installed")
     ros.publish("/battery_level", "std_msgs/Float32", {"data": 15.0})
     process.wait_for_text("battery_level WARN")
+
+
+@pytest.fixture
+def served(ros_process: Any) -> Iterator[Any]:
+    from robot_health_monitor.ros1.introspection import Ros1ServedMiddleware
+
+    served = Ros1ServedMiddleware("/bridge")
+    yield served
+    served.close()
+
+
+@pytest.mark.parametrize("type_name", ["", "std_srvs/Trigger"])
+def test_a_service_that_fails_is_a_service_error(ros: Any, served: Any, type_name: str) -> None:
+    def fail(request: Any) -> Any:
+        raise RuntimeError("no power")
+
+    ros.node("robot").advertise_service("~start", "std_srvs/Trigger", fail)
+    with pytest.raises(ServiceError, match=r"/robot/start: .*no power"):
+        served.call_service("/robot/start", type_name, {}, 10.0)
+
+
+def test_a_service_that_hangs_is_a_service_error_in_time(served: Any) -> None:
+    """It accepts the connection and never answers, as a stopped process does."""
+    import rosgraph
+
+    with socket.socket() as hanging:
+        hanging.bind(("127.0.0.1", 0))
+        hanging.listen()
+        master = rosgraph.Master("/robot")
+        address = f"rosrpc://127.0.0.1:{hanging.getsockname()[1]}"
+        master.registerService("/robot/hang", address, "http://127.0.0.1:9/")
+        try:
+            with pytest.raises(ServiceError, match=r"/robot/hang: no response within 0\.3 s"):
+                served.call_service("/robot/hang", "std_srvs/Trigger", {}, 0.3)
+        finally:
+            master.unregisterService("/robot/hang", address)
+
+
+def test_a_request_that_does_not_match_is_a_message_error(ros: Any, served: Any) -> None:
+    ros.node("robot").advertise_service("~enable", "std_srvs/SetBool", lambda request: {})
+    with pytest.raises(MessageError, match="data"):
+        served.call_service("/robot/enable", "std_srvs/SetBool", {"data": "yes"}, 10.0)
+
+
+def test_a_service_of_another_type_is_a_service_error(ros: Any, served: Any) -> None:
+    ros.node("robot").advertise_service("~enable", "std_srvs/SetBool", lambda request: {})
+    with pytest.raises(ServiceError, match="/robot/enable"):
+        served.call_service("/robot/enable", "std_srvs/Trigger", {}, 10.0)
+
+
+def test_a_master_that_is_down_is_a_service_error(ros_process: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from robot_health_monitor.ros1.introspection import Ros1ServedMiddleware
+
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
+    served = Ros1ServedMiddleware("/bridge")
+    with pytest.raises(ServiceError, match=r"http://127\.0\.0\.1:9 does not answer"):
+        served.graph()
+    with pytest.raises(ServiceError, match="does not answer"):
+        served.call_service("/robot/start", "", {}, 1.0)

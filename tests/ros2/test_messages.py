@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any, Dict
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from robot_health_monitor.ros2.messages import field_getter, message_class, to_mapping, to_native
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.ros2.messages import field_getter, message_class, service_class, to_mapping, to_native
 
 
 @pytest.mark.parametrize(
@@ -87,3 +89,26 @@ def test_stamps_are_read_in_either_spelling() -> None:
     message = to_native(message_class("std_msgs/Header"), {"stamp": {"sec": 7, "nanosec": 8}})
     assert field_getter("/in", "std_msgs/Header", "stamp.secs")(message) == 7
     assert field_getter("/in", "std_msgs/Header", "stamp.nanosec")(message) == 8
+
+
+@pytest.mark.parametrize("kind", ["msg", "srv", ""])
+def test_a_type_name_imports_nothing_but_messages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """Clients choose type names; importing `<package>.msg` would run the code of any module."""
+    trap = tmp_path / "trap"
+    for folder in (trap, trap / "msg", trap / "srv"):
+        folder.mkdir()
+        (folder / "__init__.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'w').close()\nclass Zen: pass\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    name = f"trap/{kind}/Zen" if kind else "trap/Zen"
+    for find in (message_class, service_class):
+        with pytest.raises(ConfigError):
+            find(name)
+    assert not (tmp_path / "imported").exists()
+
+
+@pytest.mark.parametrize(
+    "type_name", ["this/Zen", "std_msgs/__init__", "std_msgs/_Float32", "os/path", "std_msgs/float32"]
+)
+def test_what_is_no_message_is_an_unknown_type(type_name: str) -> None:
+    with pytest.raises(ConfigError):
+        message_class(type_name)
