@@ -1,4 +1,4 @@
-"""Faults of the process and its surroundings: a broken log, a lost master, no /clock. Real processes, a real roscore."""
+"""Faults around the process: a broken log, a lost master, no /clock. Real processes and a real roscore."""
 
 from __future__ import annotations
 

@@ -227,3 +227,28 @@ def test_periods_begin_with_simulated_time(ros: Any) -> None:
     ros.set_time(101.0)
     ros.wait_until(lambda: bool(times_s))
     assert times_s == [101.0]
+
+
+def test_cancelled_timers_are_forgotten(ros: Any) -> None:
+    node = ros.node("alert_system", sim_time=False)
+    kept = node.create_timer(1000.0, lambda now_s: None)
+    native = len(list(node.node.timers))
+    for steady in (False, True) * 20:
+        node.create_timer(1000.0, lambda now_s: None, steady=steady).cancel()
+    assert node._timers == [kept]
+    assert len(list(node.node.timers)) == native
+
+
+def test_a_burst_of_alerts_arrives_completely(ros: Any) -> None:
+    """With a queue of 10, a reliable subscriber loses what was published while it did not read."""
+    node = ros.node("alert_system")
+    node.advertise("alerts", FLOAT32)
+    messages: List[float] = []
+    from std_msgs.msg import Float32
+
+    ros._me.create_subscription(Float32, "/alerts", lambda native: messages.append(native.data), 1000)
+    ros.wait_until(lambda: node.has_listeners("alerts"))
+    for number in range(500):
+        node.publish("alerts", {"data": float(number)})
+    ros.wait_until(lambda: len(messages) == 500)
+    assert messages == [float(number) for number in range(500)]

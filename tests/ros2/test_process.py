@@ -1,0 +1,197 @@
+"""Faults around the process: a broken log, no /clock, an EventsExecutor that does not work. Real processes and DDS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FLOAT32 = "std_msgs/Float32"
+STATUS = "diagnostic_msgs/DiagnosticStatus"
+ARRAY = "diagnostic_msgs/DiagnosticArray"
+THRESHOLDS = (
+    "alert_system: {ros__parameters: {signals: "
+    "{battery_level: {warn_below: 20.0, error_below: 10.0, stale_after_s: 2.0}}}}\n"
+)
+
+
+@pytest.fixture
+def start_with(ros_environment: Dict[str, str], tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen]]:
+    """Starts alert_system with given stdout and stderr."""
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(THRESHOLDS, encoding="utf-8")
+    processes: List[subprocess.Popen] = []
+    environment = {**ros_environment, "PYTHONPATH": str(ROOT)}
+    code = "import sys; from robot_health_monitor.ros2_executables import alert_system; sys.exit(alert_system())"
+
+    def start(**streams: Any) -> subprocess.Popen:
+        command = [sys.executable, "-c", code, "--ros-args", "--params-file", str(file)]
+        processes.append(subprocess.Popen(command, env=environment, **streams))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+def alerts_of(ros: Any) -> List[bytes]:
+    """Publishes 50, 15, 5, 50 % and returns the levels of the alerts of the signal."""
+    ros.wait_until(lambda: ros.services() >= {"/alert_system/reset"})
+    alerts = ros.listen("/alerts", STATUS)
+    ros.wait_until(lambda: ros._me.count_publishers("/alerts") == 1)
+    for percent in (50.0, 15.0, 5.0, 50.0):
+        ros.publish_to_process("/battery_level", FLOAT32, {"data": percent})
+
+    def of_battery() -> List[bytes]:
+        return [alert["level"] for alert in alerts if alert["name"] == "alert_system: battery_level"]
+
+    ros.wait_until(lambda: len(of_battery()) >= 3)
+    return of_battery()
+
+
+def shown(reports: List[Any]) -> List[Any]:
+    return [(status["name"], status["level"]) for report in reports for status in report["status"]]
+
+
+def test_a_reader_of_the_log_that_is_gone_costs_no_alert(ros: Any, start_with: Any) -> None:
+    read_end, write_end = os.pipe()
+    process = start_with(stdout=write_end, stderr=write_end)
+    os.close(write_end)
+    os.close(read_end)
+    reports = ros.listen("/diagnostics", ARRAY)
+    assert alerts_of(ros) == [b"\x01", b"\x02", b"\x00"]
+    # The tick still works: it finds the signal stale, and the fault of the log.
+    ros.wait_until(lambda: ("alert_system: battery_level", b"\x03") in shown(reports))
+    ros.wait_until(lambda: ("alert_system: monitor", b"\x02") in shown(reports))
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(20) == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+def test_a_full_disk_costs_no_alert(ros: Any, start_with: Any) -> None:
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        process = start_with(stdout=full, stderr=full)
+    assert alerts_of(ros) == [b"\x01", b"\x02", b"\x00"]
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
+
+
+def test_a_reader_of_the_log_that_hangs_costs_no_alert(ros: Any, start_with: Any) -> None:
+    """rclpy writes to stderr in C while it holds the GIL: a write that blocks would stop every thread."""
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    try:
+        while True:
+            os.write(write_end, b"x" * 4096)
+    except BlockingIOError:
+        os.set_blocking(write_end, True)  # full
+    process = start_with(stdout=write_end, stderr=write_end)
+    assert alerts_of(ros) == [b"\x01", b"\x02", b"\x00"]
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
+    os.close(read_end)
+    os.close(write_end)
+
+
+def test_without_clock_it_warns(start: Any, ros: Any) -> None:
+    process = start("alert_system", "--ros-args", "-p", "use_sim_time:=true")
+    reports = ros.listen("/diagnostics", ARRAY)
+    line = process.wait_for_text("/clock has been silent")
+    assert "[WARN]" in line
+    ros.wait_until(lambda: ("alert_system: monitor", b"\x01") in shown(reports))
+
+
+def test_it_starts_without_a_writable_folder(start: Any, tmp_path: Path) -> None:
+    """Parameter files are rewritten in memory."""
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(THRESHOLDS, encoding="utf-8")
+    nowhere = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), "/proc/none")
+    process = start("alert_system", "--ros-args", "--params-file", str(file), environment=nowhere)
+    process.wait_for_text("watching battery_level on battery_level: WARN below 20")
+    process.signal()
+    assert process.wait(10.0) == 0
+
+
+def test_composed_without_sensors_there_is_no_battery_sensor(start: Any, ros: Any) -> None:
+    process = start("health_monitor", "--ros-args", "-p", "sensors:=none")
+    process.wait_for_text("system_health is the mean of")
+    ros.wait_until(lambda: ros.services() >= {"/alert_system/reset", "/aggregator/set_parameters"})
+    assert not any(name.startswith("/battery_sensor/") for name in ros.services())
+    process.signal()
+    assert process.wait(10.0) == 0
+
+
+class TestExecutor:
+    """Which executor `executor: auto` chooses."""
+
+    @pytest.fixture
+    def node(self, ros_environment: Dict[str, str]) -> Iterator[Any]:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.node import Node
+
+        context = Context()
+        rclpy.init(context=context, domain_id=int(ros_environment["ROS_DOMAIN_ID"]))
+        yield Node("alert_system", context=context)
+        rclpy.shutdown(context=context)
+
+    @pytest.fixture
+    def lines(self) -> List[str]:
+        return []
+
+    def choose(self, wanted: str, node: Any, lines: List[str]) -> str:
+        from robot_health_monitor.ros2.process import choose_executor
+
+        executor, _ = choose_executor(wanted, [node], lambda severity, text: lines.append(text))
+        assert node in executor.get_nodes()
+        executor.shutdown()
+        return type(executor).__name__
+
+    def test_the_events_executor_is_chosen_where_it_works(self, node: Any, lines: List[str]) -> None:
+        pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
+        assert self.choose("auto", node, lines) == "EventsExecutor"
+        assert lines == []
+
+    def test_single_is_single(self, node: Any, lines: List[str]) -> None:
+        assert self.choose("single", node, lines) == "SingleThreadedExecutor"
+
+    @pytest.mark.parametrize(("wanted", "warnings"), [("auto", 0), ("events", 1)])
+    def test_one_that_delivers_nothing_is_not_chosen(
+        self, node: Any, lines: List[str], monkeypatch: pytest.MonkeyPatch, wanted: str, warnings: int
+    ) -> None:
+        self.break_with(monkeypatch, threading.Event().wait)
+        assert self.choose(wanted, node, lines) == "SingleThreadedExecutor"
+        assert ["delivers no message" in line for line in lines] == [True] * warnings
+
+    def test_one_that_is_busy_while_idle_is_not_chosen(
+        self, node: Any, lines: List[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        import time
+
+        def burn(limit_s: float) -> None:
+            end_s = time.thread_time() + limit_s
+            while time.thread_time() < end_s:
+                pass
+
+        self.break_with(monkeypatch, burn)
+        assert self.choose("events", node, lines) == "SingleThreadedExecutor"
+        assert "is busy while idle" in lines[0]
+
+    @staticmethod
+    def break_with(monkeypatch: pytest.MonkeyPatch, spin: Callable[[float], object]) -> None:
+        experimental = pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
+        from rclpy.executors import SingleThreadedExecutor
+
+        class Broken(SingleThreadedExecutor):
+            def spin_until_future_complete(self, future: Any, timeout_sec: Any = None) -> None:
+                spin(timeout_sec)
+
+        monkeypatch.setattr(experimental, "EventsExecutor", Broken)
