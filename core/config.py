@@ -313,15 +313,20 @@ def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
     return {section.node: section for section in list_sections(tree)}
 
 
-def list_sections(tree: Mapping[str, Any]) -> List[Section]:
+def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) -> List[Section]:
     """Returns every section of a whole file.
+
+    Args:
+        tree: the mapping of the file.
+        problems: receives the sections that cannot be used; None: they are raised.
 
     Raises:
         ConfigError: the value of a `ros__parameters` is not a mapping.
     """
-    problems = Problems()
-    found = _list_sections(tree, (), problems)
-    problems.raise_if_any()
+    collected = Problems() if problems is None else problems
+    found = _list_sections(tree, (), collected)
+    if problems is None:
+        collected.raise_if_any()
     return found
 
 
@@ -349,17 +354,27 @@ def find_section(tree: Mapping[str, Any], node: str) -> Section:
     if of_node:
         refuse_second_section(of_node)
         return of_node[0]
+    refuse_missing_parameters(tree, node)
     with_signals = [section for section in found if "signals" in section.tree]
     if len(with_signals) == 1:
         return with_signals[0]
-    below = tree.get(node)
-    if isinstance(below, Mapping):
-        for key in below:
-            if difflib.get_close_matches(str(key)[:60], ["ros__parameters"]):
-                raise ConfigError("unknown key; did you mean ros__parameters, with two underscores?", (node, str(key)))
-        raise ConfigError("expected the key ros__parameters above the parameters", (node,))
     there = describe(", ".join(map(str, list(tree)[:10]))) if tree else "nothing"
     raise ConfigError(f"expected one node with ros__parameters.signals, usually {node}, got {there}")
+
+
+def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
+    """Refuses a node's name at the top of a file without `ros__parameters` below it.
+
+    Raises:
+        ConfigError: there is one; a similar key is named.
+    """
+    below = tree.get(node)
+    if not isinstance(below, Mapping) or _has_sections(below, 1):
+        return
+    for key in list(below)[:100]:
+        if difflib.get_close_matches(str(key)[:60], ["ros__parameters"]):
+            raise ConfigError("unknown key; did you mean ros__parameters, with two underscores?", (node, str(key)))
+    raise ConfigError("expected the key ros__parameters above the parameters", (node,))
 
 
 def refuse_second_section(found: List[Section]) -> None:

@@ -44,7 +44,8 @@ class YamlFile(NamedTuple):
             while path and path not in self.lines:
                 path = path[:-1]
             line = each.line if each.line is not None else self.lines.get(path)
-            located.append(ConfigError(each.problem, each.path, self.file, line))
+            # An error of another file, which this one refers to, keeps its place.
+            located.append(each if each.file else ConfigError(each.problem, each.path, self.file, line))
         first, *others = sorted(located, key=lambda each: each.line or 0)
         first.others = tuple(others)
         return first

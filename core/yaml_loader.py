@@ -109,9 +109,9 @@ class _Bounds:
 
 
 if yaml.__with_libyaml__:
-    from yaml.cyaml import CParser
+    from yaml.cyaml import CParser  # type: ignore[attr-defined]  # missing in its stub
 
-    class _FastParser(Composer, CParser, SafeConstructor, Resolver):  # type: ignore[misc]
+    class _FastParser(Composer, CParser, SafeConstructor, Resolver):
         """libyaml's scanner and parser, with PyYAML's composer: its C composer cannot be bounded."""
 
         def __init__(self, text: str) -> None:
@@ -175,12 +175,13 @@ class _Sizes:
         for key, _ in node.value:
             if key.id != "scalar" or key.tag == _MERGE:
                 continue
-            line = key.start_mark.line + 1
+            line, key_path = key.start_mark.line + 1, (*path, key.value)
             if key.value in lines:
                 problem = f"is given twice, first in line {lines[key.value]}"
-                self._problems.add(ConfigError(problem, (*path, key.value), line=line))
+                self._problems.add(ConfigError(problem, key_path, line=line))
             else:
-                lines[key.value] = self._lines[(*path, key.value)] = line
+                lines[key.value] = line
+                self._lines[key_path] = line
 
 
 def _parts(node: Any, path: Path) -> Iterator[Tuple[Any, Path]]:

@@ -1,44 +1,179 @@
-"""`robot-health check`: reads configuration files as the nodes would, without starting anything."""
+"""`robot-health check`: reports every mistake in configuration files, without starting anything."""
 
 from __future__ import annotations
 
+import difflib
+import re
 import sys
-from typing import Sequence
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.core.config import (
+    MonitorConfig,
+    Section,
+    find_section,
+    list_sections,
+    read_monitor,
+    refuse_missing_parameters,
+    refuse_second_section,
+)
+from robot_health_monitor.core.errors import ConfigError, Path, Problems
+from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.middleware import Middleware, split_type_name
+from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 
-from .embedded import EmbeddedMonitor
+from .message_types import check_field, known_definitions
+
+_NODES: Mapping[str, Callable[[Middleware], Any]] = {
+    "alert_system": AlertSystem,
+    "aggregator": Aggregator,
+    "battery_sensor": BatterySensor,
+}
+"""The nodes that a configuration file is for. A node that starts on a bus without others checks its parameters."""
+
+_ALIKE = 0.8
+"""Similarity (difflib) from which a name counts as misspelt; temperature_sensor is a name of its own."""
+
+_TOPIC = re.compile(r"(~/?|/)?[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 
 
 def check(files: Sequence[str]) -> bool:
-    """Writes one line per file: what it holds on stdout, or what is wrong with it on stderr.
+    """Writes one line per valid file on stdout, and one line per mistake on stderr.
 
     Returns:
-        Whether all are right.
+        Whether all files are valid.
     """
-    fine = True
+    valid = True
     for file in files:
+        summary, errors = _check_file(file)
+        if not errors:
+            sys.stdout.write(f"{printable(f'{file}: OK: {summary}')}\n")
+            continue
+        valid = False
+        for line in dict.fromkeys(str(error) for error in errors):
+            sys.stderr.write(f"{printable(line)}\n")
+        if len(errors) >= Problems.LIMIT:
+            sys.stderr.write(f"{printable(file)}: further mistakes are not shown\n")
+    return valid
+
+
+class _Kind(NamedTuple):
+    """A kind of configuration file."""
+
+    matches: Callable[[Mapping[str, Any]], bool]
+    """Recognises the contents of a file."""
+    check: Callable[[YamlFile, Problems], str]
+    """Adds the mistakes of a file to `problems`, and returns a summary.
+
+    Raises:
+        ConfigError: there are too many mistakes.
+    """
+
+
+def _check_file(file: str) -> Tuple[str, List[ConfigError]]:
+    """Returns a summary of a file and its mistakes, by line."""
+    summary, errors = "", []
+    duplicates, problems = Problems(), Problems()
+    try:
+        read = read_yaml(file, duplicates)
         try:
-            line, stream = f"{file}: OK: {_summary(file)}", sys.stdout
+            summary = next(kind for kind in _KINDS if kind.matches(read.tree)).check(read, problems)
+            problems.raise_if_any()
         except ConfigError as error:
-            line, stream, fine = str(error), sys.stderr, False
-        one_line = line.replace("\n", "\\n")  # whatever a file's name holds
-        stream.write(f"{one_line}\n")
-    return fine
+            raise read.locate(error) from None
+    except ConfigError as error:
+        errors.extend(error.all)
+    return summary, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)
 
 
-def _summary(file: str) -> str:
-    """Returns what a configuration file holds, once the nodes have accepted it."""
-    monitor = EmbeddedMonitor(read_yaml(file))
-    monitor.close()
-    signals = monitor.alert_system.monitor.config.signals
-    bounds = sum(len(signal.bounds) for signal in signals.values())
-    unused = ", ".join(monitor.unused_sections)
-    return f"{_count(len(signals), 'signal')} ({', '.join(signals)}), {_count(bounds, 'bound')}" + (
-        f"; not used here: {unused}" if unused else ""
-    )
+def _check_thresholds(file: YamlFile, problems: Problems) -> str:
+    by_node: Dict[str, List[Section]] = {name: [] for name in _NODES}
+    for section in list_sections(file.tree, problems):
+        close = difflib.get_close_matches(section.node[:60], _NODES, n=1, cutoff=_ALIKE)
+        name = close[0] if close else ""
+        if name and section.node != name:
+            problems.add(ConfigError(f"unknown node; did you mean {name}?", section.path[:-1]))
+        by_node.setdefault(name, []).append(section)
+    for name in _NODES:
+        with problems:
+            refuse_missing_parameters(file.tree, name)
+        with problems:
+            refuse_second_section([section for section in by_node[name] if section.node == name])
+    if not by_node["alert_system"]:
+        with problems:
+            by_node["alert_system"].append(find_section(file.tree, "alert_system"))
+    config = MonitorConfig({})
+    unknown_types: Dict[str, None] = {}
+    for name, start in _NODES.items():
+        for section in by_node[name]:
+            with problems:
+                if name == "alert_system":
+                    unknown_types.update(_check_sources(section, problems))
+                    config = read_monitor(section)
+                else:
+                    _try_node(name, start, section)
+    unused = sorted({section.node for section in by_node.get("", []) if section not in by_node["alert_system"]})
+    bounds = sum(len(signal.bounds) for signal in config.signals.values())
+    parts = [f"{_count(len(config.signals), 'signal')} ({', '.join(config.signals)}), {_count(bounds, 'bound')}"]
+    if unknown_types:
+        parts.append(f"fields not checked, their types are not known here: {', '.join(unknown_types)}")
+    if unused:
+        parts.append(f"not used here: {', '.join(unused)}")
+    return "; ".join(parts)
+
+
+def _try_node(name: str, start: Callable[[Middleware], Any], section: Section) -> None:
+    try:
+        start(LocalBus().node(name, parameters=section.tree)).close()
+    except ConfigError as error:
+        raise _below(error, section.path) from None
+
+
+def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
+    """Collects mistakes in the topics, types and fields of all signals; returns the types that are unknown here."""
+    signals = section.tree.get("signals")
+    if not isinstance(signals, Mapping):
+        return {}
+    definitions = known_definitions()
+    unknown: Dict[str, None] = {}
+    types: Dict[str, Tuple[str, str]] = {}
+    for name, signal in signals.items():
+        if not isinstance(signal, Mapping):
+            continue
+        path = (*section.path, "signals", str(name))
+        topic, type_name, field = (signal.get(key, default) for key, default in _source_defaults(str(name)))
+        if isinstance(topic, str) and topic not in ("", name) and not _TOPIC.match(topic):
+            problems.add(ConfigError(f"expected the name of a topic, got {topic[:60]!a}", (*path, "topic")))
+        if not isinstance(type_name, str) or split_type_name(type_name) is None or not isinstance(field, str):
+            continue
+        spelling = "/".join(split_type_name(type_name) or ())
+        first, other = types.setdefault(str(topic), (str(name), spelling))
+        if other != spelling:
+            problem = f"expected {other}, as in signal {first} of the same topic, got {spelling}"
+            problems.add(ConfigError(problem, (*path, "type")))
+        try:
+            if not check_field(definitions, str(topic), spelling, field):
+                unknown[spelling] = None
+        except ConfigError as error:
+            problems.add(_below(error, path))
+    return unknown
+
+
+def _source_defaults(name: str) -> Sequence[Tuple[str, str]]:
+    return ("topic", name), ("type", ""), ("field", "data")
+
+
+def _below(error: ConfigError, path: Path) -> ConfigError:
+    """Returns an error and its `others` with `path` above their paths."""
+    first, *others = (ConfigError(each.problem, (*path, *each.path), each.file, each.line) for each in error.all)
+    first.others = tuple(others)
+    return first
 
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+_KINDS = (_Kind(lambda tree: True, _check_thresholds),)
+"""Kinds of files, the last one for all others."""

@@ -94,7 +94,7 @@ def test_a_file_that_may_not_be_read_is_one_line(robot_health: Start, calm: Path
 def test_a_line_break_in_a_name_makes_no_second_line(robot_health: Start, tmp_path: Path) -> None:
     process = robot_health("check", tmp_path / "no\nwhere")
     assert process.wait() == 2
-    assert process.text == f"err: {tmp_path}/no\\nwhere: cannot be read: No such file or directory"
+    assert process.text == f"err: {tmp_path}/no?where: cannot be read: No such file or directory"
 
 
 def test_of_several_files_each_is_judged_and_one_that_is_wrong_decides(
@@ -112,12 +112,151 @@ def test_of_several_files_each_is_judged_and_one_that_is_wrong_decides(
 
 def test_nodes_that_do_not_run_here_are_named(robot_health: Start, tmp_path: Path) -> None:
     file = tmp_path / "more.yaml"
-    file.write_text(
-        "alert_sytem: {ros__parameters: {signals: {arm: {}}}}\nnavigator: {ros__parameters: {speed: 1.0}}\n"
-    )
+    file.write_text("my_monitor: {ros__parameters: {signals: {arm: {}}}}\nnavigator: {ros__parameters: {speed: 1.0}}\n")
     process = robot_health("check", file)
     assert process.wait() == 0
     assert process.text == f"out: {file}: OK: 1 signal (arm), 0 bounds; not used here: navigator"
+
+
+MISTAKES = """\
+alert_sytem:
+  ros__parameters:
+    signals: {spare: {warn_belw: 1}}
+alert_system:
+  ros__parameters:
+    publish_rate: fast
+    signals:
+      arm: {topic: my arm, type: std_msgs/Flaot32, warn_below: 1, warn_below: 2}
+      battery: {type: sensor_msgs/BatteryState, field: percentag, topic: battery,
+                hysteresis: -1}
+      current: {type: nav_msgs/Odometry, topic: battery}
+      link: {}
+robot2:
+  alert_system: {ros__parameters: {signals: {leg: {scale: 0}}}}
+aggregator:
+  ros__parameters: {window_s: 0, methd: mean}
+battery_sensor:
+  ros__parameters:
+    publish_rate: 0
+batery_sensor:
+  ros__parameters: {}
+"""
+
+
+def test_all_mistakes_of_a_file_are_reported_with_the_lines_of_their_keys(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.yaml"
+    file.write_text(MISTAKES)
+    process = robot_health("check", file)
+    assert process.wait() == 2
+    lines = [line.text[len(f"{file}:") :] for line in process.lines if line.stream == "err"]
+    signals = "alert_system.ros__parameters.signals"
+    expected = [
+        "1: alert_sytem: unknown node; did you mean alert_system?",
+        "3: alert_sytem.ros__parameters.signals.spare.warn_belw: unknown key; did you mean warn_below? expected one of",
+        "6: alert_system.ros__parameters.publish_rate: expected a number from 0.01 to 100, got 'fast'",
+        f"8: {signals}.arm.warn_below: is given twice, first in line 8",
+        f"8: {signals}.arm.topic: expected the name of a topic, got 'my arm'",
+        f"8: {signals}.arm.type: expected a message type, got std_msgs/Flaot32, which does not exist;"
+        " did you mean std_msgs/Float32?",
+        f"9: {signals}.battery.field: battery: sensor_msgs/BatteryState has no field percentag;",
+        f"10: {signals}.battery.hysteresis: expected a number of at least 0, got -1",
+        f"11: {signals}.current.type: expected sensor_msgs/BatteryState, as in signal battery of the same topic,"
+        " got nav_msgs/Odometry",
+        f"12: {signals}.link: this name is reserved for the link to the robot; expected another",
+        "14: robot2.alert_system: expected one section for alert_system in a file (one file per robot),"
+        " got alert_system and robot2.alert_system",
+        f"14: robot2.{signals}.leg.scale: expected a number other than 0, got 0",
+        "16: aggregator.ros__parameters.window_s: expected a number of at least 0.001, got 0",
+        "16: aggregator.ros__parameters.methd: unknown key; did you mean method? expected one of",
+        "19: battery_sensor.ros__parameters.publish_rate: expected a number from 0.01 to 1000, got 0",
+        "20: batery_sensor: unknown node; did you mean battery_sensor?",
+    ]
+    assert [line[: len(start)] for line, start in zip(lines, expected)] == expected
+    assert len(lines) == len(expected)
+
+
+def test_a_file_of_thousands_of_mistakes_ends_after_a_hundred(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.yaml"
+    keys = "".join(f"      s{number}: {{warn_belw: 1}}\n" for number in range(5000))
+    file.write_text(f"alert_system:\n  ros__parameters:\n    signals:\n{keys}")
+    process = robot_health("check", file)
+    assert process.wait() == 2
+    assert len(process.errors) == 101
+    assert process.errors[-1] == f"{file}: further mistakes are not shown"
+
+
+@pytest.mark.parametrize(
+    ("signal", "problem"),
+    [
+        ("{type: std_msgs/Float32, field: data}", ""),
+        ("{type: std_msgs/msg/Float32}", ""),
+        ("{type: sensor_msgs/BatteryState, field: 'cell_voltage[3]'}", ""),
+        ("{type: sensor_msgs/Imu, field: header.stamp.sec}", ""),
+        ("{type: sensor_msgs/Imu, field: header.stamp.secs}", ""),
+        ("{type: sensor_msgs/Imu, field: ''}", ""),
+        ("{type: sensor_msgs/CameraInfo, field: 'k[0]'}", ""),
+        ('{type: diagnostic_msgs/DiagnosticArray, field: \'status["a"].values["b"]\'}', ""),
+        ("{type: sensor_msgs/Imu}", "field: s: sensor_msgs/Imu has no field data;"),
+        ("{type: sensor_msgs/Imu, field: 'orientation_covariance[9]'}", "field: s: sensor_msgs/Imu has no field "),
+        ("{type: std_srvs/Trigger}", "type: expected a message type, got std_srvs/Trigger, which does not exist"),
+        ("{type: sensor_msgs/Battery}", "type: expected a message type, got sensor_msgs/Battery, which does not exist"),
+    ],
+)
+def test_types_and_fields_of_the_standard_packages_are_checked(
+    robot_health: Start, tmp_path: Path, signal: str, problem: str
+) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(f"alert_system:\n  ros__parameters:\n    signals:\n      s: {signal}\n")
+    process = robot_health("check", file)
+    assert process.wait() == (2 if problem else 0), process.text
+    start = f"{file}:4: alert_system.ros__parameters.signals.s.{problem}"
+    assert [line[: len(start)] for line in process.errors] == ([start] if problem else [])
+
+
+def test_types_that_are_not_known_here_are_named(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(
+        "alert_system:\n  ros__parameters:\n    signals:\n      odometry: {type: my_msgs/msg/Wheels, field: left.rpm}\n"
+    )
+    process = robot_health("check", file)
+    assert process.wait() == 0
+    assert process.text == (
+        f"out: {file}: OK: 1 signal (odometry), 0 bounds; fields not checked, their types are not known here:"
+        " my_msgs/Wheels"
+    )
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["*x11", "59:59:" + ":".join(["59"] * 3000), "9" * 5000],
+    ids=["aliases of aliases", "sexagesimal number", "number of 5000 digits"],
+)
+def test_a_hostile_value_is_one_line(robot_health: Start, tmp_path: Path, value: str) -> None:
+    levels = "".join(f"x{level}: &x{level} [{', '.join([f'*x{level - 1}'] * 9)}]\n" for level in range(1, 12))
+    file = tmp_path / "bomb.yaml"
+    file.write_text(
+        f"x0: &x0 [1]\n{levels if '*' in value else ''}alert_system:\n  ros__parameters:\n    signals:\n"
+        f"      arm: {{warn_below: {value}}}\n"
+    )
+    process = robot_health("check", file)
+    assert process.wait() == 2
+    assert len(process.errors) == 1 and len(process.errors[0]) < 400
+
+
+def test_a_named_pipe_is_one_line_and_not_waited_for(robot_health: Start, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    process = robot_health("check", tmp_path / "pipe")
+    assert process.wait() == 2
+    assert process.text == f"err: {tmp_path}/pipe: cannot be read: expected a file, got a named pipe"
+
+
+def test_no_text_of_a_file_controls_the_terminal(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.yaml"
+    file.write_text('alert_system:\n  ros__parameters: {signals: {"a\\e[31m\\n": {}}, "\\e]0;x": "\\u202e"}\n')
+    process = robot_health("check", file)
+    assert process.wait() == 2
+    assert len(process.errors) == 2
+    assert all(line.isprintable() for line in process.errors)
 
 
 def test_version_is_that_of_package_xml(robot_health: Start) -> None:
