@@ -73,7 +73,8 @@ class _Kind(NamedTuple):
 
 def _check_file(file: str) -> Tuple[str, List[ConfigError]]:
     """Returns a summary of a file and its mistakes, by line."""
-    summary, errors = "", []
+    summary = ""
+    errors: List[ConfigError] = []
     duplicates, problems = Problems(), Problems()
     try:
         read = read_yaml(file, duplicates)
