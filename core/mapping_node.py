@@ -211,12 +211,15 @@ class MappingNode(abc.ABC):
     def set_sim_time(self, now_s: float) -> None:
         """Sets simulated time, which may go back; calls the timers that are due.
 
-        The first call also delivers the messages that waited for it.
+        The first call also delivers the messages that waited for it. As in ROS, a time of 0 is no time: messages wait
+        again.
         """
         with self._lock:
-            if self._sim_time_s is None or now_s <= 0.0:
+            if self._sim_time_s is None or now_s < 0.0:
                 return
             was_waiting, self._sim_time_s = self._sim_time_s == 0.0, now_s
+            if now_s == 0.0:
+                return
             if was_waiting:
                 self._sim_timers.restart(now_s)
                 while self._waiting:

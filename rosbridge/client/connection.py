@@ -21,7 +21,7 @@ import asyncio
 import contextlib
 import ssl
 import threading
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Callable, Coroutine, Dict, Mapping, Optional, Tuple, TypeVar
 
 import aiohttp
 
@@ -40,12 +40,16 @@ from .services import OfferedServices, ServiceCalls
 from .subscriptions import Subscriptions
 from .topic_of_message import HEAD_BYTES, topic_of_message
 
-__all__ = ["ServerConnection"]
+__all__ = ["LARGEST_MESSAGE_BYTES", "ServerConnection"]
+
+LARGEST_MESSAGE_BYTES = 64_000_000
+"""Default size above which a message ends the connection."""
+
+_Result = TypeVar("_Result")
 
 _CONNECT_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 1.0
 _LONGEST_TURN_S = 0.01
-_LARGEST_MESSAGE_BYTES = 64_000_000
 _LONGEST_TEXT = 200
 
 
@@ -60,7 +64,7 @@ class ServerConnection:
         ssl_context: Optional[ssl.SSLContext] = None,
         heartbeat_s: float = 5.0,
         limits: Limits = DEFAULT_LIMITS,
-        largest_message_bytes: int = _LARGEST_MESSAGE_BYTES,
+        largest_message_bytes: int = LARGEST_MESSAGE_BYTES,
         probation_s: float = 0.5,
         on_change: Callable[[bool, Cause], None],
         on_log: Callable[[Severity, str], None],
@@ -157,7 +161,7 @@ class ServerConnection:
         self.send(protocol.Publish(topic, message))
 
     def close(self) -> None:
-        """Makes `run` end at its next attempt: before Python 3.12, cancelling its task alone can fail."""
+        """Makes `run` end at its next attempt; cancel its task to end it at once."""
         self._closed = True
 
     async def run(self) -> None:
@@ -191,7 +195,7 @@ class ServerConnection:
         has_token = bool(self._token)
         async with aiohttp.ClientSession(headers=headers) as session:
             try:
-                socket = await asyncio.wait_for(self._open(session), _CONNECT_TIMEOUT_S)
+                socket = await _within(_CONNECT_TIMEOUT_S, self._open(session))
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError) as error:
                 self._report(False, cause_of_error(error, has_token))
                 return None
@@ -319,6 +323,23 @@ class ServerConnection:
         except Exception as error:
             text = printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]
             self._on_log(Severity.ERROR, f"a change of the connection to {self.address} was not processed: {text}")
+
+
+async def _within(timeout_s: float, work: Coroutine[Any, Any, _Result]) -> _Result:
+    """Does what `asyncio.wait_for` does, which can lose a cancellation before Python 3.12: `run` would never end.
+
+    Raises:
+        asyncio.TimeoutError: the work took longer than `timeout_s`.
+    """
+    task = asyncio.ensure_future(work)
+    try:
+        await asyncio.wait({task}, timeout=timeout_s)
+        if not task.done():
+            raise asyncio.TimeoutError
+        return task.result()
+    finally:
+        task.cancel()
+        task.add_done_callback(_ignore_result)
 
 
 async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> Cause:

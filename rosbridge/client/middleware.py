@@ -23,7 +23,7 @@ from robot_health_monitor.core.timers import ClockTimer
 from ..protocol import DEFAULT_LIMITS, Limits
 from ..protocol.definitions import check_message
 from .cause import Cause
-from .connection import ServerConnection
+from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
 
 __all__ = ["RosbridgeClient", "RosbridgeMiddleware"]
 
@@ -42,6 +42,7 @@ class RosbridgeClient:
         heartbeat_s: float = 5.0,
         probation_s: float = 0.5,
         limits: Limits = DEFAULT_LIMITS,
+        largest_message_bytes: int = LARGEST_MESSAGE_BYTES,
         read_only: bool = False,
         clock: Callable[[], float] = time.monotonic,
         on_log: Optional[Callable[[LogLine], None]] = None,
@@ -55,7 +56,8 @@ class RosbridgeClient:
             ssl_context: for `wss://`; None trusts the system's certificate authorities.
             heartbeat_s: period of pings in s.
             probation_s: how long a new connection must last before it is reported as up, in s.
-            limits: bounds for messages that are decoded.
+            limits: bounds for messages that are decoded. Of larger ones only the arrival counts.
+            largest_message_bytes: a message above this size ends the connection.
             read_only: nothing is published or offered on the robot.
             clock: monotonic seconds, for nodes without simulated time.
             on_log: called with every log line; None keeps them in `log_lines`.
@@ -76,6 +78,7 @@ class RosbridgeClient:
             heartbeat_s=heartbeat_s,
             probation_s=probation_s,
             limits=limits,
+            largest_message_bytes=largest_message_bytes,
             on_change=on_link or self._log_link,
             on_log=self.log,
             clock=clock,

@@ -102,7 +102,7 @@ def test_a_robot_that_is_not_there_is_one_alert_with_its_cause(robot_health: Sta
     assert not [line.text for line in watcher.lines if "[WARN]" in line.text or "[ERROR]" in line.text]
 
 
-@pytest.mark.parametrize(("token", "cause"), [("guessed", "wrong token")])
+@pytest.mark.parametrize(("token", "cause"), [("guessed", "wrong token"), ("", "no token")])
 def test_a_wrong_or_missing_token_is_reported_at_once_as_an_own_fault(
     robot_health: Start, calm: Path, thresholds: Path, token: str, cause: str
 ) -> None:
@@ -165,6 +165,6 @@ def test_a_port_that_was_asked_for_and_is_taken_ends_the_run(robot_health: Start
 def test_an_address_that_others_can_reach_needs_a_token(robot_health: Start, calm: Path) -> None:
     process = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0")
     assert process.wait() == 2
-    assert "without protection" in process.errors[0]
+    assert "expected a token" in process.errors[0]
     served = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0", ROBOT_HEALTH_TOKEN="s3cret")
     served.wait_for_text("serving on ws://0.0.0.0:")

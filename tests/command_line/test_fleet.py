@@ -137,6 +137,29 @@ def test_a_new_cause_of_a_link_that_is_down_is_one_line(tmp_path: Path) -> None:
     run()
 
 
+def test_a_server_that_accepts_and_closes_is_one_alert(tmp_path: Path) -> None:
+    @scenario
+    async def run() -> None:
+        server = ForeignServer()
+        loop = asyncio.get_event_loop()
+        ends_s: List[float] = []
+
+        async def hold_for_a_moment(socket: Any) -> None:
+            """The first connections hold, and then shorter and shorter."""
+            await asyncio.sleep(0.8 if len(ends_s) < 2 else 0.0)
+            ends_s.append(loop.time())
+            await socket.close()
+
+        server.on_connect = hold_for_a_moment
+        async with watching([f"atlas={await server.start()}"], tmp_path) as watched:
+            await until(lambda: len(ends_s) >= 5)
+            assert watched.alerts[0] == "atlas: link ERROR: down: the server closed the connection"
+            assert len(watched.lines(Severity.INFO)) - len(watched.lines(Severity.WARN)) <= 3  # watching, connected
+        await server.close()
+
+    run()
+
+
 @pytest.mark.parametrize("late", [False, True])
 def test_under_simulated_time_no_signal_looks_stale_when_the_clock_starts(tmp_path: Path, late: bool) -> None:
     """Whether the robot is there from the start or comes later."""

@@ -19,6 +19,7 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError
 from robot_health_monitor.rosbridge.client import RosbridgeClient
+from robot_health_monitor.rosbridge.client.connection import _within
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
@@ -362,6 +363,41 @@ async def test_an_observer_of_the_link_that_fails_does_not_end_the_connection() 
     await server.close()
 
 
+@pytest.mark.parametrize("error", [None, ConnectionRefusedError()])
+def test_a_cancellation_is_not_lost_when_the_attempt_ends_at_the_same_moment(error: Any) -> None:
+    @scenario
+    async def run() -> None:
+        attempt = asyncio.get_event_loop().create_future()
+
+        async def work() -> None:
+            await attempt
+
+        task = asyncio.ensure_future(_within(10.0, work()))
+        await asyncio.sleep(0.01)
+        if error is None:
+            attempt.set_result(None)
+        else:
+            attempt.set_exception(error)
+        task.cancel()
+        await asyncio.wait({task})
+        assert task.cancelled()
+
+    run()
+
+
+@scenario
+async def test_an_attempt_that_takes_too_long_is_given_up() -> None:
+    work = asyncio.ensure_future(asyncio.sleep(60.0))
+
+    async def wait_for_work() -> None:
+        await work
+
+    with pytest.raises(asyncio.TimeoutError):
+        await _within(0.01, wait_for_work())
+    await asyncio.wait({work})
+    assert work.cancelled()
+
+
 # Large messages
 
 
@@ -431,8 +467,7 @@ async def test_a_large_message_without_a_topic_is_one_line() -> None:
 @scenario
 async def test_a_message_beyond_every_bound_ends_only_the_connection() -> None:
     server = ForeignServer()
-    watched = Watched(await server.start())
-    watched.client.connection._largest_message_bytes = 100_000
+    watched = Watched(await server.start(), largest_message_bytes=100_000)
     await until(lambda: watched.ups == [True])
     await server.publish("/points", {"data": "A" * 200_000})
     await until(lambda: watched.ups == [True, False, True])
