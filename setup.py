@@ -63,7 +63,7 @@ setup(
     data_files=data_files,
     options=options,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
-    extras_require={"test": ["hypothesis>=6.82", "numpy", "pyfakefs", "pyte", "pytest>=7.2", "trustme"]},
+    extras_require={"test": ["hypothesis>=6.82", "numpy", "pyte", "pytest>=7.2", "trustme"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

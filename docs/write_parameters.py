@@ -60,7 +60,7 @@ def _sections() -> Iterator[str]:
     yield from _section("## aggregator", "", _own(AGGREGATOR_PARAMETERS))
     metrics = [
         replace(parameter, name=f"{metric}.{parameter.name}")
-        for metric, parameters in sensing.SECTIONS.items()
+        for metric, parameters in sensing.METRIC_PARAMETERS.items()
         for parameter in parameters
     ]
     yield from _section("## battery_sensor", "", [*_own(SENSOR_PARAMETERS), *metrics])

@@ -10,7 +10,8 @@ from typing import Any, Dict, List, NamedTuple, Optional, TextIO
 
 from robot_health_monitor.core.formatting import number_text, printable, with_unit
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostSource
-from robot_health_monitor.core.sensors.source import NotYet, SensorError, Source
+from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError, Source
+from robot_health_monitor.core.sensors.sysfs import HOST_PATHS, HostPaths
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
@@ -40,15 +41,16 @@ class SourceReading(NamedTuple):
         return "-" if self.value is None else with_unit(number_text(self.value), HOST_SOURCES[self.kind].unit)
 
 
-def show_sources(as_json: bool, stream: Optional[TextIO] = None) -> None:
+def show_sources(as_json: bool, stream: Optional[TextIO] = None, paths: HostPaths = HOST_PATHS) -> None:
     """Lists every source of this machine: a table on a terminal, plain lines in a pipe, or JSON.
 
     Args:
         as_json: one JSON object per line and source.
         stream: where to write; None: stdout.
+        paths: where the kernel's files are.
     """
     stream = stream or sys.stdout
-    readings = read_sources()
+    readings = read_sources(paths)
     if as_json:
         lines = [_json_line(reading) for reading in readings]
     elif stream.isatty():
@@ -59,34 +61,34 @@ def show_sources(as_json: bool, stream: Optional[TextIO] = None) -> None:
     stream.flush()
 
 
-def read_sources() -> List[SourceReading]:
+def read_sources(paths: HostPaths) -> List[SourceReading]:
     """Reads every source of this machine; takes half a second."""
     made = [
-        (kind, options, host_source.make(**options))
+        (kind, options, host_source.make(**options, paths=paths))
         for kind, host_source in HOST_SOURCES.items()
-        for options in _options(host_source)
+        for options in _options(host_source, paths)
     ]
     if [kind for kind, _, source in made if _needs_second_read(source)]:  # reads all of them
         time.sleep(_BETWEEN_READS_S)
     return [_read(kind, options, source) for kind, options, source in made]
 
 
-def _options(host_source: HostSource) -> List[Dict[str, Any]]:
+def _options(host_source: HostSource, paths: HostPaths) -> List[Dict[str, Any]]:
     """Returns the options available here; without any, the default, whose error gives the reason."""
     option = host_source.option
     if option is None:
         return [{}]
     try:
-        offered = list(host_source.offered())
+        available = list(host_source.available(paths))
     except SensorError:
-        offered = []
-    return [{option.name: value} for value in offered or [option.default]]
+        available = []
+    return [{option.name: value} for value in available or [option.default]]
 
 
 def _needs_second_read(source: Source) -> bool:
     try:
         source.read(time.monotonic())
-    except NotYet:
+    except NotMeasuredYet:
         return True
     except SensorError:
         pass  # reported by the next read

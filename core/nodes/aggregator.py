@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import platform
-from typing import Any, Callable, Mapping
+import re
+from typing import Any, Callable, Dict, Mapping, Tuple
 
 from ..config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, SignalConfig, load_config, read_signal
 from ..diagnostics import ARRAY_TYPE, array_message
+from ..errors import ConfigError
 from ..formatting import number_text
-from ..middleware import Middleware, Severity
+from ..middleware import Middleware, Severity, Subscription
 from ..model import Level, Sample, Status
 from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
@@ -20,24 +22,24 @@ from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, refuse_change
 AGGREGATOR_PARAMETERS = (
     *NODE_PARAMETERS,
     Parameter("publish_rate", float, 1.0, "rate of system_health and /diagnostics in Hz", 0.01, 100.0),
-    Parameter("window_s", float, 60.0, "length of the window for statistics, in s", 0.001),
-    Parameter("stale_after_s", float, 5.0, "an input is missing after this long without a sample, in s", 0.001),
+    Parameter("window_s", float, 60.0, "length of the window of the statistics in s", 0.001),
+    Parameter("stale_after_s", float, 5.0, "an input without a sample for longer than this is missing, in s", 0.001),
+    Parameter("inputs", tuple, ("battery_level", "temperature", "cpu_usage"), "topics that are averaged, Float32"),
     Parameter(
         "method",
         str,
         "mean",
-        "mean: average of the values; score: of 0 to 100 by thresholds",
+        "mean: average of the values; score: average of the values mapped to 0..100 by their thresholds",
         choices=("mean", "score"),
     ),
 )
-"""What aggregator can be told."""
+"""Parameters of aggregator."""
 
-INPUTS = ("battery_level", "temperature", "cpu_usage")
-"""What system_health is the average of."""
+_MAX_INPUTS = 100
 
 
 class Aggregator:
-    """Averages the three metrics into `system_health` and publishes the statistics of each on /diagnostics."""
+    """Publishes the average of its inputs, only while all of them are fresh, and statistics of each."""
 
     def __init__(self, middleware: Middleware) -> None:
         """Starts listening.
@@ -47,21 +49,33 @@ class Aggregator:
         """
         self._middleware = middleware
         self._node = base_name(middleware)
-        self._values = read_parameters(middleware.given_parameters(), AGGREGATOR_PARAMETERS)
-        self._thresholds = _read_thresholds(self._values)
-        self._robot = self._values["robot_name"] or platform.node()
-        self._monitor = Monitor(_window_config(self._values), self._robot)
+        self._values = _read_values(middleware.given_parameters())
+        self._inputs = _signal_names(self._values["inputs"])
+        self._thresholds = _read_thresholds(self._values, self._inputs)
+        self._monitor = Monitor(
+            _window_config(self._values, self._inputs), self._values["robot_name"] or platform.node()
+        )
+        self._subscriptions: Dict[str, Subscription] = {}
         middleware.declare_parameters(AGGREGATOR_PARAMETERS, self._reconfigure)
         middleware.advertise("system_health", FLOAT_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
-        for name in INPUTS:
-            middleware.subscribe(name, FLOAT_TYPE, self._observer(name), field="data")
+        self._follow_inputs()
         self._timer = middleware.create_timer(1.0 / self._values["publish_rate"], self._publish)
-        middleware.log(Severity.INFO, f"system_health is the {self._values['method']} of {', '.join(INPUTS)}")
+        inputs = ", ".join(self._values["inputs"])
+        middleware.log(Severity.INFO, f"system_health is the {self._values['method']} of {inputs}")
 
     def close(self) -> None:
         """Leaves the middleware."""
         self._middleware.close()
+
+    def _follow_inputs(self) -> None:
+        topics = set(self._inputs.values())
+        for topic in self._subscriptions.keys() - topics:
+            self._middleware.unsubscribe(self._subscriptions.pop(topic))
+        for name, topic in self._inputs.items():
+            if topic not in self._subscriptions:
+                observer = self._observer(name)
+                self._subscriptions[topic] = self._middleware.subscribe(topic, FLOAT_TYPE, observer, field="data")
 
     def _observer(self, name: str) -> Callable[[Any, float], None]:
         observe = self._monitor.observe
@@ -73,8 +87,8 @@ class Aggregator:
 
     def _publish(self, now_s: float) -> None:
         self._monitor.tick(now_s)
-        fresh = {name: self._monitor.fresh_value(name) for name in INPUTS}
-        missing = [name for name, value in fresh.items() if value is None]
+        fresh = {name: self._monitor.fresh_value(name) for name in self._inputs}
+        missing = [self._inputs[name] for name, value in fresh.items() if value is None]
         values = {name: value for name, value in fresh.items() if value is not None}
         if self._values["method"] == "score":
             values = {name: health_score(value, self._thresholds[name]) for name, value in values.items()}
@@ -85,17 +99,20 @@ class Aggregator:
             level, message = Level.OK, f"{self._values['method']} is {number_text(health)}"
             self._middleware.publish("system_health", {"data": health})
         if self._middleware.has_listeners(DIAGNOSTICS):
-            shown = {"method": self._values["method"], "missing": ", ".join(missing)}
-            shown.update((name, number_text(value)) for name, value in values.items())
-            status = Status("system_health", level, message, self._monitor.robot, shown)
+            key_values = {"method": self._values["method"], "missing": ", ".join(missing)}
+            key_values.update((self._inputs[name], number_text(value)) for name, value in values.items())
+            status = Status("system_health", level, message, self._monitor.robot, key_values)
             statuses = [*self._monitor.report(now_s).statuses.values(), status]
             self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
-        values = read_parameters(tree, AGGREGATOR_PARAMETERS)
+        values = _read_values(tree)
         refuse_change("robot_name", self._values["robot_name"], values["robot_name"])
-        self._thresholds = _read_thresholds(values)
-        self._monitor.configure(_window_config(values))
+        inputs = _signal_names(values["inputs"])
+        self._thresholds = _read_thresholds(values, inputs)
+        self._monitor.configure(_window_config(values, inputs))
+        self._inputs = inputs
+        self._follow_inputs()
         if values["publish_rate"] != self._values["publish_rate"]:
             self._timer.cancel()
             self._timer = self._middleware.create_timer(1.0 / values["publish_rate"], self._publish)
@@ -103,14 +120,52 @@ class Aggregator:
         return describe_changes({"": old}, {"": values})
 
 
-def _read_thresholds(values: Mapping[str, Any]) -> Mapping[str, SignalConfig]:
-    """Returns the signals whose thresholds the score uses: those of the file, or the defaults."""
-    signals = {name: read_signal(name, signal) for name, signal in DEFAULT_SIGNALS.items()}
-    if values["method"] == "score" and values["thresholds"]:
-        signals.update(load_config(values["thresholds"]).signals)
-    return signals
+def _read_values(tree: Mapping[str, Any]) -> Dict[str, Any]:
+    values = read_parameters(tree, AGGREGATOR_PARAMETERS)
+    inputs = values["inputs"]
+    if not 1 <= len(inputs) <= _MAX_INPUTS or len(set(inputs)) != len(inputs):
+        raise ConfigError(f"expected 1 to {_MAX_INPUTS} different topics, got {len(inputs)}", ("inputs",))
+    return values
 
 
-def _window_config(values: Mapping[str, Any]) -> MonitorConfig:
+def _signal_names(topics: Tuple[str, ...]) -> Dict[str, str]:
+    """Returns the topics by the name of their signal: the topic itself where it is a signal's name.
+
+    Raises:
+        ConfigError: a topic is not a name, or two of them give the same signal name.
+    """
+    names: Dict[str, str] = {}
+    for topic in topics:
+        name = re.sub(r"\W", "_", topic.strip("/~"), flags=re.ASCII)
+        if not re.fullmatch(r"[/~]?\w+(/\w+)*", topic, re.ASCII) or name[0].isdigit():
+            raise ConfigError(f"expected names of topics, got {topic!r}", ("inputs",))
+        if name in names:
+            raise ConfigError(f"expected topics of different names, got {names[name]} and {topic}", ("inputs",))
+        names[name] = topic
+    return names
+
+
+def _read_thresholds(values: Mapping[str, Any], inputs: Mapping[str, str]) -> Mapping[str, SignalConfig]:
+    """Returns the thresholds that the score uses, by input: those of the file, else the defaults.
+
+    Raises:
+        ConfigError: the file cannot be used, or an input has no thresholds.
+    """
+    if values["method"] != "score":
+        return {}
+    known = {name: read_signal(name, signal) for name, signal in DEFAULT_SIGNALS.items()}
+    if values["thresholds"]:
+        known.update(load_config(values["thresholds"]).signals)
+    by_topic = {signal.topic: signal for signal in known.values()}
+    thresholds = {}
+    for name, topic in inputs.items():
+        signal = by_topic.get(topic) or known.get(name)
+        if signal is None:
+            raise ConfigError(f"expected signals with thresholds for method score, got {topic}", ("inputs",))
+        thresholds[name] = signal
+    return thresholds
+
+
+def _window_config(values: Mapping[str, Any], inputs: Mapping[str, str]) -> MonitorConfig:
     settings = {name: values[name] for name in ("window_s", "stale_after_s")}
-    return MonitorConfig({name: read_signal(name, settings) for name in INPUTS})
+    return MonitorConfig({name: read_signal(name, {**settings, "topic": topic}) for name, topic in inputs.items()})

@@ -5,18 +5,18 @@ from __future__ import annotations
 import platform
 from dataclasses import fields, replace
 from types import MappingProxyType
-from typing import Any, Callable, Dict, Mapping, Tuple
+from typing import Any, Callable, Dict, Mapping, Set, Tuple
 
 from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, described_parameters, load_config
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
 from ..formatting import bound_text, printable, with_unit
-from ..middleware import Message, Middleware, Severity, Subscription
+from ..middleware import Message, Middleware, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets
 from .changes import Sections, describe_changes
-from .identity import DIAGNOSTICS, base_name, refuse_change
+from .identity import DIAGNOSTICS, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, refuse_change
 from .self_monitor import CHECK_PERIOD_S, SelfMonitor
 
 TRIGGER_TYPE = "std_srvs/Trigger"
@@ -24,6 +24,7 @@ TICK_PERIOD_S = 1.0
 """Period of `Monitor.tick`, in seconds of the node's clock."""
 
 _CHANGEABLE = ("signals", "publish_rate")
+_MAX_LIST = 10_000  # characters
 _NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
 _SEVERITY_OF_LEVEL = {
     Level.OK: Severity.INFO,
@@ -61,6 +62,8 @@ class AlertSystem:
         self._node = base_name(middleware)
         given = middleware.given_parameters()
         config = _read_monitor_config(given)
+        self._config = config
+        self._unavailable: Set[str] = set()
         self.monitor = Monitor(config, config.robot_name or platform.node())
         """Judges the signals; read it to show their state."""
         self.outlets = Outlets(middleware.faults)
@@ -75,11 +78,13 @@ class AlertSystem:
         self.self_report: Dict[str, Callable[[], str]] = self._self_monitor.reports
         """Key-values of the node's own status: a function per key. A server adds `clients`, for instance."""
         self.self_report["signals"] = lambda: str(len(self.monitor.config.signals))
+        self.self_report["without_sensor"] = lambda: ", ".join(sorted(self._unavailable))
         self._subscriptions: Dict[_Source, Subscription] = {}
         middleware.declare_parameters(described_parameters(config), self._reconfigure)
         middleware.advertise("alerts", STATUS_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
         self._follow_topics(config)
+        middleware.subscribe(UNAVAILABLE_SENSORS, STRING_TYPE, self._note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, self._reset)
         middleware.create_timer(TICK_PERIOD_S, self._tick)
         middleware.create_timer(CHECK_PERIOD_S, self._check, steady=True)
@@ -149,11 +154,42 @@ class AlertSystem:
 
         def callback(value: Any, now_s: float) -> None:
             self._samples += 1
+            if self._unavailable:
+                self._watch_only_without(self._unavailable - {name}, now_s)
             changes = observe(Sample(name, value, now_s))
             if changes or changes.notices:
                 announce(changes, now_s)
 
         return callback
+
+    def _note_unavailable(self, metrics: Any, now_s: float) -> None:
+        """Takes the list of battery_sensor: signals that no sensor will ever publish are not watched."""
+        names = [name.strip() for name in str(metrics)[:_MAX_LIST].split(",")]
+        topics = {resolve_name(name, self._middleware.name) for name in names if name}
+        signals = {source[0] for source, subscription in self._subscriptions.items() if subscription.topic in topics}
+        # A signal that has had a sample has a sensor: its silence is an alert.
+        unseen = {name for name in signals - self._unavailable if not self._has_sample(name, now_s)}
+        self._watch_only_without((self._unavailable & signals) | unseen, now_s)
+
+    def _watch_only_without(self, unavailable: Set[str], now_s: float) -> None:
+        if unavailable == self._unavailable:
+            return
+        for name in sorted(unavailable - self._unavailable):
+            text = f"{name} is not watched: battery_sensor reports that its host has no such sensor"
+            self.outlets.emit(Notice(now_s, Severity.INFO, text))
+        for name in sorted(self._unavailable - unavailable):
+            self.outlets.emit(Notice(now_s, Severity.INFO, f"{name} is watched again"))
+        self._unavailable = unavailable
+        self._announce(self.monitor.configure(self._watched()), now_s)
+
+    def _has_sample(self, name: str, now_s: float) -> bool:
+        status = self.monitor.status(name, now_s)
+        return status is not None and any(status.values[key] != "0" for key in ("good_samples", "bad_samples"))
+
+    def _watched(self) -> MonitorConfig:
+        """Returns the configuration without the signals that have no sensor."""
+        signals = {name: signal for name, signal in self._config.signals.items() if name not in self._unavailable}
+        return replace(self._config, signals=signals)
 
     def _tick(self, now_s: float) -> None:
         self._self_monitor.note_tick(now_s)
@@ -164,7 +200,7 @@ class AlertSystem:
         self._self_monitor.check(self._samples)
         # Without /clock, and while a simulator is paused, the timer of the report stands still.
         overdue_s = self._middleware.steady_s() - self._reported_steady_s
-        if overdue_s > 1.0 / self.monitor.config.publish_rate + CHECK_PERIOD_S:
+        if overdue_s > 1.0 / self._config.publish_rate + CHECK_PERIOD_S:
             self._report(now_s)
 
     def _report(self, now_s: float) -> None:
@@ -207,7 +243,7 @@ class AlertSystem:
         return {"success": True, "message": f"reset: {cleared}"}
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
-        old = self.monitor.config
+        old = self._config
         config = _read_monitor_config(tree)
         for field in fields(MonitorConfig):
             if field.name not in _CHANGEABLE:
@@ -216,7 +252,10 @@ class AlertSystem:
         if config.publish_rate != old.publish_rate:
             self._report_timer.cancel()
             self._report_timer = self._middleware.create_timer(1.0 / config.publish_rate, self._report)
-        self._announce(self.monitor.configure(config), self._middleware.now_s())
+        self._config = config
+        same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
+        self._unavailable &= same
+        self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())
         return describe_changes(_sections(old), _sections(config))
 
 

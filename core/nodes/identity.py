@@ -1,4 +1,4 @@
-"""What the nodes have in common: their base name, and parameters that are fixed at the start."""
+"""What the nodes have in common: topic names and types, base names, parameters that are fixed at the start."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ from ..errors import ConfigError
 from ..middleware import Middleware
 
 FLOAT_TYPE = "std_msgs/Float32"
+STRING_TYPE = "std_msgs/String"
 DIAGNOSTICS = "/diagnostics"
+UNAVAILABLE_SENSORS = "unavailable_sensors"
+"""Topic on which battery_sensor lists the metrics that its host has no sensor for, separated by commas.
+
+alert_system does not wait for their samples: a desktop without a battery is not a robot whose battery fell silent.
+"""
 
 
 def base_name(middleware: Middleware) -> str:
@@ -15,6 +21,10 @@ def base_name(middleware: Middleware) -> str:
 
 
 def refuse_change(name: str, old: object, new: object) -> None:
-    """Raises ConfigError if a parameter that is fixed at the start would change."""
+    """Rejects the change of a parameter that is fixed at the start.
+
+    Raises:
+        ConfigError: `old` and `new` differ.
+    """
     if new != old:
-        raise ConfigError("can only be given at the start", (name,))
+        raise ConfigError("can only be set at the start", (name,))

@@ -1,6 +1,6 @@
-"""What battery_sensor publishes and where each value comes from: simulated, this machine, or nowhere.
+"""Configuration of battery_sensor: its metrics, and the source of each: simulated, this machine, or none.
 
-`read_sources({"temperature": {"source": "host"}})["temperature"].read(now_s)` gives degrees C, or raises SensorError.
+`read_sources({"temperature": {"source": "host"}})["temperature"].read(now_s)` returns degrees C, or raises SensorError.
 """
 
 from __future__ import annotations
@@ -15,110 +15,103 @@ from ..parameters import Parameter, read_parameters, require_mapping
 from .catalogue import HOST_SOURCES
 from .host import HostBattery, HostCpuUsage, HostTemperature
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
-from .source import NotYet, SensorError, Source
-
-__all__ = [
-    "HOST",
-    "METRICS",
-    "SECTIONS",
-    "SEED",
-    "NotYet",
-    "SensorError",
-    "Source",
-    "described_sections",
-    "read_sources",
-    "section_of",
-]
+from .source import Source
+from .sysfs import HOST_PATHS, HostPaths
 
 METRICS: Mapping[str, str] = {"battery_level": "%", "temperature": "degC", "cpu_usage": "%"}
-"""Name (also the topic) and unit of every metric, in the order in which they are published."""
+"""Name (which is also the topic) and unit of the standard metrics, in the order in which they are published."""
 
-SEED = Parameter("seed", int, None, "the same seed gives the same simulated values; left out: new ones at every start")
+SEED = Parameter("seed", int, None, "seed of the simulated values; left out: different values at every start")
 
 _SOURCE = Parameter(
     "source",
     str,
     "simulated",
-    "where the value comes from: simulated, host (this machine) or none (not published)",
+    "source of the values: simulated, host (this machine) or none (not published)",
     choices=("simulated", "host", "none"),
 )
 
-SECTIONS: Mapping[str, Tuple[Parameter, ...]] = {
+METRIC_PARAMETERS: Mapping[str, Tuple[Parameter, ...]] = {
     "battery_level": (
         _SOURCE,
-        Parameter("discharge_rate", float, 1.0, "simulated: % lost per second", minimum=0.0),
-        Parameter("charge_rate", float, 4.0, "simulated: % gained per second on the charger", minimum=0.0),
-        Parameter("charge_at", float, 5.0, "simulated: % at which it is charged", minimum=0.0, maximum=99.0),
+        Parameter("discharge_rate", float, 1.0, "simulated: discharge in % per second", minimum=0.0),
+        Parameter("charge_rate", float, 4.0, "simulated: charge in % per second", minimum=0.0),
+        Parameter("charge_at", float, 5.0, "simulated: level in % at which charging starts", minimum=0.0, maximum=99.0),
     ),
     "temperature": (
         _SOURCE,
         Parameter("mean", float, 60.0, "simulated: mean in degrees C"),
-        Parameter("spread", float, 4.0, "simulated: how far it wanders from the mean, in degrees C", minimum=0.0),
-        Parameter("spike", float, 30.0, "simulated: degrees C that a hot spell of 30 s adds; 0: none", minimum=0.0),
-        Parameter("spike_every_s", float, 120.0, "simulated: seconds in which one hot spell falls", minimum=1.0),
+        Parameter("spread", float, 4.0, "simulated: largest deviation from the mean in degrees C", minimum=0.0),
+        Parameter("spike", float, 30.0, "simulated: height in degrees C of a hot spell of 30 s; 0: none", minimum=0.0),
+        Parameter("spike_every_s", float, 120.0, "simulated: period in s with one hot spell each", minimum=1.0),
     ),
     "cpu_usage": (
         _SOURCE,
         Parameter("mean", float, 35.0, "simulated: mean in %", minimum=0.0, maximum=100.0),
-        Parameter("spread", float, 30.0, "simulated: how far it moves from the mean, in %", minimum=0.0),
+        Parameter("spread", float, 30.0, "simulated: largest deviation from the mean in %", minimum=0.0),
     ),
 }
-"""The parameters of every metric, in its own section of the node's configuration."""
+"""Parameters of the standard metrics, each in the section of its name."""
 
-HOST = "host"
-"""Key of the section with further metrics of this machine, each under the name of its topic."""
+HOST_SECTION = "host"
+"""Section with further metrics of this machine, by name, which is also the topic."""
 
-_HOST_SOURCE = Parameter("source", str, None, "which value of this machine", choices=tuple(HOST_SOURCES))
+SECTION_NAMES = (*METRIC_PARAMETERS, HOST_SECTION)
+"""Sections of the node's configuration."""
+
+_HOST_SOURCE = Parameter("source", str, None, "metric of this machine", choices=tuple(HOST_SOURCES))
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
-_HOST: Mapping[str, Callable[[], Source]] = {
-    "battery_level": HostBattery,
-    "temperature": HostTemperature,
-    "cpu_usage": HostCpuUsage,
+_HOST: Mapping[str, Callable[[HostPaths], Source]] = {
+    "battery_level": lambda paths: HostBattery(paths),
+    "temperature": lambda paths: HostTemperature(paths=paths),
+    "cpu_usage": lambda paths: HostCpuUsage(paths=paths),
 }
 
 
-def read_sources(tree: Mapping[str, Any], path: Path = ()) -> Dict[str, Source]:
-    """Makes the sources that a node's configuration asks for.
+def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HOST_PATHS) -> Dict[str, Source]:
+    """Makes the sources of a node's configuration.
 
     Args:
-        tree: the node's whole configuration; only `seed`, the sections named after metrics and `host` are read.
-        path: where the tree is, for error messages.
+        tree: the node's whole configuration; only `seed` and the sections are read.
+        path: keys above the tree, for error messages.
+        paths: where the kernel's files are.
 
     Returns:
-        A source per metric, in the order of `METRICS` and then of the section `host`; those with `source: none` are
-        left out.
+        A source per metric, in the order of `METRICS` and then of the section `host`, without those that have
+        `source: none`.
 
     Raises:
-        ConfigError: a key is unknown or a value not allowed.
+        ConfigError: an unknown key or a value that is not allowed.
     """
     tree = with_default_source(tree)
     seed = SEED.read(tree["seed"], (*path, "seed")) if tree.get("seed") is not None else random.getrandbits(32)
     sources: Dict[str, Source] = {}
     for metric in METRICS:
-        source = _read_source(metric, tree.get(metric, {}), f"{seed}/{metric}", (*path, metric))
+        source = _read_source(metric, tree.get(metric, {}), f"{seed}/{metric}", (*path, metric), paths)
         if source is not None:
             sources[metric] = source
     for metric, found in _host_sections(tree, path).items():
-        sources[metric] = _read_host_source(found, (*path, HOST, metric))
+        sources[metric] = _read_host_source(found, (*path, HOST_SECTION, metric), paths)
     return sources
 
 
-def section_of(tree: Mapping[str, Any], metric: str) -> object:
-    """Returns what a node's configuration says of one metric, with the defaults of what it does not say.
-
-    None when it says nothing of a metric of the section `host`.
-    """
+def settings_of(tree: Mapping[str, Any], metric: str) -> Optional[Mapping[str, Any]]:
+    """Returns the settings of one metric in a valid configuration, defaults included; None if it is not there."""
+    tree = with_default_source(tree)
     if metric in METRICS:
-        return {**{parameter.name: parameter.default for parameter in SECTIONS[metric]}, **tree.get(metric, {})}
-    section = tree.get(HOST, {}).get(metric)
+        section = tree.get(metric, {})
+        if section.get("source") is False:
+            section = {**section, "source": "none"}
+        return {**{parameter.name: parameter.default for parameter in METRIC_PARAMETERS[metric]}, **section}
+    section = tree.get(HOST_SECTION, {}).get(metric)
     if section is None:
         return None
     return {**{parameter.name: parameter.default for parameter in _host_parameters(section["source"])}, **section}
 
 
 def with_default_source(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Returns a node's configuration in which each metric without a `source` has the one of the parameter `sensors`."""
+    """Returns a node's configuration in which metrics without a `source` have that of the parameter `sensors`."""
     default = tree.get("sensors", "")
     if not default:
         return tree
@@ -127,11 +120,16 @@ def with_default_source(tree: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**tree, **{metric: {"source": default, **section} for metric, section in sections.items()}}
 
 
-def described_sections(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
-    """Returns the parameters of every metric of a node's configuration that can be used, by their dotted names."""
-    sections = dict(SECTIONS)
+def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
+    """Returns the parameters of every metric in a valid configuration, by their dotted names."""
+    # A middleware that fills in defaults must not fill in another source than `sensors` does.
+    source = replace(_SOURCE, default=tree.get("sensors") or _SOURCE.default)
+    sections = {
+        metric: tuple(source if parameter is _SOURCE else parameter for parameter in parameters)
+        for metric, parameters in METRIC_PARAMETERS.items()
+    }
     for metric, found in _host_sections(tree, ()).items():
-        sections[f"{HOST}.{metric}"] = _host_parameters(found["source"])
+        sections[f"{HOST_SECTION}.{metric}"] = _host_parameters(found["source"])
     return tuple(
         replace(parameter, name=f"{section}.{parameter.name}")
         for section, parameters in sections.items()
@@ -140,13 +138,13 @@ def described_sections(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
 
 
 def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[str, Any]]:
-    sections = require_mapping(tree.get(HOST, {}), (*path, HOST))
+    sections = require_mapping(tree.get(HOST_SECTION, {}), (*path, HOST_SECTION))
     for metric, found in sections.items():
-        where = (*path, HOST, metric)
+        where = (*path, HOST_SECTION, metric)
         if metric in METRICS:
-            raise ConfigError("is a metric of its own, allowed is another name", where)
+            raise ConfigError("is the name of a standard metric; expected another name", where)
         if not _NAME.match(metric):
-            raise ConfigError("is no name of a metric, allowed are letters, digits and _, a letter first", where)
+            raise ConfigError("expected a name of letters, digits and _, starting with a letter", where)
         require_mapping(found, where)
     return sections
 
@@ -156,25 +154,25 @@ def _host_parameters(source: str) -> Tuple[Parameter, ...]:
     return (_HOST_SOURCE,) if option is None else (_HOST_SOURCE, option)
 
 
-def _read_host_source(section: Mapping[str, Any], path: Path) -> Source:
+def _read_host_source(section: Mapping[str, Any], path: Path, paths: HostPaths) -> Source:
     if section.get("source") is None:
-        raise ConfigError(f"is missing, allowed is {_HOST_SOURCE.allowed}", (*path, "source"))
+        raise ConfigError(f"is missing; expected {_HOST_SOURCE.allowed}", (*path, "source"))
     source = _HOST_SOURCE.read(section["source"], (*path, "source"))
     options = read_parameters(section, _host_parameters(source), path)
     del options["source"]
-    return HOST_SOURCES[source].make(**options)
+    return HOST_SOURCES[source].make(**options, paths=paths)
 
 
-def _read_source(metric: str, found: object, seed: str, path: Path) -> Optional[Source]:
+def _read_source(metric: str, found: object, seed: str, path: Path, paths: HostPaths) -> Optional[Source]:
     section = require_mapping(found, path)
     if section.get("source") is False:  # YAML reads a plain `off` or `no` as false
         section = {**section, "source": "none"}
-    values = read_parameters(section, SECTIONS[metric], path)
+    values = read_parameters(section, METRIC_PARAMETERS[metric], path)
     kind = values.pop("source")
     if kind == "none":
         return None
     if kind == "host":
-        return _HOST[metric]()
+        return _HOST[metric](paths)
     if metric == "battery_level":
         return SimulatedBattery(**values)
     if metric == "temperature":

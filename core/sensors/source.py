@@ -6,19 +6,26 @@ from typing import Protocol
 
 
 class SensorError(Exception):
-    """A sensor that cannot be read now. `str()` is one line: what, where, what would help."""
+    """A value that cannot be read now. `str()` is one line: the cause and, where there is one, the remedy."""
 
 
-class NotYet(SensorError):
-    """A value that is measured from one read to the next, at the first read."""
+class NotMeasuredYet(SensorError):
+    """No value yet: it is measured between two reads."""
+
+
+class NoSuchSensor(SensorError):
+    """This machine does not have the sensor at all: a desktop without a battery, a container without sensors."""
 
 
 class Source(Protocol):
-    """Where a value comes from."""
+    """One source of one value."""
 
     def read(self, now_s: float) -> float:
-        """Returns the value at `now_s`, seconds on the caller's clock, which may stand still or go back.
+        """Returns the current value, in the unit of its metric.
+
+        Args:
+            now_s: the node's time in seconds.
 
         Raises:
-            SensorError: it cannot be read now; the next read may be luckier.
+            SensorError: it cannot be read.
         """

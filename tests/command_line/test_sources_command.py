@@ -1,4 +1,4 @@
-"""`robot-health sources`: what a machine offers, as a table, as lines to copy and as JSON."""
+"""`robot-health sources`: the sources of a machine as a table, as lines to copy and as JSON."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import io
 import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any, Dict, List
 
 import pytest
+from harness.machine import Machine
 
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
@@ -16,7 +18,6 @@ from robot_health_monitor.sources_command import SourceReading, show_sources
 
 yaml = pytest.importorskip("yaml")
 pytest.importorskip("psutil")
-pytest.importorskip("pyfakefs", reason="pyfakefs, which holds the captured trees, is not installed")
 
 MACHINE = {
     "/sys/class/hwmon/hwmon0/name": "coretemp",
@@ -28,9 +29,8 @@ MACHINE = {
 
 
 @pytest.fixture
-def machine(fs: Any) -> None:
-    for path, text in MACHINE.items():
-        fs.create_file(path, contents=f"{text}\n")
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
 
 
 class Terminal(io.StringIO):
@@ -38,31 +38,35 @@ class Terminal(io.StringIO):
         return True
 
 
-def lines_of(stream: io.StringIO, as_json: bool = False) -> List[str]:
-    show_sources(as_json, stream)
+def lines_of(stream: io.StringIO, machine: Machine, as_json: bool = False) -> List[str]:
+    show_sources(as_json, stream, machine.paths)
     return stream.getvalue().splitlines()
 
 
-def test_a_pipe_gets_a_line_per_source_with_its_value_or_what_is_missing(machine: None) -> None:
-    lines = lines_of(io.StringIO())
+def test_a_pipe_gets_a_line_per_source_with_its_value_or_what_is_missing(machine: Machine) -> None:
+    machine(MACHINE)
+    lines = lines_of(io.StringIO(), machine)
     assert '{source: temperature, sensor: "coretemp/Package id 0"}: 52 degC' in lines
     assert "{source: battery_percent}: 62 %" in lines
     assert "{source: battery_plugged}: 0" in lines
     assert any(
-        line.startswith("{source: battery_voltage}: this machine's battery tells no voltage_now: ") for line in lines
+        line.startswith("{source: battery_voltage}: the battery of this machine has no voltage_now") for line in lines
     )
 
 
-def test_a_terminal_gets_a_table_that_fits(machine: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "72")
-    lines = lines_of(Terminal())
+def test_a_terminal_gets_a_table_that_fits(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    machine(MACHINE)
+    monkeypatch.setenv("COLUMNS", "400")
+    lines = lines_of(Terminal(), machine)
     assert lines[0].split()[:2] == ["configuration", "value"]
-    assert any(line.startswith("{source: battery_percent}") and "  62 %  charge" in line for line in lines)
-    assert max(map(len, lines)) <= 72
+    assert any(line.startswith("{source: battery_percent}") and "  62 %  battery charge" in line for line in lines)
+    monkeypatch.setenv("COLUMNS", "72")
+    assert max(map(len, lines_of(Terminal(), machine))) <= 72
 
 
-def test_json_is_an_object_per_source(machine: None) -> None:
-    found = [json.loads(line) for line in lines_of(io.StringIO(), as_json=True)]
+def test_json_is_an_object_per_source(machine: Machine) -> None:
+    machine(MACHINE)
+    found = [json.loads(line) for line in lines_of(io.StringIO(), machine, as_json=True)]
     assert {"source": "battery_percent", "value": 62.0, "unit": "%", "problem": None} in found
     (chip,) = (item for item in found if item.get("sensor"))
     assert chip == {
@@ -76,8 +80,8 @@ def test_json_is_an_object_per_source(machine: None) -> None:
     assert voltage["value"] is None and "voltage_now" in voltage["problem"]
 
 
-def test_every_kind_of_source_is_listed_whatever_the_machine_lacks(fs: Any) -> None:
-    found = [json.loads(line) for line in lines_of(io.StringIO(), as_json=True)]
+def test_every_kind_of_source_is_listed_whatever_the_machine_lacks(machine: Machine) -> None:
+    found = [json.loads(line) for line in lines_of(io.StringIO(), machine, as_json=True)]
     assert {item["source"] for item in found} == set(HOST_SOURCES)
     assert all((item["value"] is None) == (item["problem"] is not None) for item in found)
 

@@ -255,7 +255,7 @@ class TestBatterySensor:
         stage.bus.run_until(3.0)
         defaults = {
             f"{metric}.{parameter.name}": parameter.default
-            for metric, parameters in sensing.SECTIONS.items()
+            for metric, parameters in sensing.METRIC_PARAMETERS.items()
             for parameter in parameters
         }
         middleware.set_parameters(unflatten({**dict(flatten({"sensor_name": "other"})), **defaults}))

@@ -1,4 +1,4 @@
-"""Further metrics of this machine: the real psutil reads files as real machines show them, in a file system in memory.
+"""Further metrics of a machine, read from the files of other machines in a temporary folder.
 
 The trees follow proc(5), the kernel's Documentation/ABI/testing/sysfs-class-power and its hwmon documentation.
 """
@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Tuple
 
 import pytest
+from harness.machine import Machine
 from harness.port_conformance import levels_to
 
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
-from robot_health_monitor.core.sensors.source import NotYet, SensorError
+from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError
+from robot_health_monitor.core.sensors.sysfs import HOST_PATHS
 
 psutil = pytest.importorskip("psutil")
-pytest.importorskip("pyfakefs", reason="pyfakefs, which holds the captured trees, is not installed")
 
 HWMON = "/sys/class/hwmon"
 POWER = "/sys/class/power_supply"
@@ -83,40 +85,28 @@ UPS_BOARD = {
     f"{POWER}/battery/voltage_now": "3912000",
 }
 
-Machine = Callable[..., None]
-
 
 @pytest.fixture
-def machine(fs: Any) -> Machine:
-    """Returns a function that lays out a machine's files; a second call changes them, None takes one away."""
-
-    def lay_out(*trees: Dict[str, Optional[str]]) -> None:
-        for tree in trees:
-            for path, text in tree.items():
-                if fs.exists(path):
-                    fs.remove(path)
-                if text is not None:
-                    fs.create_file(path, contents=f"{text}\n")
-
-    return lay_out
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
 
 
-def source(kind: str, **option: Any) -> Any:
+def source(kind: str, machine: Optional[Machine] = None, **option: Any) -> Any:
     made = HOST_SOURCES[kind]
     if made.option is not None:
         option.setdefault(made.option.name, made.option.default)
-    return made.make(**option)
+    return made.make(**option, **({} if machine is None else {"paths": machine.paths}))
 
 
-def read(kind: str, **option: Any) -> float:
-    value = source(kind, **option).read(0.0)
+def read(kind: str, machine: Optional[Machine] = None, **option: Any) -> float:
+    value = source(kind, machine, **option).read(0.0)
     assert type(value) is float
     return value
 
 
-def failure(kind: str, **option: Any) -> str:
+def failure(kind: str, machine: Optional[Machine] = None, **option: Any) -> str:
     with pytest.raises(SensorError) as caught:
-        source(kind, **option).read(0.0)
+        source(kind, machine, **option).read(0.0)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -140,7 +130,7 @@ def interfaces(**counters: str) -> Dict[str, str]:
 
 def test_the_load_of_one_core_is_its_own(machine: Machine) -> None:
     machine(processors("100 900", "100 900"))
-    first, second = source("cpu_percent", core=0), source("cpu_percent", core=1)
+    first, second = source("cpu_percent", machine, core=0), source("cpu_percent", machine, core=1)
     machine(processors("110 990", "190 910"))
     assert first.read(1.0) == pytest.approx(10.0)
     assert second.read(1.0) == pytest.approx(90.0)
@@ -148,14 +138,14 @@ def test_the_load_of_one_core_is_its_own(machine: Machine) -> None:
 
 def test_a_core_that_the_machine_does_not_have_is_named(machine: Machine) -> None:
     machine(processors("100 900", "100 900"))
-    assert failure("cpu_percent", core=2) == "this machine has no core 2, the last is 1"
+    assert failure("cpu_percent", machine, core=2) == "this machine has no core 2, the last one is 1"
 
 
 def test_when_a_core_goes_offline_no_other_is_taken_for_it(machine: Machine) -> None:
     machine(processors("100 900", "100 900", "100 900"))
-    second = source("cpu_percent", core=1)
+    second = source("cpu_percent", machine, core=1)
     machine(processors("100 900", "100 900"))
-    with pytest.raises(SensorError, match=r"^2 cores run, 3 did at the start: which one is core 1\?$"):
+    with pytest.raises(SensorError, match=r"^2 of 3 cores are online: core 1 is ambiguous$"):
         second.read(1.0)
     machine(processors("100 900", "150 950", "100 900"))
     assert second.read(2.0) == pytest.approx(50.0)
@@ -163,8 +153,8 @@ def test_when_a_core_goes_offline_no_other_is_taken_for_it(machine: Machine) -> 
 
 def test_the_first_look_at_a_core_is_no_zero(machine: Machine) -> None:
     machine(processors("100 900"))
-    with pytest.raises(NotYet):
-        source("cpu_percent", core=0).read(0.0)
+    with pytest.raises(NotMeasuredYet):
+        source("cpu_percent", machine, core=0).read(0.0)
 
 
 @pytest.mark.parametrize(("kind", "load"), [("load_1min", 0.5), ("load_5min", 1.25), ("load_15min", 2.0)])
@@ -175,23 +165,23 @@ def test_load_is_that_of_its_minutes(kind: str, load: float, monkeypatch: pytest
 
 def test_a_system_without_a_load_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(os, "getloadavg")  # as on Windows
-    assert failure("load_1min").startswith("this machine tells no load average")
+    assert failure("load_1min").startswith("this machine has no load average")
 
 
 def test_memory_in_use_is_what_programs_can_no_longer_get(machine: Machine) -> None:
     machine(MEMORY)
-    assert read("memory_percent") == 75.0  # 2 of 8 GB are available
-    assert read("memory_available") == 2048.0  # 2,000,000 kB of 1,024 bytes are 2,048 MB
+    assert read("memory_percent", machine) == 75.0  # 2 of 8 GB are available
+    assert read("memory_available", machine) == 2048.0  # 2,000,000 kB of 1,024 bytes are 2,048 MB
 
 
 def test_swap_in_use(machine: Machine) -> None:
     machine(MEMORY)
-    assert read("swap_percent") == 25.0
+    assert read("swap_percent", machine) == 25.0
 
 
 def test_a_machine_without_swap_says_so_instead_of_0_percent(machine: Machine) -> None:
     machine(MEMORY, NO_SWAP)
-    assert failure("swap_percent") == "this machine has no swap"
+    assert failure("swap_percent", machine) == "this machine has no swap"
 
 
 @pytest.mark.parametrize(
@@ -208,28 +198,31 @@ def test_a_machine_without_swap_says_so_instead_of_0_percent(machine: Machine) -
 )
 def test_a_temperature_sensor_is_chosen_by_its_label_or_number(machine: Machine, sensor: str, celsius: float) -> None:
     machine(WORKSTATION)
-    assert read("temperature", sensor=sensor) == celsius
+    assert read("temperature", machine, sensor=sensor) == celsius
 
 
 def test_a_temperature_sensor_that_shows_a_placeholder_costs_its_reading(machine: Machine) -> None:
     machine(WORKSTATION)
-    assert failure("temperature", sensor="coretemp/Core 1") == "no believable temperature: coretemp/Core 1 shows 0.0"
+    assert (
+        failure("temperature", machine, sensor="coretemp/Core 1")
+        == "no plausible temperature: coretemp/Core 1 reads 0.0"
+    )
 
 
 def test_a_temperature_sensor_that_is_not_there_is_named_with_those_that_are(machine: Machine) -> None:
     machine(WORKSTATION)
-    assert failure("temperature", sensor="k10temp/Tctl") == (
-        "this machine shows no temperature sensor k10temp/Tctl; there are"
+    assert failure("temperature", machine, sensor="k10temp/Tctl") == (
+        "this machine has no temperature sensor k10temp/Tctl; available:"
         " coretemp/Package id 0, coretemp/Core 0, coretemp/Core 1, nvme/0, nvme/1, acpitz/0"
     )
 
 
 def test_a_sensor_that_is_unplugged_costs_its_readings_and_comes_back(machine: Machine) -> None:
     machine(WORKSTATION)
-    acpitz = source("temperature", sensor="acpitz/0")
+    acpitz = source("temperature", machine, sensor="acpitz/0")
     assert acpitz.read(0.0) == 27.8
     machine({path: None for path in WORKSTATION if "hwmon3" in path})
-    with pytest.raises(SensorError, match=r"^this machine shows no temperature sensor acpitz/0"):
+    with pytest.raises(SensorError, match=r"^this machine has no temperature sensor acpitz/0"):
         acpitz.read(1.0)
     machine(WORKSTATION)
     assert acpitz.read(2.0) == 27.8
@@ -237,52 +230,56 @@ def test_a_sensor_that_is_unplugged_costs_its_readings_and_comes_back(machine: M
 
 def test_a_battery_that_discharges(machine: Machine) -> None:
     machine(DISCHARGING)
-    assert read("battery_percent") == 62.0
-    assert read("battery_plugged") == 0.0
-    assert read("battery_voltage") == 11.84
-    assert read("battery_current") == pytest.approx(-0.625)  # 7.4 W at 11.84 V
+    assert read("battery_percent", machine) == 62.0
+    assert read("battery_plugged", machine) == 0.0
+    assert read("battery_voltage", machine) == 11.84
+    assert read("battery_current", machine) == pytest.approx(-0.625)  # 7.4 W at 11.84 V
 
 
 def test_a_battery_that_is_charged(machine: Machine) -> None:
     machine(DISCHARGING, CHARGING)
-    assert read("battery_plugged") == 1.0
-    assert read("battery_current") == pytest.approx(0.625)
+    assert read("battery_plugged", machine) == 1.0
+    assert read("battery_current", machine) == pytest.approx(0.625)
 
 
 def test_a_battery_that_tells_its_current(machine: Machine) -> None:
     machine(UPS_BOARD)
-    assert read("battery_percent") == 87.0
-    assert read("battery_plugged") == 0.0
-    assert read("battery_voltage") == 3.912
-    assert read("battery_current") == -1.25
+    assert read("battery_percent", machine) == 87.0
+    assert read("battery_plugged", machine) == 0.0
+    assert read("battery_voltage", machine) == 3.912
+    assert read("battery_current", machine) == -1.25
 
 
 def test_what_a_battery_does_not_tell_is_said(machine: Machine) -> None:
     machine({f"{POWER}/BAT0/capacity": "50", f"{POWER}/BAT0/status": "Unknown"})
-    assert failure("battery_plugged") == "this machine does not tell whether its charger is plugged in"
-    assert failure("battery_voltage").startswith("this machine's battery tells no voltage_now: ")
-    assert failure("battery_current").startswith("this machine's battery tells no voltage_now: ")
+    assert failure("battery_plugged", machine) == "this machine does not report whether its charger is connected"
+    assert failure("battery_voltage", machine) == "the battery of this machine has no voltage_now"
+    assert failure("battery_current", machine) == "the battery of this machine has no voltage_now"
     machine({f"{POWER}/BAT0/voltage_now": "ENODEV"})
-    assert failure("battery_voltage") == "this machine's battery tells no voltage_now: 'ENODEV' is no number"
+    assert failure("battery_voltage", machine) == (
+        "the battery of this machine has no voltage_now: expected a number, got 'ENODEV'"
+    )
     machine({f"{POWER}/BAT0/voltage_now": "0"})
-    assert failure("battery_current").startswith("this machine's battery tells no current_now: ")
+    assert failure("battery_current", machine) == (
+        "the battery of this machine has no current_now, and its voltage is 0"
+    )
 
 
 @pytest.mark.parametrize("kind", ["battery_percent", "battery_plugged", "battery_voltage", "battery_current"])
 def test_a_machine_without_a_battery_says_so(machine: Machine, kind: str) -> None:
     machine()
-    assert failure(kind).startswith("this machine shows no battery of its own in /sys/class/power_supply")
+    assert failure(kind, machine).startswith(f"no battery in {machine.paths.sys}/class/power_supply; set the source to")
 
 
 def test_network_errors_and_drops_are_counted_per_second_in_both_directions(machine: Machine) -> None:
     machine(interfaces(eth0="7 100", wlan0="0 0"))
     errors, drops, both = (
-        source("network_errors", interface="eth0"),
-        source("network_drops", interface="eth0"),
-        source("network_errors"),
+        source("network_errors", machine, interface="eth0"),
+        source("network_drops", machine, interface="eth0"),
+        source("network_errors", machine),
     )
     for made in (errors, drops, both):
-        with pytest.raises(NotYet):
+        with pytest.raises(NotMeasuredYet):
             made.read(10.0)
     machine(interfaces(eth0="13 100", wlan0="4 0"))
     assert errors.read(12.0) == 3.0
@@ -292,8 +289,8 @@ def test_network_errors_and_drops_are_counted_per_second_in_both_directions(mach
 
 def test_a_read_without_time_in_between_repeats_the_last_rate(machine: Machine) -> None:
     machine(interfaces(eth0="0 0"))
-    errors = source("network_errors", interface="eth0")
-    with pytest.raises(NotYet):
+    errors = source("network_errors", machine, interface="eth0")
+    with pytest.raises(NotMeasuredYet):
         errors.read(0.0)
     machine(interfaces(eth0="2 0"))
     assert [errors.read(1.0), errors.read(1.0)] == [2.0, 2.0]
@@ -301,8 +298,8 @@ def test_a_read_without_time_in_between_repeats_the_last_rate(machine: Machine) 
 
 def test_when_time_goes_back_a_rate_goes_on_from_there(machine: Machine) -> None:
     machine(interfaces(eth0="0 0"))
-    errors = source("network_errors", interface="eth0")
-    with pytest.raises(NotYet):
+    errors = source("network_errors", machine, interface="eth0")
+    with pytest.raises(NotMeasuredYet):
         errors.read(100.0)
     machine(interfaces(eth0="2 0"))
     assert errors.read(101.0) == 2.0
@@ -313,8 +310,8 @@ def test_when_time_goes_back_a_rate_goes_on_from_there(machine: Machine) -> None
 
 def test_counters_that_begin_again_give_no_negative_rate(machine: Machine) -> None:
     machine(interfaces(eth0="500 0"))
-    errors = source("network_errors", interface="eth0")
-    with pytest.raises(NotYet):
+    errors = source("network_errors", machine, interface="eth0")
+    with pytest.raises(NotMeasuredYet):
         errors.read(0.0)
     machine(interfaces(eth0="1 0"))
     assert errors.read(1.0) == 0.0
@@ -322,14 +319,14 @@ def test_counters_that_begin_again_give_no_negative_rate(machine: Machine) -> No
 
 def test_an_interface_that_is_unplugged_is_named_and_comes_back(machine: Machine) -> None:
     machine(interfaces(eth0="0 0", wlan0="0 0"))
-    errors = source("network_errors", interface="wlan0")
-    with pytest.raises(NotYet):
+    errors = source("network_errors", machine, interface="wlan0")
+    with pytest.raises(NotMeasuredYet):
         errors.read(0.0)
     machine(interfaces(eth0="0 0", lo="0 0"))
-    with pytest.raises(SensorError, match=r"^this machine shows no network interface wlan0; there are eth0, lo$"):
+    with pytest.raises(SensorError, match=r"^this machine has no network interface wlan0; available: eth0, lo$"):
         errors.read(1.0)
     machine(interfaces(eth0="0 0", wlan0="50 0"))
-    with pytest.raises(NotYet):
+    with pytest.raises(NotMeasuredYet):
         errors.read(2.0)
     machine(interfaces(eth0="0 0", wlan0="51 0"))
     assert errors.read(3.0) == 1.0
@@ -340,18 +337,21 @@ def test_the_disk_of_this_machine_is_used_between_0_and_100_percent() -> None:
     assert read("disk_free") > 0.0
 
 
-def test_an_unmounted_disk_is_not_taken_for_the_one_that_its_folder_lies_on(fs: Any) -> None:
-    fs.create_dir("/mnt/data")
-    assert failure("disk_percent", path="/mnt/data") == (
-        "no disk is mounted at /mnt/data; the folder lies on the disk at /"
-    )
-    assert failure("disk_free", path="/mnt/nowhere") == "no disk is mounted at /mnt/nowhere; there is no such folder"
+def test_an_unmounted_disk_is_not_taken_for_the_one_that_contains_its_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    reason = failure("disk_percent", path=str(folder))
+    assert reason.startswith(f"no disk is mounted at {folder}: the folder is on the disk at /")
+    missing = tmp_path / "missing"
+    assert failure("disk_free", path=str(missing)) == f"no disk is mounted at {missing}: there is no such folder"
 
 
-def test_what_a_machine_offers(machine: Machine) -> None:
+def test_the_options_that_a_machine_has(machine: Machine) -> None:
     machine(WORKSTATION, processors("1 1", "1 1"), interfaces(lo="0 0", eth0="0 0", can0="0 0"))
     offered: Dict[str, List[Any]] = {
-        kind: list(made.offered()) for kind, made in HOST_SOURCES.items() if made.option and "disk" not in kind
+        kind: list(made.available(machine.paths))
+        for kind, made in HOST_SOURCES.items()
+        if made.option and "disk" not in kind
     }
     assert offered == {
         "cpu_percent": [None, 0, 1],
@@ -363,15 +363,17 @@ def test_what_a_machine_offers(machine: Machine) -> None:
     }  # fmt: skip
 
 
-def test_this_machine_offers_its_root_disk() -> None:
-    assert "/" in list(HOST_SOURCES["disk_percent"].offered())
+def test_this_machine_has_a_root_disk() -> None:
+    assert "/" in list(HOST_SOURCES["disk_percent"].available(HOST_PATHS))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in HOST_SOURCES if not kind.startswith("load")])
-def test_without_psutil_every_source_says_what_to_install(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "kind", [kind for kind in HOST_SOURCES if not kind.startswith(("load", "battery", "temperature"))]
+)
+def test_without_psutil_the_sources_that_need_it_say_what_to_install(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "psutil", None)
-    if kind.startswith("battery"):
-        monkeypatch.setattr("robot_health_monitor.core.sensors.host._lacks_battery", lambda: False)
     assert failure(kind).startswith("psutil is not installed")
 
 
@@ -388,7 +390,7 @@ def test_a_metric_that_vanishes_turns_stale_and_comes_back_while_the_others_go_o
         "nothing": {"source": "swap_percent"},
     }
     machine(NO_SWAP)
-    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}))
+    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}), machine.paths)
     bus.run_until(10.0)
     assert alerts == []
     machine({path: None for path in WORKSTATION if "hwmon3" in path})
@@ -416,7 +418,7 @@ def test_a_rate_that_is_not_measured_yet_is_no_failure(machine: Machine) -> None
     host = {"errors": {"source": "network_errors", "interface": "eth0"}}
     heard: List[float] = []
     bus.node("listener").subscribe("errors", "std_msgs/Float32", lambda value, now_s: heard.append(value), field="data")
-    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}))
+    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}), machine.paths)
     bus.run_until(1.0)
     machine(interfaces(eth0="5 0"))
     bus.run_until(3.0)

@@ -108,7 +108,7 @@ def test_the_path_of_an_error_begins_where_the_tree_hangs() -> None:
 
 
 def test_every_parameter_has_a_description_and_a_default_that_it_allows() -> None:
-    for metric, parameters in sensing.SECTIONS.items():
+    for metric, parameters in sensing.METRIC_PARAMETERS.items():
         for parameter in parameters:
             assert parameter.description
             assert parameter.read(parameter.default) == parameter.default, f"{metric}.{parameter.name}"
@@ -132,7 +132,7 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
     [
         ([MEMORY], "host: expected a mapping of keys to values, got [{'source': 'memory_percent'}]"),
         ({"memory": "memory_percent"}, "host.memory: expected a mapping of keys to values, got 'memory_percent'"),
-        ({"memory": {}}, f"host.memory.source: is missing, allowed is one of {', '.join(HOST_SOURCES)}"),
+        ({"memory": {}}, f"host.memory.source: is missing; expected one of {', '.join(HOST_SOURCES)}"),
         (
             {"memory": {"source": "ram"}},
             f"host.memory.source: expected one of {', '.join(HOST_SOURCES)}, got 'ram'",
@@ -153,12 +153,12 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
             {"core": {"source": "cpu_percent", "core": -1}},
             "host.core.core: expected a whole number from 0 to 65535, got -1",
         ),
-        ({"temperature": MEMORY}, "host.temperature: is a metric of its own, allowed is another name"),
+        ({"temperature": MEMORY}, "host.temperature: is the name of a standard metric; expected another name"),
         (
             {"0": MEMORY},
-            "host.0: is no name of a metric, allowed are letters, digits and _, a letter first",
+            "host.0: expected a name of letters, digits and _, starting with a letter",
         ),
-        ({"a/b": MEMORY}, "host.a/b: is no name of a metric, allowed are letters, digits and _, a letter first"),
+        ({"a/b": MEMORY}, "host.a/b: expected a name of letters, digits and _, starting with a letter"),
     ],
 )
 def test_a_metric_of_the_host_that_cannot_be_used_is_refused(host: Any, error: str) -> None:
@@ -169,7 +169,7 @@ def test_a_metric_of_the_host_that_cannot_be_used_is_refused(host: Any, error: s
 
 def test_metrics_of_the_host_are_declared_with_the_keys_that_they_can_have() -> None:
     tree = {"host": {"memory": MEMORY, "disk": {"source": "disk_free"}}}
-    names = [parameter.name for parameter in sensing.described_sections(tree)]
+    names = [parameter.name for parameter in sensing.declared_parameters(tree)]
     assert names[-3:] == ["host.memory.source", "host.disk.source", "host.disk.path"]
     assert names[0] == "battery_level.source"
 
@@ -203,3 +203,19 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
 def test_sensors_is_the_source_of_metrics_that_name_none(sensors: str, kinds: list) -> None:
     tree = {"sensors": sensors, "temperature": {"source": "none"}, "cpu_usage": {"source": "host"}}
     assert [type(source).__name__ for source in sensing.read_sources(tree).values()] == kinds
+
+
+def test_the_parameter_sensors_is_the_source_of_metrics_without_one() -> None:
+    tree = {"sensors": "host", "battery_level": {"source": "simulated"}}
+    kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
+    assert kinds == {"battery_level": SimulatedBattery, "temperature": HostTemperature, "cpu_usage": HostCpuUsage}
+    assert [(sensing.settings_of(tree, metric) or {})["source"] for metric in sensing.METRICS] == [
+        "simulated",
+        "host",
+        "host",
+    ]
+
+
+def test_the_declared_default_of_a_source_is_that_of_the_parameter_sensors() -> None:
+    declared = {parameter.name: parameter.default for parameter in sensing.declared_parameters({"sensors": "host"})}
+    assert declared["temperature.source"] == "host"

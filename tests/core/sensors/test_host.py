@@ -1,4 +1,4 @@
-"""Host sources: the real psutil reads files as real machines show them, laid out in a file system in memory.
+"""The metrics of a machine, read from the files of other machines in a temporary folder.
 
 The trees follow the kernel's Documentation/hwmon/sysfs-interface, Documentation/ABI/testing/sysfs-class-power and
 proc(5): temperatures in thousandths of a degree, one value per file.
@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import sys
 import threading
-from typing import Any, Callable, List
+from pathlib import Path
+from typing import Any, List
 
 import pytest
+from harness.machine import Machine
 
-from robot_health_monitor.core.sensors.host import HostBattery, HostCpuUsage, HostTemperature
+from robot_health_monitor.core.sensors.host import HostBattery, HostCpuUsage, HostTemperature, call_psutil
 from robot_health_monitor.core.sensors.source import SensorError
+from robot_health_monitor.core.sensors.sysfs import HOST_PATHS
 
 psutil = pytest.importorskip("psutil")
-pytest.importorskip("pyfakefs", reason="pyfakefs, which holds the captured trees, is not installed")
 
 HWMON = "/sys/class/hwmon"
 THERMAL = "/sys/class/thermal"
@@ -100,21 +102,10 @@ GAMEPAD_BATTERY = {
     f"{POWER}/ps-controller-battery-a4:53:85:01:02:03/type": "Battery",
 }
 
-Machine = Callable[..., None]
-
 
 @pytest.fixture
-def machine(fs: Any) -> Machine:
-    """Returns a function that lays out a machine's files; a second call changes them."""
-
-    def lay_out(*trees: Any) -> None:
-        for tree in trees:
-            for path, text in tree.items():
-                if fs.exists(path):
-                    fs.remove(path)
-                fs.create_file(path, contents=f"{text}\n")
-
-    return lay_out
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
 
 
 def stat(user: int, idle: int, iowait: int = 0, guest: int = 0) -> Any:
@@ -140,11 +131,11 @@ def percent(number: int) -> Any:
 )
 def test_temperature_is_that_of_the_cpu_where_there_is_one(machine: Machine, tree: Any, celsius: float) -> None:
     machine(tree)
-    assert HostTemperature().read(0.0) == celsius
+    assert HostTemperature(paths=machine.paths).read(0.0) == celsius
 
 
 def test_temperature_follows_the_files(machine: Machine) -> None:
-    source = HostTemperature()
+    source = HostTemperature(paths=machine.paths)
     machine(RASPBERRY_PI)
     source.read(0.0)
     machine({f"{HWMON}/hwmon0/temp1_input": "81230"})
@@ -154,59 +145,59 @@ def test_temperature_follows_the_files(machine: Machine) -> None:
 def test_placeholders_are_not_taken_for_temperatures(machine: Machine) -> None:
     machine(ONLY_PLACEHOLDERS)
     with pytest.raises(SensorError) as caught:
-        HostTemperature().read(0.0)
+        HostTemperature(paths=machine.paths).read(0.0)
     line = str(caught.value)
-    assert line.startswith("no believable temperature: ")
-    assert "acpitz shows 0.0" in line
+    assert line.startswith("no plausible temperature: ")
+    assert "acpitz reads 0.0" in line
     assert "\n" not in line
 
 
 def test_a_placeholder_beside_a_measurement_does_not_hide_it(machine: Machine) -> None:
     machine(ONLY_PLACEHOLDERS, {f"{HWMON}/hwmon2/name": "nvme", f"{HWMON}/hwmon2/temp1_input": "38850"})
-    assert HostTemperature().read(0.0) == 38.85
+    assert HostTemperature(paths=machine.paths).read(0.0) == 38.85
 
 
 def test_frost_is_a_temperature(machine: Machine) -> None:
     machine({f"{HWMON}/hwmon0/name": "cpu_thermal", f"{HWMON}/hwmon0/temp1_input": "-12500"})
-    assert HostTemperature().read(0.0) == -12.5
+    assert HostTemperature(paths=machine.paths).read(0.0) == -12.5
 
 
 def test_a_machine_without_temperature_sensors_says_so(machine: Machine) -> None:
     machine()
-    with pytest.raises(SensorError, match=r"^this machine shows no temperature sensor in /sys/class/hwmon"):
-        HostTemperature().read(0.0)
+    with pytest.raises(SensorError, match=r"^no temperature sensor in .*/sys/class/hwmon"):
+        HostTemperature(paths=machine.paths).read(0.0)
 
 
 def test_battery_is_the_charge_in_percent(machine: Machine) -> None:
     machine(LAPTOP_BATTERY)
-    assert HostBattery().read(0.0) == pytest.approx(62.5, abs=0.05)  # 31.39 Wh of 50.22 Wh
+    assert HostBattery(paths=machine.paths).read(0.0) == pytest.approx(62.5, abs=0.05)  # 31.39 Wh of 50.22 Wh
 
 
 def test_battery_that_shows_its_capacity_only_is_read_too(machine: Machine) -> None:
     machine({f"{POWER}/BAT1/capacity": "7", f"{POWER}/BAT1/status": "Discharging"})
-    assert HostBattery().read(0.0) == 7.0
+    assert HostBattery(paths=machine.paths).read(0.0) == 7.0
 
 
 def test_battery_that_holds_more_than_its_nominal_charge_is_full(machine: Machine) -> None:
     machine({**LAPTOP_BATTERY, f"{POWER}/BAT0/energy_now": "50900000"})
-    assert HostBattery().read(0.0) == 100.0
+    assert HostBattery(paths=machine.paths).read(0.0) == 100.0
 
 
 @pytest.mark.parametrize("tree", [pytest.param({}, id="none"), pytest.param(GAMEPAD_BATTERY, id="a gamepad's")])
 def test_a_machine_without_a_battery_of_its_own_says_so(machine: Machine, tree: Any) -> None:
     machine(tree)
-    with pytest.raises(SensorError, match=r"^this machine shows no battery of its own in /sys/class/power_supply; set"):
-        HostBattery().read(0.0)
+    with pytest.raises(SensorError, match=r"^no battery in .*/sys/class/power_supply; set"):
+        HostBattery(paths=machine.paths).read(0.0)
 
 
 def test_the_gamepad_does_not_hide_the_battery_of_the_machine(machine: Machine) -> None:
     machine(GAMEPAD_BATTERY, LAPTOP_BATTERY)
-    assert HostBattery().read(0.0) == pytest.approx(62.5, abs=0.05)
+    assert HostBattery(paths=machine.paths).read(0.0) == pytest.approx(62.5, abs=0.05)
 
 
 def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> None:
     machine(stat(user=1000, idle=9000))
-    source = HostCpuUsage()
+    source = HostCpuUsage(paths=machine.paths)
     machine(stat(user=1030, idle=9070))
     assert source.read(1.0) == percent(30)
     machine(stat(user=1130, idle=9070))
@@ -215,22 +206,22 @@ def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> N
 
 def test_waiting_for_the_disk_is_not_being_busy(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage()
+    source = HostCpuUsage(paths=machine.paths)
     machine(stat(user=25, idle=50, iowait=25))
     assert source.read(1.0) == percent(25)
 
 
 def test_the_time_of_guests_is_not_counted_twice(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage()
+    source = HostCpuUsage(paths=machine.paths)
     machine(stat(user=50, idle=50, guest=50))  # proc(5): guest time is part of user time
     assert source.read(1.0) == percent(50)
 
 
 def test_before_anything_was_measured_there_is_no_cpu_usage_instead_of_a_zero(machine: Machine) -> None:
     machine(stat(user=1000, idle=9000))
-    source = HostCpuUsage()
-    with pytest.raises(SensorError, match=r"^no CPU load yet"):
+    source = HostCpuUsage(paths=machine.paths)
+    with pytest.raises(SensorError, match=r"^CPU load is not measured yet"):
         source.read(0.0)
     machine(stat(user=1050, idle=9050))
     assert source.read(1.0) == percent(50)
@@ -238,21 +229,21 @@ def test_before_anything_was_measured_there_is_no_cpu_usage_instead_of_a_zero(ma
 
 def test_a_read_without_time_in_between_repeats_the_last_cpu_usage(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage()
+    source = HostCpuUsage(paths=machine.paths)
     machine(stat(user=40, idle=60))
     assert [source.read(1.0), source.read(1.0)] == [percent(40), percent(40)]
 
 
 def test_a_counter_that_steps_back_gives_no_impossible_cpu_usage(machine: Machine) -> None:
     machine(stat(user=0, idle=0, iowait=50))
-    source = HostCpuUsage()
+    source = HostCpuUsage(paths=machine.paths)
     machine(stat(user=20, idle=80, iowait=49))
     assert source.read(1.0) == percent(20)
 
 
 def test_cpu_usage_may_be_read_in_another_thread_than_the_one_that_made_it(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage()
+    source = HostCpuUsage(paths=machine.paths)
     machine(stat(user=70, idle=30))
     seen: List[float] = []
     thread = threading.Thread(target=lambda: seen.append(source.read(1.0)))
@@ -261,30 +252,30 @@ def test_cpu_usage_may_be_read_in_another_thread_than_the_one_that_made_it(machi
     assert seen == [percent(70)]
 
 
-@pytest.mark.parametrize("source_of", [HostCpuUsage, HostTemperature, HostBattery])
-def test_without_psutil_every_source_says_what_to_install(
-    source_of: Any, machine: Machine, monkeypatch: pytest.MonkeyPatch
+def test_without_psutil_the_cpu_usage_says_what_to_install_and_the_others_are_read(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine(INTEL_LAPTOP, LAPTOP_BATTERY, stat(user=0, idle=0))
     monkeypatch.setitem(sys.modules, "psutil", None)
-    source = source_of()
     with pytest.raises(SensorError, match=r"^psutil is not installed.*python3-psutil"):
-        source.read(0.0)
+        HostCpuUsage(paths=machine.paths).read(0.0)
+    assert HostTemperature(paths=machine.paths).read(0.0) == 53.0
+    assert HostBattery(paths=machine.paths).read(0.0) == pytest.approx(62.5, abs=0.05)
 
 
-def test_a_system_where_psutil_reads_no_temperatures_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(psutil, "sensors_temperatures")  # as on macOS
-    with pytest.raises(SensorError, match=r"^psutil reads no temperatures on this system"):
-        HostTemperature().read(0.0)
+def test_a_system_where_psutil_lacks_a_function_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(psutil, "net_io_counters")
+    with pytest.raises(SensorError, match=r"^psutil cannot read network counters on this system"):
+        call_psutil("net_io_counters", "network counters", HOST_PATHS)
 
 
 def test_a_proc_that_cannot_be_read_costs_the_reading_and_is_named(machine: Machine) -> None:
     machine()
-    source = HostCpuUsage()
-    with pytest.raises(SensorError, match=r"^psutil could not read CPU times: FileNotFoundError: .*/proc/stat"):
+    source = HostCpuUsage(paths=machine.paths)
+    with pytest.raises(SensorError, match=r"^psutil cannot read CPU times: FileNotFoundError: .*/proc/stat"):
         source.read(0.0)
     machine(stat(user=0, idle=0))
-    with pytest.raises(SensorError, match=r"^no CPU load yet"):
+    with pytest.raises(SensorError, match=r"^CPU load is not measured yet"):
         source.read(1.0)
     machine(stat(user=10, idle=90))
     assert source.read(2.0) == percent(10)
