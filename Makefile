@@ -31,6 +31,7 @@ bench: .venv/nox/installed
 	@$(NOX) --session bench -- $(ARGS)
 
 .venv/run/installed: setup.py package.xml | .venv/run/bin/pip
+	@echo "installing the requirements into .venv/run" >&2
 	@.venv/run/$(PIP_INSTALL) --editable .
 	@touch $@
 

@@ -16,10 +16,12 @@ from xml.etree import ElementTree
 
 import pytest
 
+from harness.requirements import package_folders
+
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "robot_health_monitor"
 NODES = ("aggregator", "alert_system", "battery_sensor", "health_monitor")
-FOLDERS = ("core", "ros1", "ros2", "rosbridge")
+FOLDERS = package_folders()
 DEADLINE_S = 60.0
 
 _NOT_SOURCE = shutil.ignore_patterns(

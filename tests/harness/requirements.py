@@ -1,4 +1,4 @@
-"""Reads the lists of requirements from setup.py, which is the only place that holds them."""
+"""Reads the lists in setup.py, which is the only place that holds them: requirements and top-level folders."""
 
 from __future__ import annotations
 
@@ -21,8 +21,21 @@ def test_requirements() -> List[str]:
     return requirements
 
 
+def package_folders() -> List[str]:
+    """Returns the top-level folders that are packages below the root package."""
+    for node in ast.walk(_setup_file()):
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "FOLDERS":
+            folders: List[str] = ast.literal_eval(node.value)
+            return folders
+    raise AssertionError("setup.py has no FOLDERS")
+
+
 def _setup_argument(name: str) -> Any:
-    for node in ast.walk(ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))):
+    for node in ast.walk(_setup_file()):
         if isinstance(node, ast.keyword) and node.arg == name:
             return ast.literal_eval(node.value)
     raise AssertionError(f"setup.py has no {name}")
+
+
+def _setup_file() -> ast.Module:
+    return ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))

@@ -1,0 +1,49 @@
+"""An outlet that the monitor does not have: a CSV file with one row per alert.
+
+    python examples/custom_outlet.py alerts.csv
+
+An outlet is a function that receives each event once, on ROS 1, ROS 2 and here alike. If it raises, the monitor
+reports that as a fault and carries on.
+"""
+
+import csv
+import sys
+
+from robot_health_monitor.core import Transition
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Event
+
+
+class CsvFile:
+    """Appends every alert to a CSV file."""
+
+    def __init__(self, path: str) -> None:
+        """Keeps the path; the file is opened for each alert, so that it may be moved at any time."""
+        self._path = path
+
+    def __call__(self, event: Event) -> None:
+        """Receives a Transition, or a Notice about the monitor itself, which this outlet leaves out."""
+        if isinstance(event, Transition):
+            with open(self._path, "a", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerow([event.now_s, event.signal, event.to_level.name, event.value, event.text])
+
+
+def main() -> None:
+    """Runs the alert node beside a battery that discharges, in virtual time."""
+    bus = LocalBus()
+    parameters = {"signals": {"battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0}}}
+    AlertSystem(bus.node("alert_system", parameters=parameters), outlets={"csv": CsvFile(sys.argv[1])})
+
+    robot = bus.node("robot")
+    robot.advertise("battery_level", "std_msgs/Float32")
+    for second in range(30):
+        bus.run_until(float(second))
+        robot.publish("battery_level", {"data": 30.0 - second})
+
+    with open(sys.argv[1], encoding="utf-8") as file:
+        print(file.read(), end="")
+
+
+if __name__ == "__main__":
+    main()

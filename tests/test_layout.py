@@ -1,0 +1,82 @@
+"""Every module has a test file of the same name in the mirrored folder, and lists of folders agree."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import List
+
+import pytest
+from harness.packaging_workspace import FOLDERS, NAME
+
+ROOT = Path(__file__).resolve().parents[1]
+
+TESTED_ELSEWHERE = {
+    "core/middleware.py": "an interface: harness/port_conformance.py tests each implementation",
+    "core/sensors/source.py": "an interface: tests/core/sensors tests each implementation",
+    "robot_health_monitor/ros1_executables.py": "needs ROS 1: tests/ros1/test_executables.py",
+    "robot_health_monitor/ros2_executables.py": "needs ROS 2: tests/ros2/test_executables.py",
+}
+"""Modules without a test file of their own, with the reason."""
+
+MISSING = {
+    "core/nodes/aggregator.py",
+    "core/nodes/alert_system.py",
+    "core/nodes/battery_sensor.py",
+    "core/nodes/changes.py",
+    "core/nodes/identity.py",
+    "core/nodes/self_monitor.py",
+    "core/version.py",
+    "robot_health_monitor/arguments.py",
+    "robot_health_monitor/check_command.py",
+    "robot_health_monitor/connect_command.py",
+    "robot_health_monitor/executables.py",
+    "robot_health_monitor/output/choice.py",
+    "robot_health_monitor/output/display.py",
+    "ros1/master.py",
+    "ros1/process.py",
+    "ros2/parameter_files.py",
+    "ros2/process.py",
+    "rosbridge/loop_thread.py",
+    "rosbridge/server/client_services.py",
+    "rosbridge/server/rosapi.py",
+    "rosbridge/server/server_thread.py",
+    "rosbridge/server/session.py",
+    "rosbridge/server/topics.py",
+}
+"""Modules whose test file is still to be written."""
+
+
+def modules() -> List[Path]:
+    """Returns the modules of the package, relative to the repository."""
+    files = [file for folder in (*FOLDERS, NAME) for file in sorted((ROOT / folder).rglob("*.py"))]
+    return [file.relative_to(ROOT) for file in files if file.name != "__init__.py"]
+
+
+def expected_test_file(module: Path) -> Path:
+    """Returns the test file that belongs to a module: core/nodes/x.py is tested by core/nodes/test_x.py in tests/."""
+    top = "command_line" if module.parts[0] == NAME else module.parts[0]
+    folder = Path(top, *module.parts[1:-1])
+    return Path("tests") / folder / f"test_{module.stem.strip('_')}.py"
+
+
+@pytest.mark.parametrize("module", modules(), ids=str)
+def test_a_module_has_a_test_file_of_its_own(module: Path) -> None:
+    exempt = TESTED_ELSEWHERE.keys() | MISSING
+    assert module.as_posix() in exempt or (ROOT / expected_test_file(module)).exists(), expected_test_file(module)
+
+
+def test_no_exemption_is_outdated() -> None:
+    known = {module.as_posix(): expected_test_file(module) for module in modules()}
+    assert [name for name in (*TESTED_ELSEWHERE, *MISSING) if name not in known] == []
+
+
+def test_both_builds_install_the_same_folders() -> None:
+    in_cmake = re.search(r"foreach\(folder ([^)]*)\)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))
+    assert in_cmake is not None
+    assert in_cmake[1].split() == list(FOLDERS)
+
+
+def test_every_folder_of_modules_is_a_package() -> None:
+    folders = {module.parent for module in modules()}
+    assert [folder for folder in sorted(folders) if not (ROOT / folder / "__init__.py").exists()] == []
