@@ -192,8 +192,8 @@ def types(session: nox.Session) -> None:
     shutil.copytree(ROOT, folder / "source", ignore=shutil.ignore_patterns(".*", "tests", "build", "*.egg-info"))
     session.install("--no-deps", "--force-reinstall", str(folder / "source"))
     session.chdir(folder)
-    session.run("mypy", "--config-file", str(ROOT / "pyproject.toml"))
     session.run("lint-imports", "--config", str(ROOT / "pyproject.toml"))
+    session.run("mypy", "--config-file", str(ROOT / "pyproject.toml"))
 
 
 @nox.session(python=WHEELS_PYTHON)
