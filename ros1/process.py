@@ -9,7 +9,7 @@ import logging
 import os
 import sys
 import time
-from typing import List
+from typing import TYPE_CHECKING, List
 
 import rosgraph
 import rospy
@@ -18,11 +18,13 @@ import rospy.impl.paramserver
 from robot_health_monitor.core.config import NODE_PARAMETERS, load_config
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.interrupts import Interrupts
 
 from .introspection import Ros1ServedMiddleware
 from .master import Master, MasterWatch, limit_calls_of_rospy
 from .middleware import Ros1Middleware
+
+if TYPE_CHECKING:
+    from robot_health_monitor.interrupts import Interrupts
 
 _REPORT_S = 2.0
 """How long the nodes have to report a fault before the process ends, in s: twice their period."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Any, Callable, List, Tuple
+from typing import TYPE_CHECKING, Any, Callable, List, Tuple
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -19,11 +19,13 @@ from std_msgs.msg import Empty
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.interrupts import Interrupts
 
 from .introspection import Ros2ServedMiddleware
 from .middleware import Ros2Middleware
 from .parameter_files import ParameterFiles
+
+if TYPE_CHECKING:
+    from robot_health_monitor.interrupts import Interrupts
 
 _PROBE_TOPIC = "~/_executor_probe"
 _PROBE_S = 2.0
