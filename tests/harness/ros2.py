@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import base64
 import threading
+import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
 
 import rclpy
@@ -24,6 +25,9 @@ from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.parameters import flatten
 from robot_health_monitor.ros2.middleware import Ros2Middleware
+
+_MATCH_S = 5.0
+"""Longest wait for endpoints to be matched, in s."""
 
 
 class Participant:
@@ -137,7 +141,7 @@ class Ros2Harness:
         # Those that do not know the topic's type yet subscribe in fact when they have seen this publisher.
         undecided = [subscription for node in self._nodes for subscription in node._subscriptions]
         self.wait_until(lambda: not any(s.is_waiting and s.topic == topic for s in undecided))
-        self.wait_until(lambda: publisher.get_subscription_count() >= self._witness.count_subscribers(topic))
+        self._wait_until_matched(topic, publisher.get_subscription_count, self._witness.get_subscriptions_info_by_topic)
         publisher.publish(fill(cls(), message))
 
     def publish_to_process(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
@@ -168,7 +172,7 @@ class Ros2Harness:
             )
 
         self.wait_until(is_connected)
-        self.wait_until(lambda: subscription.get_publisher_count() >= self._witness.count_publishers(topic))
+        self._wait_until_matched(topic, subscription.get_publisher_count, self._witness.get_publishers_info_by_topic)
         return messages
 
     def call(self, service: str, type_name: str, request: Optional[Mapping[str, Any]] = None) -> Mapping[str, Any]:
@@ -221,6 +225,15 @@ class Ros2Harness:
             own.destroy_node()
         self._wait_until_forgotten()
         assert self._spinner.failure is None
+
+    def _wait_until_matched(self, topic: str, count: Callable[[], int], find: Callable[[str], Sequence[Any]]) -> None:
+        """Waits until an endpoint is matched with every other one of its topic.
+
+        The graph may name more of them, such as those of a process that was killed, which only a timeout removes. Those
+        never match: after 5 s the ones that did are enough.
+        """
+        end_s = time.monotonic() + _MATCH_S
+        self.wait_until(lambda: count() >= len(find(topic)) or time.monotonic() > end_s)
 
     def _wait_until_forgotten(self) -> None:
         """Waits until the spinning thread waits for nothing of the closed nodes any more.

@@ -1,11 +1,13 @@
-"""Two DDS participants for the tests of this folder, on this host only and in a domain of their own."""
+"""Two DDS participants for the tests of this folder, on this host only and in a domain that no other run uses."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import sys
+import tempfile
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
+from typing import IO, Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import pytest
 from harness.line_process import LineProcess
@@ -14,34 +16,48 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def pytest_collection_modifyitems(items: Any) -> None:
-    """Skips this folder where there is no ROS 2, and says so."""
+    """Skips this folder where ROS 2 is missing, and gives the reason."""
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
         for item in items:
             if os.path.dirname(item.path) == os.path.dirname(__file__):
-                item.add_marker(pytest.mark.skip(reason=f"ROS 2 is not here: {error}"))
+                item.add_marker(pytest.mark.skip(reason=f"no ROS 2: {error}"))
 
 
 @pytest.fixture(scope="session")
 def ros_environment() -> Iterator[Dict[str, str]]:
-    """Variables that keep these tests and their processes among themselves."""
+    """Variables that isolate these tests and their processes from other ROS 2 processes."""
     before = dict(os.environ)
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    domain_id, lock = _free_domain()
+    os.environ["ROS_DOMAIN_ID"] = str(domain_id)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["PYTHONUNBUFFERED"] = "1"
-    for name in ("ROS_STATIC_PEERS", "RCUTILS_CONSOLE_OUTPUT_FORMAT"):
+    for name in ("ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "RCUTILS_CONSOLE_OUTPUT_FORMAT"):
         os.environ.pop(name, None)
     try:
         yield dict(os.environ)
     finally:
         os.environ.clear()
         os.environ.update(before)
+        lock.close()
+
+
+def _free_domain() -> Tuple[int, IO[str]]:
+    """Returns a domain that no other run of these tests uses, and the file whose lock reserves it."""
+    for domain_id in range(1, 102):  # larger ones use ports of Linux's ephemeral range
+        lock = open(os.path.join(tempfile.gettempdir(), f"robot_health_monitor_domain_{domain_id}.lock"), "a")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return domain_id, lock
+        except OSError:
+            lock.close()
+    raise AssertionError("every ROS 2 domain is in use")
 
 
 @pytest.fixture(scope="session")
 def outside(ros_environment: Dict[str, str]) -> Iterator[Any]:
-    """The participant that stands for everybody else on the robot."""
+    """The participant that represents the rest of the robot."""
     from harness.ros2 import Participant
 
     participant = Participant(int(ros_environment["ROS_DOMAIN_ID"]))
@@ -53,7 +69,7 @@ def outside(ros_environment: Dict[str, str]) -> Iterator[Any]:
 
 @pytest.fixture(scope="session")
 def inside(ros_environment: Dict[str, str]) -> Iterator[Any]:
-    """The participant of the nodes under test, and the thread that spins it."""
+    """The participant of the nodes under test, and its spinning thread."""
     from rclpy.executors import SingleThreadedExecutor
 
     yield from _spinning(ros_environment, SingleThreadedExecutor)
@@ -98,7 +114,7 @@ def start(ros_environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess
 
 @pytest.fixture
 def ros(inside: Any, outside: Any) -> Iterator[Any]:
-    """The outside world: publishes, listens and calls natively."""
+    """The rest of the robot: publishes, subscribes and calls natively."""
     from harness.ros2 import Ros2Harness
 
     participant, spinner = inside
