@@ -516,10 +516,6 @@ def _check_source(signal: SignalConfig, path: Path) -> None:
         )
     if signal.scale == 0.0:
         problems.add(ConfigError("expected a number other than 0, got 0", (*path, "scale")))
-    window_min_s: Optional[float] = getattr(signal, "window_min_s", None)
-    if window_min_s is not None and window_min_s > signal.window_s:
-        problem = f"expected at most window_s ({bound_text(signal.window_s)}), got {bound_text(window_min_s)}"
-        problems.add(ConfigError(problem, (*path, "window_min_s")))
     problems.raise_if_any()
 
 
