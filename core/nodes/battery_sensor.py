@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import platform
-from typing import Any, Dict, List, Mapping, Set
+from typing import Any, Dict, List, Mapping, Set, Tuple
 
 from ..config import NODE_PARAMETERS
 from ..diagnostics import ARRAY_TYPE, array_message
+from ..errors import Problems
 from ..formatting import number_text
 from ..middleware import Middleware, Severity, Timer
 from ..model import Level, Status
@@ -47,9 +48,8 @@ class BatterySensor:
         self._middleware = middleware
         self._paths = paths
         self._tree = middleware.given_parameters()
-        self._values = _read_sensor(self._tree)
+        self._values, self._sources = _read_sensor(self._tree, paths)
         self._robot = self._values["robot_name"] or platform.node()
-        self._sources: Dict[str, Source] = configuration.read_sources(self._tree, paths=paths)
         self._failed: Dict[str, SensorError] = {}
         self._seen: Set[str] = set()
         declared = SENSOR_PARAMETERS + configuration.declared_parameters(self._tree)
@@ -134,9 +134,8 @@ class BatterySensor:
         return [metric for metric, kind in self._kinds().items() if kind == "simulated"]
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
-        values = _read_sensor(tree)
+        values, sources = _read_sensor(tree, self._paths)
         refuse_change("robot_name", self._values["robot_name"], values["robot_name"])
-        sources = configuration.read_sources(tree, paths=self._paths)
         for metric in sources.keys() & self._sources.keys():
             old, new = (configuration.settings_of(of, metric) for of in (self._tree, tree))
             if new == old and tree.get("seed") == self._tree.get("seed"):
@@ -152,8 +151,23 @@ class BatterySensor:
         return describe_changes(before, _sections(values, tree, sources))
 
 
-def _read_sensor(tree: Mapping[str, Any]) -> Dict[str, Any]:
-    return read_parameters(tree, SENSOR_PARAMETERS, sections=configuration.SECTION_NAMES)
+def _read_sensor(tree: Mapping[str, Any], paths: HostPaths) -> Tuple[Dict[str, Any], Dict[str, Source]]:
+    """Returns the values of the node's own parameters, and the source of each metric.
+
+    Raises:
+        ConfigError: unknown keys or values that are not allowed, all of them.
+    """
+    problems = Problems()
+    values: Dict[str, Any] = {}
+    sources: Dict[str, Source] = {}
+    with problems:
+        values = read_parameters(tree, SENSOR_PARAMETERS, sections=configuration.SECTION_NAMES)
+    if problems.errors:  # those of these keys are known; they would be found again with every metric
+        tree = {key: value for key, value in tree.items() if key in configuration.SECTION_NAMES}
+    with problems:
+        sources = configuration.read_sources(tree, paths=paths)
+    problems.raise_if_any()
+    return values, sources
 
 
 def _sections(values: Mapping[str, Any], tree: Mapping[str, Any], sources: Mapping[str, Source]) -> Sections:

@@ -10,7 +10,7 @@ import re
 from dataclasses import replace
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
-from ..errors import ConfigError, Path
+from ..errors import ConfigError, Path, Problems
 from ..parameters import Parameter, read_parameters, require_mapping
 from .catalogue import HOST_SOURCES
 from .host import HostBattery, HostCpuUsage, HostTemperature
@@ -82,17 +82,25 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HO
         `source: none`.
 
     Raises:
-        ConfigError: an unknown key or a value that is not allowed.
+        ConfigError: unknown keys or values that are not allowed, all of them.
     """
     tree = with_default_source(tree)
-    seed = SEED.read(tree["seed"], (*path, "seed")) if tree.get("seed") is not None else random.getrandbits(32)
     sources: Dict[str, Source] = {}
+    problems = Problems()
+    seed = random.getrandbits(32)
+    with problems:
+        if tree.get("seed") is not None:
+            seed = SEED.read(tree["seed"], (*path, "seed"))
     for metric in METRICS:
-        source = _read_source(metric, tree.get(metric, {}), f"{seed}/{metric}", (*path, metric), paths)
-        if source is not None:
-            sources[metric] = source
-    for metric, found in _host_sections(tree, path).items():
-        sources[metric] = _read_host_source(found, (*path, HOST_SECTION, metric), paths)
+        with problems:
+            source = _read_source(metric, tree.get(metric, {}), f"{seed}/{metric}", (*path, metric), paths)
+            if source is not None:
+                sources[metric] = source
+    with problems:
+        for metric, found in _host_sections(tree, path).items():
+            with problems:
+                sources[metric] = _read_host_source(found, (*path, HOST_SECTION, metric), paths)
+    problems.raise_if_any()
     return sources
 
 
@@ -139,13 +147,16 @@ def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
 
 def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[str, Any]]:
     sections = require_mapping(tree.get(HOST_SECTION, {}), (*path, HOST_SECTION))
+    problems = Problems()
     for metric, found in sections.items():
         where = (*path, HOST_SECTION, metric)
-        if metric in METRICS:
-            raise ConfigError("is the name of a standard metric; expected another name", where)
-        if not _NAME.match(metric):
-            raise ConfigError("expected a name of letters, digits and _, starting with a letter", where)
-        require_mapping(found, where)
+        with problems:
+            if metric in METRICS:
+                raise ConfigError("is the name of a standard metric; expected another name", where)
+            if not _NAME.match(metric):
+                raise ConfigError("expected a name of letters, digits and _, starting with a letter", where)
+            require_mapping(found, where)
+    problems.raise_if_any()
     return sections
 
 

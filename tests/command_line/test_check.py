@@ -138,6 +138,8 @@ aggregator:
 battery_sensor:
   ros__parameters:
     publish_rate: 0
+    battery_level: {source: hots, charge_at: 100}
+    host: {memory: {source: ram}, disk: {}, cpu_usage: {source: cpu_percent}}
 batery_sensor:
   ros__parameters: {}
 """
@@ -169,7 +171,10 @@ def test_all_mistakes_of_a_file_are_reported_with_the_lines_of_their_keys(robot_
         "16: aggregator.ros__parameters.window_s: expected a number of at least 0.001, got 0",
         "16: aggregator.ros__parameters.methd: unknown key; did you mean method? expected one of",
         "19: battery_sensor.ros__parameters.publish_rate: expected a number from 0.01 to 1000, got 0",
-        "20: batery_sensor: unknown node; did you mean battery_sensor?",
+        "20: battery_sensor.ros__parameters.battery_level.source: expected one of simulated, host, none, got 'hots'",
+        "20: battery_sensor.ros__parameters.battery_level.charge_at: expected a number from 0 to 99, got 100",
+        "21: battery_sensor.ros__parameters.host.cpu_usage: is the name of a standard metric; expected another name",
+        "22: batery_sensor: unknown node; did you mean battery_sensor?",
     ]
     assert [line[: len(start)] for line, start in zip(lines, expected)] == expected
     assert len(lines) == len(expected)
