@@ -30,7 +30,7 @@ class LogLimit:
         """Writes a line, unless one of the same kind was written less than a minute ago.
 
         Args:
-            kind: lines of one kind share the limit; at most 100 kinds are told apart.
+            kind: lines of one kind share the limit; after 100 kinds, further ones share one.
             severity: of the line.
             text: the line.
         """

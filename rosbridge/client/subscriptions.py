@@ -31,10 +31,7 @@ class Receiver(Protocol):
         """True if the messages need not be decoded: only their arrival counts."""
 
     def deliver(self, message: Mapping[str, Any]) -> None:
-        """Called with every message; with an empty one if `arrivals_only`, or once the message is too large to decode.
-
-        The exception is `too_large`, for receivers that read messages.
-        """
+        """Called with every message; with an empty one if `arrivals_only` and the message was not decoded."""
 
     def too_large(self, size_bytes: int) -> None:
         """Called for every message that is above the size limit and was therefore not decoded."""
@@ -57,7 +54,7 @@ class Subscriptions:
         self._types: Dict[str, str] = {}
         self._receivers: Dict[str, Tuple[Receiver, ...]] = {}
         self._untyped: Set[str] = set()
-        """Topics that wait for somebody to advertise them: most servers refuse a subscription without a type."""
+        """Topics not advertised yet, whose type is unknown: most servers refuse a subscription without a type."""
 
     def add(self, topic: str, type_name: str, receiver: Receiver) -> None:
         """Subscribes; the type may be empty: the server is then asked for it."""

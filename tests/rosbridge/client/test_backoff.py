@@ -15,7 +15,7 @@ def delays(held: List[Optional[float]]) -> List[float]:
 
 
 def test_delays_grow_while_a_server_cannot_be_reached_but_stay_short() -> None:
-    assert delays([None] * 7) == [0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0]
+    assert delays([None] * 7) == [0.2, 0.4, 0.8, 1.2, 1.2, 1.2, 1.2]
 
 
 def test_delays_grow_to_half_a_minute_while_a_server_accepts_and_closes() -> None:
@@ -23,7 +23,7 @@ def test_delays_grow_to_half_a_minute_while_a_server_accepts_and_closes() -> Non
 
 
 def test_delays_grow_while_connections_break_within_ten_seconds() -> None:
-    assert delays([9.9] * 6) == [0.2, 0.4, 0.8, 1.6, 2.0, 2.0]
+    assert delays([9.9] * 6) == [0.2, 0.4, 0.8, 1.2, 1.2, 1.2]
 
 
 def test_a_connection_that_held_for_ten_seconds_starts_the_delays_again() -> None:
@@ -31,7 +31,7 @@ def test_a_connection_that_held_for_ten_seconds_starts_the_delays_again() -> Non
 
 
 def test_a_server_that_becomes_unreachable_after_many_short_connections_is_tried_often_again() -> None:
-    assert delays([0.01] * 9 + [None])[-2:] == [30.0, 2.0]
+    assert delays([0.01] * 9 + [None])[-2:] == [30.0, 1.2]
 
 
 def test_delays_are_spread_between_half_and_all_of_their_length() -> None:
