@@ -21,7 +21,7 @@ def _needs_rich() -> None:
 
 def test_the_table_shows_value_unit_level_and_statistics_of_every_signal(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm)
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK ", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK .*[▁▂▃▄▅▆▇█]", text) is not None)
     table = terminal.rows[-5:]
     assert re.match(r"atlas is OK ", table[0])
     assert table[1].split() == ["signal", "value", "level", "mean", "min", "max", "trend"]
