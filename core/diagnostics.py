@@ -13,7 +13,7 @@ ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"
 
 
 def status_message(status: Status, node: str) -> Message:
-    """Returns a DiagnosticStatus; its name is `node: signal`, as tools expect it."""
+    """Returns a DiagnosticStatus named `node: signal`, as tools expect."""
     return {
         "level": int(status.level),
         "name": f"{node}: {status.name}",
@@ -29,7 +29,7 @@ def array_message(statuses: Iterable[Status], node: str) -> Message:
 
 
 def alert_message(transition: Transition, node: str) -> Message:
-    """Returns the DiagnosticStatus that tells of one transition: its message is the line that is logged."""
+    """Returns the DiagnosticStatus of one transition: its message is the alert line."""
     values: Dict[str, str] = {
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
@@ -45,7 +45,7 @@ def alert_message(transition: Transition, node: str) -> Message:
 
 
 def _datum_text(value: object) -> str:
-    """Writes a judged number in full and a bad datum, which may be anything, shortened."""
+    """Returns a number in full, and any other datum shortened."""
     if value is None:
         return ""
     return repr(value) if isinstance(value, float) else datum_text(value)

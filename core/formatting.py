@@ -10,7 +10,7 @@ _DIGITS = (4, 6, 9, 17)
 
 
 def number_text(value: float, bound: Optional[float] = None) -> str:
-    """Writes a number with four digits, or with as many as it takes to show on which side of `bound` it lies.
+    """Returns a number with four digits, or as many as show on which side of `bound` it lies.
 
     >>> number_text(19.299999237060547)
     '19.3'
@@ -28,12 +28,12 @@ def number_text(value: float, bound: Optional[float] = None) -> str:
 
 
 def bound_text(bound: float) -> str:
-    """Writes a configured number in full: 20.0 as 20, 0.15 as 0.15."""
+    """Returns a configured number in full: 20.0 as 20, 0.15 as 0.15."""
     return f"{bound:.0f}" if bound.is_integer() and abs(bound) < 1e15 else repr(bound)
 
 
 def duration_text(seconds: float) -> str:
-    """Writes a duration: 0.25 s, 312 s, from 10 min on 12 min 5 s, from 1 h on 25 h 1 min, from 100 h on 4 d 5 h."""
+    """Returns a duration: 0.25 s, 312 s, from 10 min on 12 min 5 s, from 1 h on 25 h 1 min, from 100 h on 4 d 5 h."""
     if not 599.5 <= seconds < 1e15:  # also NaN
         return f"{_plain(seconds, 3)} s"
     whole = round(seconds)
@@ -47,12 +47,12 @@ def duration_text(seconds: float) -> str:
 
 
 def with_unit(number: str, unit: str) -> str:
-    """Puts the unit behind a number, if there is one."""
+    """Appends the unit, if there is one."""
     return f"{number} {unit}" if unit else number
 
 
 def datum_text(value: object) -> str:
-    """Writes a datum that may be anything, on one line and shortened to 40 characters."""
+    """Returns any datum on one line, shortened to 40 characters."""
     if isinstance(value, float):
         return number_text(value)
     try:

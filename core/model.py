@@ -13,7 +13,7 @@ Value = TypeVar("Value")
 
 
 class FrozenDict(Dict[str, Value]):
-    """A dict that refuses to be changed; unlike `MappingProxyType` it can be copied, pickled and written as JSON."""
+    """A read-only dict; unlike `MappingProxyType` it can be copied, pickled and written as JSON."""
 
     def _refuse(self, *args: Any, **kwargs: Any) -> NoReturn:
         raise TypeError("this mapping cannot be changed")
@@ -28,13 +28,13 @@ class Level(enum.IntEnum):
     """Health of a signal; the numbers are the wire values of diagnostic_msgs/DiagnosticStatus (REP-107)."""
 
     OK = 0
-    """Every rule is content."""
+    """No rule is firing."""
     WARN = 1
-    """Someone should look at it."""
+    """Needs attention."""
     ERROR = 2
-    """Something is wrong, or the data cannot be trusted."""
+    """Out of its limits, or the data is invalid."""
     STALE = 3
-    """The signal has fallen silent: nothing is known."""
+    """No sample for too long, or the level is unknown."""
 
     @property
     def severity(self) -> int:
@@ -53,13 +53,13 @@ _SEVERITY = {Level.OK: 0, Level.WARN: 1, Level.STALE: 2, Level.ERROR: 3}
 class Sample(NamedTuple):
     """One measurement of one signal.
 
-    A named tuple, because one is made per message: a frozen dataclass takes three times as long.
+    A named tuple, because one is created per message: a frozen dataclass takes three times as long.
     """
 
     signal: str
     """Name of the signal, as in the configuration."""
     value: object
-    """The number as it came; what is not a finite real number is judged as bad data, never dropped."""
+    """The number as it came; anything but a finite real number is bad data."""
     now_s: float
     """When it arrived, in seconds on the adapter's clock (monotonic, or ROS time under use_sim_time)."""
 
@@ -71,13 +71,13 @@ class Status:
     name: str
     """Name of the signal."""
     level: Level
-    """The true level now."""
+    """The true level now, also while the signal flaps; STALE while it is unknown."""
     message: str
-    """Why, in a few words."""
+    """The reason for the level, in a few words."""
     hardware_id: str
     """The robot's name."""
     values: Mapping[str, str] = field(hash=False)
-    """Key-values for people and tools; see docs/rules.md."""
+    """Key-values; see docs/rules.md."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", FrozenDict(self.values))
@@ -92,13 +92,13 @@ class Transition:
     from_level: Level
     """The level announced until now."""
     to_level: Level
-    """The level announced from now on; the same as `from_level` only in a re-announcement (`repeat_s`)."""
+    """The level announced from now on; the same as `from_level` only in a repetition (`repeat_s`)."""
     value: Optional[object]
-    """What was judged: the statistic's value, or the bad datum as it came; None before any sample."""
+    """Value of the statistic, or the bad datum as it came; None before any sample."""
     statistic: str
     """Which statistic of the window `value` is."""
     bound: Optional[float]
-    """The configured bound that was crossed, in the signal's unit; None where no bound was (stale, invalid)."""
+    """The configured bound that was crossed, in the signal's unit; None if none was (stale, invalid)."""
     now_s: float
     """When it was decided, in seconds on the adapter's clock."""
     since_s: float
@@ -106,7 +106,7 @@ class Transition:
     robot: str
     """The robot's name, which is also the `hardware_id`."""
     fingerprint: str
-    """16 hexadecimal digits that name this alert (robot and signal), the same across restarts and middlewares."""
+    """16 hexadecimal digits that identify robot and signal, the same across restarts and middlewares."""
     text: str
     """The alert line, without the time."""
     status: Status = field(hash=False)
@@ -114,7 +114,7 @@ class Transition:
     statistics: Mapping[str, float] = field(default_factory=dict, hash=False)
     """The window's defined statistics at that moment, by name."""
     repeat: bool = False
-    """True for a re-announcement of a level that goes on (`repeat_s`)."""
+    """True for a repeated announcement (`repeat_s`)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "statistics", FrozenDict(self.statistics))

@@ -1,6 +1,6 @@
-"""Data that looks wrong though it may be valid: another unit, a fraction for a percentage, a placeholder.
+"""Valid data that looks wrong: another unit, a fraction for a percentage, a placeholder.
 
-Nothing is rescaled and no level changes: the status says `suspicious data`, what was seen and what to configure.
+Nothing is rescaled and no level changes: the status says `suspicious data` with the value seen and a hint.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from .config import SignalConfig
 from .formatting import bound_text, number_text
 
 RUN = 20
-"""Samples in a row that it takes to suspect a run of values."""
+"""Consecutive samples after which a run of values is suspicious."""
 
 
 class _Unit(NamedTuple):
     ordinary_max: float
-    """What a robot's sensor shows at most in this unit, where the configuration does not say it."""
+    """Largest plausible value in this unit where `valid_max` is not set."""
     thousandths: str
-    """Name of the unit that a driver may send instead, a thousand times as large a number."""
+    """Name of the unit whose numbers are a thousand times as large."""
 
 
 _CELSIUS = _Unit(200.0, "millidegrees")
@@ -36,7 +36,7 @@ _NOT_MEASURED = -0.01
 
 
 class Suspicion:
-    """Follows the samples of one signal."""
+    """Checks the samples of one signal."""
 
     __slots__ = (
         "_between",
@@ -68,7 +68,7 @@ class Suspicion:
         self.text = ""
         """`suspicious data: ...`, empty while nothing is suspected."""
         self.watching = self._only_zeros
-        """Whether every good sample matters: while it does not, one between the ordinary limits need not be shown."""
+        """Whether every good sample matters; otherwise only those outside the ordinary limits."""
 
     def see_good(self, came: float, number: float) -> None:
         """Takes a good sample.
@@ -99,7 +99,7 @@ class Suspicion:
             self._zeros += 1
             self._only_zeros = number == 0.0
             if self._only_zeros and self._zeros >= RUN:
-                return _suspect("0 ever since the start", "if it means 'not measured', set placeholders: [0.0]")
+                return _suspect("always 0 since the start", "if it means 'not measured', set placeholders: [0.0]")
         if self._config.unit == "%" and 0.0 <= number <= 1.0:
             self._fractions += 1
             self._between = self._between or 0.0 < number < 1.0
@@ -120,8 +120,8 @@ class Suspicion:
         if math.isnan(came):
             if self._unreadable < RUN:
                 return ""
-            seen = f"{self._unreadable} values in a row are no number"
-            return _suspect(seen, "if the source does not measure this, watch another field")
+            seen = f"{self._unreadable} values in a row are not numbers"
+            return _suspect(seen, "if the source does not measure this, use another field")
         if math.isnan(number):  # a placeholder that is known to be one
             return ""
         largest = self._config.valid_max

@@ -247,8 +247,9 @@ class SignalMonitor:
         if thaws:
             window.begin_anew()
         staleness.arrive(now_s)
+        if not self._quality.seen:
+            staleness.configure(config, seen=True)
         number = self._quality.judge(value)
-        staleness.configure(config, seen=True)
         good = not math.isnan(number)
         judged = None
         if good:

@@ -11,12 +11,6 @@ import sys
 from pathlib import Path
 from typing import Iterator, List, Tuple
 
-import matplotlib
-
-matplotlib.use("svg")
-from matplotlib import pyplot as plt
-from matplotlib.patches import Patch
-
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
 
@@ -52,7 +46,7 @@ def value_at(now_s: float) -> float:
     for (left_s, left), (right_s, right) in zip(CORNERS, CORNERS[1:]):
         if now_s <= right_s:
             return left + (right - left) * (now_s - left_s) / (right_s - left_s)
-    raise ValueError(f"{now_s} s is behind the last corner")
+    raise ValueError(f"{now_s} s is after the last corner")
 
 
 def run() -> Iterator[Tuple[int, Level, List[Transition]]]:
@@ -67,8 +61,20 @@ def run() -> Iterator[Tuple[int, Level, List[Transition]]]:
         yield now_s, monitor.report(float(now_s)).statuses[SIGNAL].level, transitions
 
 
+def lines() -> List[str]:
+    """Returns the numbered transitions."""
+    transitions = [transition for _, _, of_step in run() for transition in of_step]
+    return [f"{number:2} {each.now_s:6.1f} s  {each.text}" for number, each in enumerate(transitions, 1)]
+
+
 def draw(target: Path) -> None:
     """Writes the picture."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    from matplotlib import pyplot as plt
+    from matplotlib.patches import Patch
+
     plt.rcParams.update({"svg.hashsalt": "rules", "font.family": "DejaVu Sans", "font.size": 9})
     figure, axes = plt.subplots(figsize=(10, 4.6), layout="constrained")
     steps = list(run())
@@ -97,13 +103,10 @@ def draw(target: Path) -> None:
     )
     axes.text(SILENT[0] + 6.5, 33.5, "no samples", ha="center")
     axes.text(NOT_A_NUMBER[0] + 3, 37.5, "NaN", ha="center")
-    number = 0
-    for now_s, _, transitions in steps:
-        for transition in transitions:
-            number += 1
-            axes.axvline(now_s, color="#1f2933", linewidth=0.6, linestyle=":")
-            axes.text(now_s, 41.2, str(number), ha="center", va="bottom", fontweight="bold")
-            print(f"{number:2} {transition.now_s:6.1f} s  {transition.text}")
+    changes_s = [now_s for now_s, _, transitions in steps for _ in transitions]
+    for number, now_s in enumerate(changes_s, 1):
+        axes.axvline(now_s, color="#1f2933", linewidth=0.6, linestyle=":")
+        axes.text(now_s, 41.2, str(number), ha="center", va="bottom", fontweight="bold")
     axes.set(xlim=(0, END_S), ylim=(5, 41), xlabel="time in s", ylabel="battery_level in %")
     axes.legend(
         handles=[Patch(color=colour, alpha=0.5, label=level.name) for level, colour in COLOURS.items()],
@@ -114,3 +117,4 @@ def draw(target: Path) -> None:
 
 if __name__ == "__main__":
     draw(Path(__file__).with_name("rules.svg"))
+    print("\n".join(lines()))

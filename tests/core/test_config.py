@@ -445,3 +445,16 @@ def test_a_token_in_a_configuration_is_refused_and_not_repeated() -> None:
 def test_the_paths_of_other_files_are_read() -> None:
     config = load_config({"rosbridge_token_file": "/etc/token", "ops": "ops.yaml", "signals": {"a": {}}})
     assert (config.rosbridge_token_file, config.ops) == ("/etc/token", "ops.yaml")
+
+
+@pytest.mark.parametrize(
+    ("tree", "expected"),
+    [({}, 30.0), ({"window_s": 4.0}, 2.0), ({"window_min_s": 0.0}, 0.0), ({"window_min_s": 60.0}, 60.0)],
+)
+def test_window_min_s_is_half_of_window_s_unless_it_is_given(tree: Dict[str, float], expected: float) -> None:
+    assert load_config({"signals": {"a": tree}}).signals["a"].window_min_s == expected
+
+
+def test_window_min_s_above_window_s_is_an_error() -> None:
+    with pytest.raises(ConfigError, match=r"^signals\.a\.window_min_s: expected at most window_s \(10\), got 11$"):
+        load_config({"signals": {"a": {"window_s": 10.0, "window_min_s": 11.0}}})

@@ -121,7 +121,7 @@ def test_other_small_numbers_are_no_placeholder(value: float) -> None:
 def test_zero_ever_since_the_start_is_suspected_from_the_20th_sample_on() -> None:
     assert suspicion_after([0.0] * 19, **BATTERY) == ""
     assert suspicion_after([0.0] * 20, **BATTERY) == (
-        "0 ever since the start; if it means 'not measured', set placeholders: [0.0]"
+        "always 0 since the start; if it means 'not measured', set placeholders: [0.0]"
     )
     assert suspicion_after([0.0] * 20 + [12.0], **BATTERY) == ""
 
@@ -181,7 +181,7 @@ def test_a_unit_that_may_fit_is_not_suspected(value: float, config: Mapping[str,
 
 @pytest.mark.parametrize("value", [math.nan, None, "45.5 C", [math.nan, math.nan]])
 def test_no_number_20_times_in_a_row_is_suspected_not_to_be_measured(value: object) -> None:
-    expected = "20 values in a row are no number; if the source does not measure this, watch another field"
+    expected = "20 values in a row are not numbers; if the source does not measure this, use another field"
     assert suspicion_after([value] * 19, **BATTERY) == ""
     assert suspicion_after([value] * 20, **BATTERY) == expected
     assert suspicion_after([value] * 20 + [50.0], **BATTERY) == ""

@@ -1,0 +1,112 @@
+"""The fast path of ordinary samples in `SignalMonitor.observe` gives what the full path gives."""
+
+from __future__ import annotations
+
+import random
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
+
+import pytest
+
+from robot_health_monitor.core import Level, Monitor, Sample, load_config
+
+
+class Slow(float):
+    """A number that is not a plain float, so that `observe` takes the full path."""
+
+
+VALUES = (50.0, 50.5, 20.0, 19.5, 21.0, 22.0, 9.0, 80.0, 80.5, 75.0, 0.0, 1.0, 0.5, 100.0, 100.5, -1.0, float("nan"))
+SETTINGS: Mapping[str, Sequence[Any]] = {
+    "unit": ("", "%"),
+    "valid_min": (0.0,),
+    "valid_max": (100.0,),
+    "warn_below": (20.0,),
+    "warn_above": (80.0,),
+    "error_below": (10.0,),
+    "hysteresis": (0.0, 2.0),
+    "for_s": (0.0, 2.0),
+    "keep_firing_for_s": (0.0, 2.0),
+    "invalid_for_s": (0.0, 2.0),
+    "latch": (False, False, True),
+    "flap_detection": (False, True),
+    "flap_high": (0.0, 5.0, 30.0),
+    "stale_after_s": (0.0, 3.0),
+    "repeat_s": (0.0, 3.0),
+    "window_samples": (7, 6000),
+    "statistic": ("last", "last", "last", "mean"),
+    "scale": (1.0, 1.0, 1.0, 0.5),
+    "only_if": ({"signal": "charging", "is": 0.0},),
+}
+CALLS: Sequence[Tuple[str, Sequence[float]]] = (
+    *[("level", VALUES)] * 3,
+    *[("level", (50.0,))] * 3,
+    ("many", (50.0, 60.0)),
+    ("tick", (0.0, 1.0, 4.0)),
+    ("charging", (0.0, 1.0)),
+    ("link", (0.0, 1.0)),
+    ("back", (5.0,)),
+    ("report", (0.0,)),
+    ("reset", (0.0,)),
+    ("configure", (15.0, 55.0)),
+)
+
+
+def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type) -> List[Any]:
+    def config(**changed: float) -> Any:
+        level = {"warn_below": 20.0, "flap_low": 0.0, **signal, **changed}
+        return load_config({"signals": {"level": level, "charging": {}}})
+
+    monitor = Monitor(config(), "robot1")
+    now_s = 100.0
+    told: List[Any] = []
+    for what, argument in calls:
+        now_s += 0.5
+        if what == "tick":
+            now_s += argument
+            told.append(monitor.tick(now_s))
+        elif what == "back":
+            now_s -= argument
+            told.append(monitor.tick(now_s))
+        elif what == "report":
+            told.append(monitor.report(now_s))
+        elif what == "reset":
+            told.append(monitor.reset())
+        elif what == "configure":
+            told.append(monitor.configure(config(warn_below=argument)))
+        elif what == "many":
+            for step in range(120):
+                now_s += 0.01
+                told.append(monitor.observe(Sample("level", number(argument + step % 3), now_s)))
+        else:
+            told.append(monitor.observe(Sample(what, number(argument), now_s)))
+    return [*told, monitor.report(now_s)]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_fast_path_gives_what_the_full_path_gives(seed: int) -> None:
+    dice = random.Random(seed)
+    for _ in range(25):
+        signal = {name: dice.choice(values) for name, values in SETTINGS.items() if dice.random() < 0.6}
+        calls = [(what, dice.choice(arguments)) for what, arguments in dice.choices(CALLS, k=30)]
+        assert repr(replay(signal, calls, float)) == repr(replay(signal, calls, Slow)), (signal, calls)
+
+
+@pytest.mark.parametrize("number", [float, Slow])
+def test_zeros_beyond_no_bound_are_suspected_all_the_same(number: type) -> None:
+    calls = [("level", 0.0)] * 30
+    report = replay({"unit": "V", "warn_below": -5.0}, calls, number)[-1]
+    assert "suspicious data" in report.statuses["level"].message
+
+
+@pytest.mark.parametrize("number", [float, Slow])
+def test_a_value_that_clears_a_bound_on_the_charger_clears_it_for_later(number: type) -> None:
+    signal = {"hysteresis": 2.0, "only_if": {"signal": "charging", "is": 0.0}}
+    calls = [("charging", 1.0), ("level", 19.0), ("level", 21.0), ("level", 50.0), ("level", 21.0), ("charging", 0.0)]
+    assert replay(signal, calls, number)[-1].statuses["level"].level is Level.OK
+
+
+def test_a_thousand_ordinary_samples_are_all_in_the_window() -> None:
+    monitor = Monitor(load_config({"signals": {"level": {"warn_below": 20.0}}}))
+    for number in range(1000):
+        monitor.observe(Sample("level", 30.0 + number % 10, number / 100.0))
+    values = monitor.report(10.0).statuses["level"].values
+    assert (values["window_samples"], values["mean"], values["min"], values["max"]) == ("1000", "34.5", "30", "39")

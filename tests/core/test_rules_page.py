@@ -1,0 +1,42 @@
+"""docs/rules.md quotes what the monitor does, and lists every key of a status."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from typing import Any
+
+from robot_health_monitor.core import Monitor, Sample, load_config
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "rules.md").read_text(encoding="utf-8")
+
+
+def drawing() -> Any:
+    spec = importlib.util.spec_from_file_location("draw_rules", DOCS / "draw_rules.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_quotes_the_lines_of_the_worked_example() -> None:
+    lines = drawing().lines()
+    assert len(lines) == 8
+    assert "\n".join(lines) in PAGE
+
+
+def test_the_page_lists_every_key_of_a_status() -> None:
+    signal = {
+        "unit": "%", "warn_below": 20.0, "warn_above": 80.0, "error_below": 10.0, "error_above": 90.0,
+        "valid_min": 0.0, "valid_max": 100.0, "scale": 2.0, "statistic": "mean", "flap_detection": True,
+        "only_if": {"signal": "charging", "is": 0.0}, "latch_release_if": {"signal": "charging", "is": 1.0},
+    }  # fmt: skip
+    monitor = Monitor(load_config({"signals": {"battery_level": signal, "charging": {}}}))
+    for now_s in range(40):
+        monitor.observe(Sample("battery_level", 25.0 + now_s % 2, float(now_s)))
+    keys = set(monitor.report(40.0).statuses["battery_level"].values)
+    table = PAGE[PAGE.index("## Keys of a status") :]
+    listed = {key for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE) for key in re.findall(r"`(\w+)`", row)}
+    assert keys == listed
