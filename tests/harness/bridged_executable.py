@@ -44,7 +44,7 @@ def check_served(process: Any, seen: List[Any]) -> None:
     level, reset, refused, parameters = seen
     assert 0.0 <= level <= 100.0
     assert reset == {"success": True, "message": "reset: nothing was latched"}
-    assert refused == "/alert_system/set_logger_level may not be called from here"
+    assert refused == "clients may not call /alert_system/set_logger_level"
     assert "/alert_system:signals.battery_level.warn_below" in parameters
     assert "/alert_system:rosbridge_token" not in parameters
     process.signal(signal.SIGINT)

@@ -132,7 +132,7 @@ class Ros1Harness:
     def _have_timers_seen(self, now_s: float) -> bool:
         """Their threads look at the clock when it moves; one that is late would miss a step back and forth."""
         timers = [timer for node in self._nodes for timer in node._timers]
-        return all(timer._last_s == now_s or timer._cancelled.is_set() for timer in timers)
+        return all(timer._last_s == now_s or timer._cancelled.is_set() or not timer._simulated for timer in timers)
 
     def _remap(self, node_name: str, remap: Mapping[str, str]) -> None:
         """Does what `old:=new` on the command line of the node does."""
