@@ -229,7 +229,9 @@ def test_reload_takes_a_good_change_and_refuses_a_bad_one(start: Any, ros: Any, 
     ros.publish("/battery_level", FLOAT32, {"data": 25.0})
 
     parameters(bound, 30.0)
-    assert ros.call("/alert_system/reload", TRIGGER)["success"] is True
+    changes = [ros.call("/alert_system/reload", TRIGGER) for _ in range(2)]
+    assert changes[0] == {"success": True, "message": "battery_level.warn_below: 20 -> 30"}
+    assert changes[1] == {"success": True, "message": "nothing changed"}
     ros.publish("/battery_level", FLOAT32, {"data": 25.0})
     process.wait_for_text("battery_level WARN: 25 is below 30")
 
