@@ -5,6 +5,7 @@ It has no clock: every call takes the time. No sample and no time makes it raise
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import Dict, List, Optional
 
@@ -171,7 +172,7 @@ class Monitor:
         """
         self.config = config
         changes = Changes()
-        if not self._signals:
+        if math.isnan(self._now_s):  # before the first call
             return changes
         signals: Dict[str, SignalMonitor] = {}
         for name, signal_config in config.signals.items():
@@ -199,8 +200,8 @@ class Monitor:
     def _unusual_time(self, now_s: float, changes: Changes) -> float:
         """Handles the first time, a time that went back, and what is no time; returns the time to use."""
         if not -_LARGEST <= now_s <= _LARGEST:
-            now_s = self._now_s if self._signals else 0.0
-        if not self._signals:
+            now_s = 0.0 if math.isnan(self._now_s) else self._now_s
+        if math.isnan(self._now_s):
             self._signals = self._new_signals(now_s)
             self._find_followers()
         elif now_s < self._now_s:

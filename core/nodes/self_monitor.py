@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Callable, Dict
+from typing import Callable, Dict, Optional
 
 from ..faults import Fault
 from ..formatting import number_text
@@ -51,7 +51,7 @@ class SelfMonitor:
         self._clock_reminder_s = _CLOCK_GRACE_S
         self._samples = 0
         self._samples_per_s = 0.0
-        self._tick_s = middleware.now_s()
+        self._tick_s: Optional[float] = None
         self._tick_steady_s = self._start_s
         self._last_lateness_s = 0.0
         self.reports: Dict[str, Callable[[], str]] = {
@@ -108,6 +108,8 @@ class SelfMonitor:
 
         Counts only what both clocks agree on: simulated time may run fast, and it may be paused.
         """
+        if self._tick_s is None:
+            return 0.0
         elapsed_s = min(self._middleware.now_s() - self._tick_s, self._middleware.steady_s() - self._tick_steady_s)
         return max(0.0, elapsed_s - self._tick_period_s)
 
@@ -122,6 +124,10 @@ class SelfMonitor:
             self._announced.pop("clock", None)  # announces it again
 
     def _check_tick(self) -> None:
+        if self._middleware.waiting_for_clock():
+            self._tick_s = None
+        elif self._tick_s is None:
+            self._tick_s, self._tick_steady_s = self._middleware.now_s(), self._middleware.steady_s()
         lateness_s = max(self._last_lateness_s, self._lateness_s())
         if lateness_s > _MAX_LATENESS_S:
             text = f"{lateness_s:.1f} s late (period {self._tick_period_s:g} s): overloaded or suspended"

@@ -9,7 +9,17 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import pytest
 
-from robot_health_monitor.core import ConfigError, Level, Monitor, Report, Sample, Status, Transition, load_config
+from robot_health_monitor.core import (
+    ConfigError,
+    Level,
+    Monitor,
+    MonitorConfig,
+    Report,
+    Sample,
+    Status,
+    Transition,
+    load_config,
+)
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
 
@@ -1191,3 +1201,13 @@ def test_a_configuration_before_the_first_call_is_simply_the_configuration() -> 
     watched = Watched(warn_below=20.0)
     assert watched.configure(warn_below=30.0) is None
     assert watched.each_second(25.0) == [(0.0, WARN)]
+
+
+def test_a_monitor_without_signals_can_be_given_some_later() -> None:
+    monitor = Monitor(load_config({"signals": {"wheel": {"warn_above": 1.0}}}))
+    full, empty = monitor.config, MonitorConfig({})
+    monitor.tick(1.0)
+    monitor.configure(empty)
+    monitor.tick(2.0)
+    monitor.configure(full)
+    assert [change.to_level for change in monitor.observe(Sample("wheel", 2.0, 3.0))] == [Level.WARN]

@@ -12,7 +12,7 @@ class Machine:
     """Files below `/proc` and `/sys` of a machine, as trees of path to text."""
 
     def __init__(self, root: Path) -> None:
-        self._root = root
+        self.root = root
         self.paths = HostPaths(proc=str(root / "proc"), sys=str(root / "sys"))
         for folder in self.paths:
             Path(folder).mkdir()
@@ -21,7 +21,7 @@ class Machine:
         """Writes the files of the trees; a later one changes them, None removes a file."""
         for tree in trees:
             for path, text in tree.items():
-                file = self._root / path.lstrip("/")
+                file = self.root / path.lstrip("/")
                 if text is None:
                     file.unlink()
                 else:

@@ -1,0 +1,149 @@
+"""aggregator on the in-process middleware, in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, List, Tuple
+
+import pytest
+from harness.stage import Stage, status, values_of
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.nodes import Aggregator
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def start(stage: Stage, **parameters: Any) -> Tuple[List[float], List[Any]]:
+    health, arrays = stage.listen("system_health", "data"), stage.listen("/diagnostics")
+    Aggregator(stage.bus.node("aggregator", parameters=parameters))
+    return health, arrays
+
+
+def test_system_health_is_the_average_of_the_latest_three(stage: Stage) -> None:
+    health, _ = start(stage)
+    for value in (50.0, 80.0):
+        stage.publish("battery_level", value)
+    stage.publish("temperature", 60.0)
+    stage.publish("cpu_usage", 10.0)
+    stage.bus.run_until(1.0)
+    assert health == [50.0]  # (80 + 60 + 10) / 3
+
+
+def test_a_missing_input_is_named_instead_of_an_average_of_what_is_left(stage: Stage) -> None:
+    health, arrays = start(stage)
+    stage.publish("battery_level", 80.0)
+    stage.publish("cpu_usage", 10.0)
+    stage.bus.run_until(1.0)
+    assert health == []
+    own = status(arrays[-1], "aggregator: system_health")
+    assert own["level"] == 3
+    assert own["message"] == "not published: no fresh temperature"
+
+
+def test_a_stale_input_ends_system_health(stage: Stage) -> None:
+    health, arrays = start(stage)
+    for topic in ("battery_level", "temperature", "cpu_usage"):
+        stage.publish(topic, 30.0)
+    stage.bus.run_until(4.0)
+    stage.publish("battery_level", 30.0)
+    stage.publish("temperature", 30.0)
+    stage.bus.run_until(6.0)
+    assert health == [30.0] * 5  # at 1 to 5 s; at 6 s the CPU's last value is older than 5 s
+    assert values_of(status(arrays[-1], "aggregator: system_health"))["missing"] == "cpu_usage"
+
+
+def test_a_score_maps_each_metric_to_0_to_100_by_its_thresholds_first(stage: Stage) -> None:
+    health, _ = start(stage, method="score")
+    stage.publish("battery_level", 60.0)  # halfway from the WARN bound 20 (50) to 100 (100): 75
+    stage.publish("temperature", 80.0)  # the WARN bound: 50
+    stage.publish("cpu_usage", 0.0)  # the healthy end: 100
+    stage.bus.run_until(1.0)
+    assert health == [75.0]
+
+
+def test_the_statistics_of_the_window_are_in_diagnostics(stage: Stage) -> None:
+    _, arrays = start(stage)
+    for now_s, value in ((0.0, 10.0), (0.5, 20.0)):
+        stage.bus.run_until(now_s)
+        stage.publish("battery_level", value)
+    stage.bus.run_until(1.0)
+    values = values_of(status(arrays[-1], "aggregator: battery_level"))
+    assert {key: values[key] for key in ("mean", "min", "max", "stddev", "rate", "frequency_hz")} == {
+        "mean": "15",
+        "min": "10",
+        "max": "20",
+        "stddev": "5",
+        "rate": "20",
+        "frequency_hz": "2",
+    }
+
+
+def test_only_the_configured_inputs_are_averaged(stage: Stage) -> None:
+    health, arrays = start(stage, inputs=["battery_level", "arm/battery_level"])
+    stage.publish("battery_level", 80.0)
+    stage.publish("temperature", 0.0)
+    stage.bus.run_until(1.0)
+    assert health == []
+    assert status(arrays[-1], "aggregator: system_health")["message"] == "not published: no fresh arm/battery_level"
+    stage.publish("arm/battery_level", 60.0)
+    stage.bus.run_until(2.0)
+    assert health == [70.0]
+
+
+def test_inputs_can_be_changed_while_the_node_runs(stage: Stage) -> None:
+    health = stage.listen("system_health", "data")
+    node = stage.bus.node("aggregator")
+    Aggregator(node)
+    assert node.set_parameter("inputs", ["cpu_usage"]) == (
+        "inputs: [battery_level, temperature, cpu_usage] -> [cpu_usage]"
+    )
+    stage.publish("cpu_usage", 25.0)
+    stage.bus.run_until(1.0)
+    assert health == [25.0]
+    node.set_parameter("inputs", ["battery_level", "cpu_usage"])
+    stage.publish("battery_level", 75.0)
+    stage.bus.run_until(2.0)
+    assert health == [25.0, 50.0]
+
+
+@pytest.mark.parametrize(
+    "inputs", [[], ["cpu_usage", "cpu_usage"], ["a b"], ["/"], [""], ["a/b", "a_b"], ["2nd"], "cpu_usage", [1.0]]
+)
+def test_inputs_that_are_not_topics_are_rejected(stage: Stage, inputs: Any) -> None:
+    with pytest.raises(ConfigError, match=r"^inputs: expected"):
+        start(stage, inputs=inputs)
+
+
+def test_a_score_needs_thresholds_of_every_input(stage: Stage, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"^inputs: expected signals with thresholds for method score, got wheel$"):
+        start(stage, inputs=["wheel"], method="score")
+    pytest.importorskip("yaml")
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(
+        "alert_system: {ros__parameters: {signals: {left: {topic: wheel, warn_above: 8.0, error_above: 10.0}}}}"
+    )
+    health, _ = start(stage, inputs=["wheel"], method="score", thresholds=str(file))
+    stage.publish("wheel", 9.0)  # halfway from the WARN bound (50) to the ERROR bound (0)
+    stage.bus.run_until(1.0)
+    assert health == [25.0]
+
+
+def test_a_rate_below_the_stale_limit_is_kept(stage: Stage) -> None:
+    health, _ = start(stage, publish_rate=0.1)
+    for now_s in range(41):
+        stage.bus.run_until(float(now_s))
+        for topic in ("battery_level", "temperature", "cpu_usage"):
+            stage.publish(topic, 30.0)
+    assert health == [30.0] * 4
+
+
+def test_another_method_is_a_change(stage: Stage) -> None:
+    node = stage.bus.node("aggregator")
+    Aggregator(node)
+    assert node.set_parameter("method", "score") == "method: mean -> score"
+    with pytest.raises(ConfigError, match="robot_name"):
+        node.set_parameter("robot_name", "other")

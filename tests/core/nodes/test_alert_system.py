@@ -1,0 +1,412 @@
+"""alert_system on the in-process middleware, in virtual time."""
+
+from __future__ import annotations
+
+from typing import Any, List, Mapping
+
+import pytest
+from harness.port_conformance import levels_to
+from harness.stage import FLOAT32, Stage, status, values_of
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.local import LocalBus, LogLine
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.model import Level, Sample, Transition
+from robot_health_monitor.core.monitor import Monitor
+from robot_health_monitor.core.nodes import Aggregator, AlertSystem
+from robot_health_monitor.core.outlets import Event, Notice
+
+LATCHING: Mapping[str, Any] = {
+    "robot_name": "robot1",
+    "signals": {"battery_level": {"warn_below": 20.0, "latch": True}, "temperature": {"warn_above": 80.0}},
+}
+BATTERY: Mapping[str, Any] = {"robot_name": "robot1", "signals": {"battery_level": {"unit": "%", "warn_below": 20.0}}}
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def test_exactly_20_percent_and_80_degrees_are_fine(stage: Stage) -> None:
+    stage.alert_system({})
+    stage.publish("battery_level", 20.0)
+    stage.publish("temperature", 80.0)
+    assert stage.log(Severity.WARN, Severity.ERROR) == []
+
+
+def test_an_hour_of_low_battery_is_one_line_and_one_alert(stage: Stage) -> None:
+    alerts = stage.listen("alerts")
+    stage.alert_system({"signals": {"battery_level": {"unit": "%", "warn_below": 20.0}}, "robot_name": "robot1"})
+    stage.publish("battery_level", 25.0)
+    for now_s in range(312, 3912):
+        stage.bus.run_until(float(now_s))
+        stage.publish("battery_level", 19.5)
+    lines = [text for text in stage.log(Severity.WARN) if " WARN: " in text]
+    assert lines == ["battery_level WARN: 19.5 % is below 20 % (was STALE for 306 s)"]
+    (alert,) = [one for one in alerts if one["level"] == 1]
+    assert alert["name"] == "alert_system: battery_level"
+    assert alert["message"] == lines[0]
+    assert alert["hardware_id"] == "robot1"
+
+
+def test_diagnostics_come_every_second_and_at_once_on_a_transition(stage: Stage) -> None:
+    arrays = stage.listen("/diagnostics")
+    stage.alert_system(LATCHING)
+    stage.bus.run_until(3.0)
+    assert len(arrays) == 3
+    stage.publish("battery_level", 19.0)
+    assert len(arrays) == 4
+    assert status(arrays[-1], "alert_system: battery_level")["level"] == 1
+    stage.bus.run_until(4.0)
+    assert [one["name"] for one in arrays[-1]["status"]] == [
+        "alert_system: battery_level",
+        "alert_system: temperature",
+        "alert_system: monitor",
+    ]
+
+
+@pytest.mark.parametrize("node", [AlertSystem, Aggregator])
+def test_no_report_is_made_without_subscribers(stage: Stage, node: Any, monkeypatch: Any) -> None:
+    made: List[float] = []
+    report = Monitor.report
+    monkeypatch.setattr(Monitor, "report", lambda self, now_s: made.append(now_s) or report(self, now_s))
+    node(stage.bus.node("watching"))
+    stage.bus.run_until(3.0)
+    assert made == []
+    arrays = stage.listen("/diagnostics")
+    stage.bus.run_until(5.0)
+    assert made == [4.0, 5.0]
+    assert len(arrays) == 2
+
+
+def test_reset_clears_a_latched_alert_and_says_which(stage: Stage) -> None:
+    stage.alert_system(LATCHING)
+    stage.publish("battery_level", 19.0)
+    stage.publish("battery_level", 50.0)
+    assert stage.bus.call_service("/alert_system/reset") == {"success": True, "message": "reset: battery_level"}
+    assert stage.log(Severity.INFO)[-1].startswith("battery_level OK: 50")
+    assert stage.bus.call_service("/alert_system/reset")["message"] == "reset: nothing was latched"
+
+
+def test_a_changed_bound_is_judged_by_at_once(stage: Stage) -> None:
+    _, middleware = stage.alert_system(LATCHING)
+    stage.publish("temperature", 75.0)
+    middleware.set_parameter("signals.temperature.warn_above", 70.0)
+    assert stage.log(Severity.WARN) == ["temperature WARN: 75 is above 70 (was OK for 0 s)"]
+
+
+def test_a_contradiction_is_refused_and_the_old_bounds_stay(stage: Stage) -> None:
+    _, middleware = stage.alert_system(LATCHING)
+    with pytest.raises(ConfigError, match=r"signals\.battery_level\.error_below: expected at most"):
+        middleware.set_parameter("signals.battery_level.error_below", 30.0)
+    stage.publish("battery_level", 25.0)
+    assert stage.log(Severity.WARN, Severity.ERROR) == []
+
+
+def test_a_change_of_one_signal_does_not_disturb_the_pending_duration_of_another(stage: Stage) -> None:
+    signals = {"battery_level": {"warn_below": 20.0, "for_s": 3.0}, "temperature": {"warn_above": 80.0}}
+    _, middleware = stage.alert_system({"signals": signals})
+    stage.publish("battery_level", 19.0)
+    stage.bus.run_until(2.0)
+    middleware.set_parameter("signals.temperature.warn_above", 70.0)
+    stage.bus.run_until(3.0)
+    assert stage.log(Severity.WARN) == ["battery_level WARN: 19 is below 20 (was OK for 3 s)"]
+
+
+def test_a_new_topic_is_followed_and_the_old_one_left(stage: Stage) -> None:
+    _, middleware = stage.alert_system(LATCHING)
+    middleware.set_parameter("signals.temperature.topic", "motor_temperature")
+    stage.publish("temperature", 90.0)
+    assert stage.log(Severity.WARN) == []
+    stage.publish("motor_temperature", 90.0)
+    assert len(stage.log(Severity.WARN)) == 1
+
+
+def test_the_robots_name_can_only_be_given_at_the_start(stage: Stage) -> None:
+    _, middleware = stage.alert_system(LATCHING)
+    with pytest.raises(ConfigError, match="robot_name"):
+        middleware.set_parameter("robot_name", "robot2")
+
+
+def test_a_wrong_type_names_its_signal_and_nothing_stays_subscribed(stage: Stage) -> None:
+    signals = {"battery_level": {"type": FLOAT32}, "temperature": {"type": "Float32"}}
+    with pytest.raises(ConfigError, match=r"^signals\.temperature\.type: expected a type such as std_msgs/Float32"):
+        stage.alert_system({"signals": signals})
+    stage.publish("battery_level", float("nan"))
+    assert stage.log(Severity.WARN, Severity.ERROR) == []
+
+
+def test_time_that_goes_back_is_one_info_line(stage: Stage) -> None:
+    stage.alert_system(LATCHING)
+    stage.bus.run_until(100.0)
+    stage.bus.run_until(40.0)
+    stage.bus.run_until(45.0)
+    lines = [text for text in stage.log(Severity.INFO) if "went back" in text]
+    assert lines == ["time went back by 59.000 s: windows, pending timers and staleness restart"]
+
+
+def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
+    _, middleware = stage.alert_system(LATCHING)
+    assert middleware.set_parameter("signals.battery_level.warn_below", 25.0) == "battery_level.warn_below: 20 -> 25"
+    assert middleware.set_parameter("signals.battery_level.warn_below", 25.0) == "nothing changed"
+    signals = {"battery_level": {"warn_below": 25.0, "latch": True}, "wheel": {"warn_above": 1.0}}
+    changes = middleware.set_parameters({**LATCHING, "publish_rate": 2.0, "signals": signals})
+    assert changes == "publish_rate: 1 -> 2; added wheel; removed temperature"
+
+
+def test_a_signal_that_latches_is_announced_to_begin_anew(stage: Stage) -> None:
+    stage.alert_system(LATCHING)
+    lines = [text for text in stage.log(Severity.INFO) if "latched" in text]
+    assert lines == ["no history: latched alerts of an earlier run are not restored (battery_level)"]
+    other = Stage()
+    other.alert_system(BATTERY)
+    assert not any("latched" in text for text in other.log(Severity.INFO))
+
+
+def test_each_outlet_gets_each_transition_once_before_it_is_published(stage: Stage) -> None:
+    order: List[str] = []
+    stage.outside.subscribe("alerts", "", lambda value, now_s: order.append("alerts"), field="message")
+    stage.alert_system(BATTERY, {"history": lambda event: order.append("history")})
+    stage.publish("battery_level", 15.0)
+    assert order == ["history", "alerts"]
+
+
+def test_alerts_and_notices_are_not_logged_where_an_outlet_shows_them(stage: Stage) -> None:
+    events: List[Event] = []
+    _, middleware = stage.alert_system(BATTERY, {"screen": events.append}, log_alerts=False)
+    stage.publish("battery_level", 15.0)
+    middleware.faults.report("rosbridge", "port 9090 is in use")
+    stage.bus.run_until(1.0)
+    assert [type(event) for event in events] == [Transition, Notice]
+    assert stage.log(Severity.WARN, Severity.ERROR) == []
+
+
+def test_an_outlet_that_raises_stops_no_other_outlet_and_no_tick(stage: Stage) -> None:
+    def fail(event: Event) -> None:
+        raise OSError("No space left on device")
+
+    alerts, arrays = stage.listen("alerts"), stage.listen("/diagnostics")
+    stage.alert_system(BATTERY, {"history": fail})
+    for level in (50.0, 15.0, 50.0):
+        stage.publish("battery_level", level)
+    assert [alert["level"] for alert in alerts] == [1, 0]
+    stage.bus.run_until(6.0)
+    assert [one["level"] for one in alerts if one["name"] == "alert_system: battery_level"] == [1, 0, 3]
+    assert status(arrays[-1], "alert_system: monitor")["level"] == 2
+    errors = stage.log(Severity.ERROR)
+    assert errors == ["outlet history: OSError: No space left on device"]
+
+
+def test_a_log_that_cannot_be_written_stops_nothing() -> None:
+    def fail(line: LogLine) -> None:
+        raise BrokenPipeError("Broken pipe")
+
+    bus = LocalBus(on_log=fail)
+    node = bus.node("alert_system", parameters=BATTERY)
+    AlertSystem(node)
+    alerts: List[Any] = []
+    outside = bus.node("outside")
+    outside.subscribe("alerts", "", lambda value, now_s: alerts.append(value), field="level")
+    outside.advertise("battery_level", FLOAT32)
+    for level in (50.0, 15.0, 5.0, 50.0):
+        outside.publish("battery_level", {"data": level})
+    bus.run_until(6.0)
+    assert alerts[:2] == [1, 0] and alerts[-1] == 3
+    assert node.faults.current()["log"].text == "BrokenPipeError: Broken pipe"
+
+
+class TestItself:
+    """The status `alert_system: monitor`."""
+
+    def monitor_status(self, stage: Stage, arrays: List[Any]) -> Any:
+        return status(arrays[-1], "alert_system: monitor")
+
+    def test_it_has_the_figures_of_the_node(self, stage: Stage) -> None:
+        arrays = stage.listen("/diagnostics")
+        alert_system, _ = stage.alert_system(BATTERY)
+        alert_system.self_report["clients"] = lambda: "3"
+        stage.bus.run_until(1.5)
+        for _ in range(7):
+            stage.publish("battery_level", 50.0)
+        stage.bus.run_until(3.0)
+        own = self.monitor_status(stage, arrays)
+        values = values_of(own)
+        assert (own["level"], own["message"], own["hardware_id"]) == (0, "no faults", "robot1")
+        assert values.pop("version").count(".") == 2
+        assert values == {
+            "uptime_s": "3",
+            "signals": "1",
+            "without_sensor": "",
+            "samples_per_s": "0",  # 7 in the second before
+            "dropped": "0",
+            "tick_late_s": "0.000",
+            "clients": "3",
+            "pending_notifications": "0",
+        }
+        assert values_of(status(arrays[-2], "alert_system: monitor"))["samples_per_s"] == "7"
+
+    def test_a_report_that_raises_hides_no_other(self, stage: Stage) -> None:
+        arrays = stage.listen("/diagnostics")
+        alert_system, _ = stage.alert_system(BATTERY)
+        alert_system.self_report["clients"] = lambda: str(1 // 0)
+        stage.bus.run_until(1.0)
+        values = values_of(self.monitor_status(stage, arrays))
+        assert values["clients"].startswith("unknown (ZeroDivisionError")
+        assert values["signals"] == "1"
+
+    def test_a_fault_is_one_line_one_alert_and_the_level_until_it_ends(self, stage: Stage) -> None:
+        alerts, arrays = stage.listen("alerts"), stage.listen("/diagnostics")
+        _, middleware = stage.alert_system({**BATTERY, "signals": {"battery_level": {"stale_after_s": 0.0}}})
+        middleware.faults.report("rosbridge", "port 9090 is in use")
+        middleware.faults.report("disk", "nearly full", Level.WARN)
+        stage.bus.run_until(4.0)
+        own = self.monitor_status(stage, arrays)
+        assert (own["level"], own["message"]) == (2, "rosbridge: port 9090 is in use")
+        assert values_of(own)["fault: disk"] == "nearly full"
+        middleware.faults.clear("rosbridge")
+        middleware.faults.clear("disk")
+        stage.bus.run_until(9.0)
+        assert self.monitor_status(stage, arrays)["level"] == 0
+        assert stage.log(Severity.ERROR) == ["rosbridge: port 9090 is in use"]
+        assert stage.log(Severity.WARN) == ["disk: nearly full"]
+        assert [text for text in stage.log(Severity.INFO) if "again" in text] == [
+            "disk works again",
+            "rosbridge works again",
+        ]
+        assert [(one["name"], one["message"]) for one in alerts] == [
+            ("alert_system: monitor", text)
+            for text in (
+                "rosbridge: port 9090 is in use",
+                "disk: nearly full",
+                "disk works again",
+                "rosbridge works again",
+            )
+        ]
+
+    def test_an_intermittent_fault_is_one_line(self, stage: Stage) -> None:
+        _, middleware = stage.alert_system(BATTERY)
+        for second in range(20):
+            if second % 2:
+                middleware.faults.report("disk", "full")
+            else:
+                middleware.faults.clear("disk")
+            stage.bus.run_until(second + 0.5)
+        assert stage.log(Severity.ERROR) == ["disk: full"]
+
+    def test_a_late_tick_is_reported(self, stage: Stage) -> None:
+        stage.alert_system({"signals": {"battery_level": {"stale_after_s": 0.0}}})
+        stage.bus.run_until(3.0)
+        stage.bus.run_due(12.0)  # the process was stopped for 9 s
+        stage.bus.run_until(20.0)
+        assert stage.log(Severity.WARN) == ["tick: 8.0 s late (period 1 s): overloaded or suspended"]
+        assert stage.log(Severity.INFO)[-1] == "tick works again"
+
+
+class TestSimulatedTime:
+    """A node with use_sim_time."""
+
+    def test_no_clock_is_a_warning_after_10_s_and_every_minute(self, stage: Stage) -> None:
+        events: List[Event] = []
+        stage.alert_system(BATTERY, {"test": events.append}, use_sim_time=True)
+        stage.bus.run_until(9.5)
+        assert events == []
+        stage.bus.run_until(131.0)
+        assert [event.text for event in events] == [
+            f"clock: use_sim_time is set, but /clock has been silent for {waited} s: no signal is judged"
+            for waited in (10, 70, 130)
+        ]
+        assert stage.log(Severity.WARN) == [event.text for event in events]
+
+    def test_no_clock_is_a_status_while_every_signal_is_unknown(self, stage: Stage) -> None:
+        arrays = stage.listen("/diagnostics")
+        stage.alert_system(BATTERY, use_sim_time=True)
+        stage.bus.run_until(12.0)
+        assert status(arrays[-1], "alert_system: monitor")["level"] == 1
+        assert status(arrays[-1], "alert_system: battery_level")["level"] == 3
+        stage.set_clock(500.0)
+        stage.bus.run_until(16.0)
+        assert status(arrays[-1], "alert_system: monitor")["level"] == 0
+        assert stage.log(Severity.INFO)[-1] == "clock works again"
+
+    def test_a_clock_in_time_is_no_warning(self, stage: Stage) -> None:
+        stage.alert_system(BATTERY, use_sim_time=True)
+        stage.bus.run_until(9.5)
+        stage.set_clock(500.0)
+        stage.bus.run_until(60.0)
+        assert stage.log(Severity.WARN) == []
+
+    def test_a_paused_simulator_pauses_judging_but_not_the_status(self, stage: Stage) -> None:
+        arrays = stage.listen("/diagnostics")
+        stage.alert_system(BATTERY, use_sim_time=True)
+        stage.set_clock(500.0)
+        stage.publish("battery_level", 50.0)
+        stage.bus.run_until(60.0)
+        assert stage.log(Severity.WARN) == []
+        assert values_of(status(arrays[-1], "alert_system: monitor"))["uptime_s"] in ("59", "60")
+
+
+class TestUnavailableSensors:
+    """Signals that battery_sensor lists as without a sensor."""
+
+    def list_sensors(self, stage: Stage, text: str) -> None:
+        stage.outside.advertise("unavailable_sensors", "std_msgs/String")
+        stage.outside.publish("unavailable_sensors", {"data": text})
+
+    def test_a_signal_without_a_sensor_never_becomes_stale(self, stage: Stage) -> None:
+        arrays = stage.listen("/diagnostics")
+        stage.alert_system({**LATCHING})
+        self.list_sensors(stage, "battery_level, temperature")
+        self.list_sensors(stage, "battery_level, temperature")
+        stage.bus.run_until(60.0)
+        assert stage.log(Severity.WARN, Severity.ERROR) == []
+        (own,) = arrays[-1]["status"]
+        assert values_of(own)["without_sensor"] == "battery_level, temperature"
+        lines = [text for text in stage.log(Severity.INFO) if "no such sensor" in text]
+        assert [line.partition(" ")[0] for line in lines] == ["battery_level", "temperature"]
+
+    def test_a_sensor_that_had_a_sample_is_still_watched(self, stage: Stage) -> None:
+        stage.alert_system(BATTERY)
+        stage.publish("battery_level", 50.0)
+        self.list_sensors(stage, "battery_level")
+        stage.bus.run_until(10.0)
+        assert [text.partition(":")[0] for text in stage.log(Severity.WARN)] == ["battery_level STALE"]
+
+    def test_a_sample_brings_the_signal_back_at_once(self, stage: Stage) -> None:
+        stage.alert_system(BATTERY)
+        self.list_sensors(stage, "battery_level")
+        stage.bus.run_until(20.0)
+        stage.publish("battery_level", 15.0)
+        assert [text.partition(":")[0] for text in stage.log(Severity.WARN)] == ["battery_level WARN"]
+
+    def test_a_sensor_that_is_no_longer_listed_is_watched_again(self, stage: Stage) -> None:
+        stage.alert_system(BATTERY)
+        self.list_sensors(stage, "battery_level")
+        stage.bus.run_until(20.0)
+        self.list_sensors(stage, "")
+        stage.bus.run_until(29.0)
+        assert stage.log(Severity.WARN) == []
+        stage.bus.run_until(31.0)
+        assert [text.partition(":")[0] for text in stage.log(Severity.WARN)] == ["battery_level STALE"]
+
+    def test_a_signal_on_another_topic_is_still_watched(self, stage: Stage) -> None:
+        signals = {"battery_level": {"topic": "/driver/battery", "type": FLOAT32, "warn_below": 20.0}}
+        stage.alert_system({"signals": signals})
+        self.list_sensors(stage, "battery_level")
+        stage.bus.run_until(20.0)
+        assert len(stage.log(Severity.WARN)) == 1
+
+    def test_a_change_of_parameters_keeps_it_unwatched(self, stage: Stage) -> None:
+        _, middleware = stage.alert_system(LATCHING)
+        self.list_sensors(stage, "battery_level")
+        assert middleware.set_parameter("signals.temperature.warn_above", 70.0) == "temperature.warn_above: 80 -> 70"
+        stage.publish("temperature", 50.0)
+        stage.bus.run_until(5.0)
+        assert stage.log(Severity.WARN) == []
+
+
+def test_a_sample_can_be_given_without_a_topic(stage: Stage) -> None:
+    levels: List[Any] = []
+    alert_system, _ = stage.alert_system(BATTERY, {"test": levels_to(levels)})
+    alert_system.observe(Sample("link", 0.0, 1.0))
+    assert levels == [("link", "ERROR")]

@@ -1,0 +1,163 @@
+"""battery_sensor on the in-process middleware, in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Mapping
+
+import pytest
+from harness.machine import Machine
+from harness.stage import Stage, status, values_of
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.local import LocalMiddleware
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
+from robot_health_monitor.core.parameters import flatten, unflatten
+from robot_health_monitor.core.sensors import configuration
+from robot_health_monitor.core.sensors.sysfs import HOST_PATHS, HostPaths
+
+BATTERY = {
+    "/sys/class/power_supply/BAT0/capacity": "62",
+    "/sys/class/power_supply/BAT0/status": "Discharging",
+}
+TEMPERATURE = {"/sys/class/hwmon/hwmon0/name": "cpu_thermal", "/sys/class/hwmon/hwmon0/temp1_input": "48680"}
+HOST = {"battery_level": {"source": "host"}, "temperature": {"source": "host"}, "cpu_usage": {"source": "none"}}
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def start(stage: Stage, parameters: Mapping[str, Any], paths: HostPaths = HOST_PATHS) -> LocalMiddleware:
+    middleware = stage.bus.node("battery_sensor", parameters=parameters)
+    BatterySensor(middleware, paths)
+    return middleware
+
+
+def test_the_battery_loses_1_percent_per_second_and_is_published_at_1_hz(stage: Stage) -> None:
+    levels = stage.listen("battery_level", "data")
+    start(stage, {})
+    stage.bus.run_until(4.0)
+    assert levels == [100.0, 99.0, 98.0, 97.0]
+
+
+def test_another_rate_takes_effect_and_does_not_charge_the_battery(stage: Stage) -> None:
+    levels = stage.listen("battery_level", "data")
+    middleware = start(stage, {})
+    stage.bus.run_until(3.0)
+    middleware.set_parameter("publish_rate", 2.0)
+    stage.bus.run_until(4.0)
+    assert levels == [100.0, 99.0, 98.0, 97.5, 97.0]
+
+
+def test_defaults_that_a_middleware_fills_in_are_no_change(stage: Stage) -> None:
+    levels = stage.listen("battery_level", "data")
+    middleware = start(stage, {})
+    stage.bus.run_until(3.0)
+    defaults = {
+        f"{metric}.{parameter.name}": parameter.default
+        for metric, parameters in configuration.METRIC_PARAMETERS.items()
+        for parameter in parameters
+    }
+    middleware.set_parameters(unflatten({**dict(flatten({"sensor_name": "other"})), **defaults}))
+    stage.bus.run_until(4.0)
+    assert levels == [100.0, 99.0, 98.0, 97.0]
+
+
+def test_a_metric_without_a_source_is_not_published(stage: Stage) -> None:
+    levels, temperatures = stage.listen("battery_level", "data"), stage.listen("temperature", "data")
+    start(stage, {"battery_level": {"source": "none"}})
+    stage.bus.run_until(2.0)
+    assert levels == []
+    assert len(temperatures) == 2
+
+
+def test_simulated_values_are_marked_in_the_log_and_on_diagnostics(stage: Stage) -> None:
+    arrays = stage.listen("/diagnostics")
+    start(stage, {"temperature": {"source": "none"}, "robot_name": "robot1"})
+    stage.bus.run_until(3.0)
+    assert stage.log(Severity.WARN) == ["simulated values: battery_level, cpu_usage"]
+    own = status(arrays[-1], "battery_sensor: sensors")
+    assert (own["level"], own["hardware_id"]) == (0, "robot1")
+    assert values_of(own) == {
+        "simulated": "true",
+        "battery_level": "simulated",
+        "temperature": "none",
+        "cpu_usage": "simulated",
+    }
+
+
+def test_values_of_the_host_are_not_marked(stage: Stage, machine: Machine) -> None:
+    machine(BATTERY, TEMPERATURE)
+    levels, arrays = stage.listen("battery_level", "data"), stage.listen("/diagnostics")
+    start(stage, HOST, machine.paths)
+    stage.bus.run_until(2.0)
+    assert levels == [62.0, 62.0]
+    assert stage.log(Severity.WARN) == []
+    assert values_of(status(arrays[-1], "battery_sensor: sensors"))["simulated"] == "false"
+
+
+def test_a_host_without_a_battery_publishes_the_rest_reports_it_once_and_raises_no_alert(
+    stage: Stage, machine: Machine
+) -> None:
+    machine(TEMPERATURE)
+    alerts, temperatures = stage.listen("alerts"), stage.listen("temperature", "data")
+    arrays = stage.listen("/diagnostics")
+    signals = {"battery_level": {"warn_below": 20.0}, "temperature": {"warn_above": 80.0}}
+    AlertSystem(stage.bus.node("alert_system", parameters={"signals": signals}))
+    start(stage, HOST, machine.paths)
+    stage.bus.run_until(60.0)
+    assert len(temperatures) == 60
+    assert alerts == []
+    (line,) = stage.log(Severity.WARN, Severity.ERROR)
+    assert line.startswith("battery_level is not published: no battery in ")
+    own = status(arrays[-1], "battery_sensor: sensors")
+    assert own["level"] == 0
+    assert values_of(own)["battery_level"].startswith("not published: no battery in ")
+
+
+def test_a_battery_that_is_removed_is_an_alert(stage: Stage, machine: Machine) -> None:
+    machine(BATTERY, TEMPERATURE)
+    arrays = stage.listen("/diagnostics")
+    AlertSystem(stage.bus.node("alert_system", parameters={"signals": {"battery_level": {"warn_below": 20.0}}}))
+    start(stage, HOST, machine.paths)
+    stage.bus.run_until(5.0)
+    machine(dict.fromkeys(BATTERY))
+    (machine.root / "sys/class/power_supply/BAT0").rmdir()
+    stage.bus.run_until(20.0)
+    assert [text.partition(":")[0] for text in stage.log(Severity.WARN)] == [
+        "battery_level is not published",
+        "battery_level STALE",
+    ]
+    assert status(arrays[-1], "battery_sensor: sensors")["level"] == 1
+    assert status(arrays[-1], "battery_sensor: sensors")["message"] == "cannot read battery_level"
+
+
+def test_the_list_of_missing_sensors_is_published_only_for_a_host(stage: Stage, machine: Machine) -> None:
+    start(stage, {})
+    stage.bus.run_until(2.0)
+    assert "/unavailable_sensors" not in stage.bus.types
+    other = Stage()
+    missing = other.listen("unavailable_sensors", "data")
+    start(other, HOST, machine.paths)
+    other.bus.run_until(3.0)
+    assert missing[-1] == "battery_level, temperature"
+
+
+def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
+    middleware = start(stage, {})
+    assert middleware.set_parameter("temperature.mean", 50.0) == "temperature.mean: 60 -> 50"
+    assert middleware.set_parameter("temperature.mean", 50.0) == "nothing changed"
+    changes = middleware.set_parameters(
+        {"temperature": {"mean": 50.0}, "host": {"memory": {"source": "memory_percent"}}, "publish_rate": 2.0}
+    )
+    assert changes == "publish_rate: 1 -> 2; added memory"
+    with pytest.raises(ConfigError, match="robot_name"):
+        middleware.set_parameter("robot_name", "other")
