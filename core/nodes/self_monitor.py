@@ -145,7 +145,7 @@ class SelfMonitor:
                 self._announced[part] = fault.level
                 severity = _SEVERITY_OF_LEVEL.get(fault.level, Severity.ERROR)
                 self._emit(Notice(self._middleware.now_s(), severity, _fault_text(part, fault), part))
-        for part in tuple(self._announced.keys() - faults.keys()):
+        for part in [part for part in self._announced if part not in faults]:
             if steady_s - self._healthy_since_s.setdefault(part, steady_s) >= _MIN_HEALTHY_S:
                 del self._announced[part], self._healthy_since_s[part]
                 self._emit(Notice(self._middleware.now_s(), Severity.INFO, f"{part} works again", part))

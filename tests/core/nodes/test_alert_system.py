@@ -279,8 +279,8 @@ class TestItself:
             for text in (
                 "rosbridge: port 9090 is in use",
                 "disk: nearly full",
-                "disk works again",
                 "rosbridge works again",
+                "disk works again",
             )
         ]
 
