@@ -271,8 +271,8 @@ class TestItself:
         assert stage.log(Severity.ERROR) == ["rosbridge: port 9090 is in use"]
         assert stage.log(Severity.WARN) == ["disk: nearly full"]
         assert [text for text in stage.log(Severity.INFO) if "again" in text] == [
-            "disk works again",
             "rosbridge works again",
+            "disk works again",
         ]
         assert [(one["name"], one["message"]) for one in alerts] == [
             ("alert_system: monitor", text)
