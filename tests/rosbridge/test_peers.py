@@ -21,7 +21,7 @@ from harness.rosbridge_peer import Robot, with_robot
 from robot_health_monitor.rosbridge.server.access import Access
 
 HERE = Path(__file__).parent
-ACCESS = Access(publish=("/in",), services=("/robot/reset",), offer=("/offered",))
+ACCESS = Access(publish=("/in",), services=("/robot/reset", "/offered"), offer=("/offered",))
 
 
 async def run_beside(robot: Robot, command: List[str]) -> Dict[str, Any]:
@@ -76,7 +76,7 @@ def test_roslibpy_works_unchanged() -> None:
         assert seen["details"] == ["data"]
         assert "secs" in seen["time"]
         assert seen["reset"] == {"success": True, "message": "done"}
-        assert "may not be called" in seen["refused"]
+        assert "may not call" in seen["refused"]
         assert seen["echo"] == 3.5
         assert seen["offered"] == {"success": True, "message": "from roslibpy"}
         assert (seen["parameters"], seen["rate"]) == (["/rosbridge:rate"], 2.5)
@@ -98,7 +98,7 @@ def test_roslibjs_works_unchanged(roslibjs: List[str]) -> None:
         levels = seen["levels"]
         assert 100.0 > levels["none"] > levels["png"] > levels["cbor"] > 0.0
         assert seen["reset"] == {"success": True, "message": "done"}
-        assert "may not be called" in str(seen["refused"])
+        assert "may not call" in str(seen["refused"])
         assert seen["echo"] == 3.5
         assert seen["rate"] == 2.5
 

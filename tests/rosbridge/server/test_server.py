@@ -231,7 +231,7 @@ class TestPublishingAndServices:
 
     @staticmethod
     @with_robot(OPEN)
-    async def test_an_answer_comes_as_picture_or_in_fragments_when_asked_for(robot: Robot) -> None:
+    async def test_a_response_is_sent_as_png_or_in_fragments_on_request(robot: Robot) -> None:
         async with robot.peer() as peer:
             await peer.send("call_service", service="/rosapi/topics", compression="png")
             assert (await peer.receive())["op"] == "png"
