@@ -1,23 +1,27 @@
-"""Clients that nobody wants: the server goes on, and a client that behaves loses nothing."""
+"""Hostile and faulty clients: the server keeps working, and a well-behaved client loses nothing."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import os
 import socket as sockets
-from typing import AsyncIterator, List
+import threading
+import weakref
+from typing import Any, AsyncIterator, Dict, List
 
 import aiohttp
 import pytest
 from harness.rosbridge_peer import Peer, Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
+from robot_health_monitor.rosbridge.server.access import Access
 
 
 @contextlib.asynccontextmanager
 async def well_behaved(robot: Robot) -> AsyncIterator[List[float]]:
-    """A client that reads all the while, beside whatever else happens; checks at the end that it lost nothing."""
+    """A client that reads throughout; checks at the end that it lost nothing."""
     sent: List[float] = []
     received: List[float] = []
 
@@ -212,3 +216,252 @@ async def test_what_one_client_may_ask_for_is_bounded(robot: Robot) -> None:
             await peer.send("subscribe", topic="/battery_level", id=number)
         assert (await peer.receive())["msg"] == "subscribe: more than 3 subscriptions"
         await peer.settle()
+
+
+# Expensive messages and subscriptions
+
+BOMB = b"\xa1\x61a" + b"\xd8\x1c\x82" * 40 + b"\x80" + b"\xd8\x1d\x17" * 40
+"""CBOR with shared references (tags 28 and 29): each level doubles the list below."""
+
+
+@pytest.mark.parametrize("token", ["", "s3cret"])
+def test_a_cbor_bomb_is_refused_without_work(token: str) -> None:
+    @with_robot(Access(token=token))
+    async def scenario(robot: Robot) -> None:
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        async with robot.peer(headers=headers) as authenticated, robot.peer() as attacker:
+            await authenticated.send("set_level", level="error")
+            await authenticated.socket.send_bytes(BOMB)
+            assert (await authenticated.receive())["msg"] == "CBOR tag 28 is not supported"
+            await attacker.socket.send_bytes(BOMB)
+            if token:
+                assert await attacker.closed() == 1008
+            else:
+                await attacker.settle()
+
+    scenario()
+
+
+@with_robot()
+async def test_one_bad_message_does_not_end_its_connection(robot: Robot) -> None:
+    async with well_behaved(robot), robot.peer() as peer:
+        for text in (
+            r'{"op": "subscribe", "topic": "/battery_level", "id": "\ud800"}',
+            r'{"op": "subscribe", "topic": "\udfff"}',
+            '{"op": "call_service", "service": "/rosapi/get_time", "id": ' + "9" * 5000 + "}",
+            '{"op": "publish", "topic": "/in", "msg": {"data": ' + "9" * 5000 + "}}",
+            '{"op": "subscribe", "topic": "/battery_level", "throttle_rate": 1e400}',
+            "[" * 100_000,
+            "\0",
+        ):
+            await peer.socket.send_str(text)
+        await peer.settle()
+
+
+IMAGE = {"height": 480, "width": 640, "encoding": "rgb8", "step": 1920, "data": "A" * 1_228_800}
+"""sensor_msgs/Image as rosbridge has it: 640 * 480 * 3 bytes in base64."""
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": "png"},
+        {"fragment_size": 256},
+        {"compression": "png", "fragment_size": 256},
+        {"throttle_rate": 1000, "queue_length": 10_000},
+        {"compression": "cbor"},
+    ],
+    ids=str,
+)
+def test_an_expensive_subscription_is_bounded_and_disturbs_no_other_client(options: Any) -> None:
+    limits = Limits(queue_bytes=3_000_000, encoding_bytes=3_000_000)
+
+    @with_robot(limits=limits, slow_client_timeout_s=60.0)
+    async def scenario(robot: Robot) -> None:
+        robot.node.advertise("/image", "sensor_msgs/Image")
+        async with robot.peer(max_msg_size=0) as reader, robot.peer() as other:
+            await reader.subscribe("/image", type="sensor_msgs/Image", **options)
+            (session,) = [one for one in robot.server._sessions if one._subscriptions]
+            (topic,) = [one.topic for one in robot.server._parts.topics._topics.values()]
+            for _ in range(30):
+                robot.node.publish("/image", IMAGE)
+                waiting = sum(queue.waiting_bytes for queue in topic._queues.values())
+                assert waiting <= limits.encoding_bytes
+                assert session.throttled.used <= limits.queue_bytes
+                assert session.queue.waiting_bytes <= limits.queue_bytes + 2_500_000
+                await other.settle()
+            assert (await reader.receive())["op"] in ("publish", "png", "fragment")
+        await robot.until(lambda: robot.server.clients == 0)
+        await robot.until(lambda: not robot.server._parts.topics._topics)
+        assert (session.throttled.used, session.queue.waiting_bytes) == (0, 0)
+        await robot.until(lambda: robot.server._parts.encoder.pending == 0)
+        message = weakref.ref(topic)
+        del topic, session
+        gc.collect()
+        assert message() is None
+
+    scenario()
+
+
+@with_robot()
+async def test_large_messages_are_encoded_and_decoded_outside_the_loop(robot: Robot) -> None:
+    threads: Dict[str, str] = {}
+    for pool in (robot.server._parts.encoder, robot.server._parts.decoder):
+
+        def work(pool: Any = pool, run: Any = pool.submit) -> None:
+            def submit(function: Any, *arguments: Any) -> Any:
+                def called(*called_with: Any) -> Any:
+                    threads[pool._name] = threading.current_thread().name
+                    return function(*called_with)
+
+                return run(called, *arguments)
+
+            pool.submit = submit
+
+        work()
+    robot.node.advertise("/image", "sensor_msgs/Image")
+    async with robot.peer(max_msg_size=0) as peer:
+        await peer.subscribe("/image")
+        assert threads == {}
+        robot.node.publish("/image", IMAGE)
+        assert (await peer.receive())["msg"]["width"] == 640
+        await peer.send("publish", topic="/image", msg={"data": "x" * 500_000})
+        await peer.settle()
+    assert threads == {"rosbridge-encode": "rosbridge-encode", "rosbridge-decode": "rosbridge-decode"}
+
+
+@with_robot(limits=Limits(sent_bytes=1_000_000))
+async def test_a_message_above_the_limit_is_not_sent_and_logged(robot: Robot) -> None:
+    robot.node.advertise("/image", "sensor_msgs/Image")
+    async with robot.peer(max_msg_size=0) as peer:
+        await peer.subscribe("/image")
+        robot.node.publish("/image", IMAGE)
+        robot.node.publish("/image", {"width": 1})
+        assert (await peer.receive())["msg"] == {"width": 1}
+    (line,) = robot.log
+    assert line.startswith("rosbridge: /image: message of 12") and line.endswith("bytes dropped (limit 1000000)")
+    assert robot.server.dropped == 1
+
+
+# Many connections
+
+
+@with_robot(max_clients=40, auth_timeout_s=60.0)
+async def test_idle_connections_lock_nobody_out_and_are_reported_once(robot: Robot) -> None:
+    loop = asyncio.get_event_loop()
+    async with well_behaved(robot):
+        idle = [await loop.run_in_executor(None, raw_socket, robot) for _ in range(200)]
+        async with robot.peer() as peer:
+            await peer.settle()
+            assert len(robot.server._connections) <= 40
+    assert robot.log == ["rosbridge: 40 connections are open: new ones replace those that have presented nothing"]
+    for connection in idle:
+        connection.close()
+
+
+@with_robot(Access(token="s3cret"), max_clients=20, auth_timeout_s=60.0)
+async def test_websockets_without_a_token_lock_nobody_out(robot: Robot) -> None:
+    loop = asyncio.get_event_loop()
+    idle = []
+    for _ in range(60):
+        connection = await loop.run_in_executor(None, raw_socket, robot)
+        connection.sendall(HANDSHAKE)
+        idle.append(connection)
+    async with robot.peer(headers={"Authorization": "Bearer s3cret"}) as peer:
+        await peer.settle()
+    assert robot.server.clients <= 1
+    for connection in idle:
+        connection.close()
+
+
+@with_robot(Access(token="s3cret"), auth_timeout_s=0.3)
+async def test_a_connection_that_presents_nothing_is_closed(robot: Robot) -> None:
+    loop = asyncio.get_event_loop()
+    idle = []
+    for opening in (b"", b"GET / HTTP/1.1\r\n", HANDSHAKE):
+        connection = await loop.run_in_executor(None, raw_socket, robot)
+        connection.settimeout(20.0)
+        connection.sendall(opening)
+        idle.append(connection)
+    for connection in idle:
+        await loop.run_in_executor(None, read_to_the_end, connection)
+        connection.close()
+    assert robot.server.clients == 0
+
+
+def read_to_the_end(connection: sockets.socket) -> bytes:
+    data = b""
+    with contextlib.suppress(ConnectionError):
+        while True:
+            piece = connection.recv(4096)
+            if not piece:
+                break
+            data += piece
+    return data
+
+
+@pytest.mark.parametrize(
+    "request_text",
+    [
+        b"\x16\x03\x01\x02\x00\x01\x00\x01",  # a TLS handshake
+        b"GARBAGE\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nContent-Length: x\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer \xff\r\n\r\n",
+        b"GET /?token=%ff%ed%a0%80 HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: \x1b[31mforged\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nOrigin: http://\xff[\r\n\r\n",
+        b"GET / HTTP/1.1\r\n" + b"X: " + b"x" * 100_000 + b"\r\n\r\n",
+        HANDSHAKE.replace(b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", b"Sec-WebSocket-Key: x"),
+        HANDSHAKE[:-2] + b"Sec-WebSocket-Protocol: \x1b[31mforged\r\n\r\n",
+    ],
+)
+def test_a_bad_request_is_refused_with_a_limited_number_of_lines(
+    request_text: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    @with_robot(Access(token="s3cret"), auth_timeout_s=0.2)
+    async def scenario(robot: Robot) -> None:
+        loop = asyncio.get_event_loop()
+        for _ in range(30):
+            connection = await loop.run_in_executor(None, raw_socket, robot)
+            connection.sendall(request_text)
+            connection.shutdown(sockets.SHUT_WR)
+            connection.settimeout(20.0)
+            await loop.run_in_executor(None, read_to_the_end, connection)
+            connection.close()
+        assert len(robot.log) <= 10
+        assert all(line.isprintable() for line in robot.log)
+        async with robot.peer(headers={"Authorization": "Bearer s3cret"}) as peer:
+            await peer.settle()
+
+    scenario()
+    assert [record.getMessage() for record in caplog.records if record.levelno >= 30] == []
+
+
+def test_closing_ends_although_a_client_reconnects_at_once() -> None:
+    async def scenario() -> None:
+        robot = Robot(None, {})
+        await robot.server.start()
+        connected = asyncio.Event()
+
+        async def reconnect() -> None:
+            async with aiohttp.ClientSession() as session:
+                while True:
+                    with contextlib.suppress(aiohttp.ClientError, OSError):
+                        async with session.ws_connect(robot.url) as socket:
+                            connected.set()
+                            await socket.receive()
+                    await asyncio.sleep(0)
+
+        clients = [asyncio.ensure_future(reconnect()) for _ in range(5)]
+        await connected.wait()
+        await asyncio.wait_for(robot.server.close(), 20.0)
+        await asyncio.wait_for(robot.server.close(), 20.0)
+        with pytest.raises(aiohttp.ClientConnectorError):
+            async with robot.peer():
+                pass
+        for client in clients:
+            client.cancel()
+        await asyncio.gather(*clients, return_exceptions=True)
+
+    asyncio.run(scenario())
