@@ -1,0 +1,1 @@
+"""Recordings as one more implementation of the port: time and messages come from files."""

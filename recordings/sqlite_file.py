@@ -1,0 +1,120 @@
+"""rosbag2's sqlite3 files (`.db3`), every schema version, read with Python's own sqlite3."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from pathlib import Path
+from typing import Callable, Collection, Dict, Iterator, List, Optional, Tuple
+
+from .recording import Channel, RawMessage, RecordingError, canonical_type
+
+_FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
+_MAGIC = b"SQLite format 3\0"
+
+
+class SqliteFile:
+    """A `.db3` file; implements `recording.RecordedFile`."""
+
+    def __init__(self, path: str, unpack: Optional[Callable[[bytes], bytes]] = None, name: str = "") -> None:
+        """Reads topics, definitions and time span.
+
+        Args:
+            path: the file.
+            unpack: unpacks each message, for recordings that are compressed per message.
+            name: path to show to people, if it differs.
+
+        Raises:
+            RecordingError: it cannot be opened or is not a recording of rosbag2.
+        """
+        self.name = name or path
+        self.problem = ""
+        self._path = path
+        self._unpack = unpack
+        self._channels: Dict[int, Channel] = {}
+        self.span_ns: Optional[Tuple[int, int]] = None
+        try:
+            with open(path, "rb") as file:
+                if file.read(len(_MAGIC)) != _MAGIC:
+                    raise RecordingError(f"{self.name}: expected an SQLite file")
+            database = self._open()
+        except OSError as error:
+            raise RecordingError(f"{self.name}: cannot be read: {error.strerror or error}") from None
+        try:
+            self._channels = _read_channels(database)
+            try:
+                first, last = database.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
+                self.span_ns = None if first is None else (int(first), int(last))
+            except (sqlite3.Error, TypeError, ValueError):
+                self._scan(database)
+        except sqlite3.Error as error:
+            raise RecordingError(f"{self.name}: cannot be read as a recording of rosbag2: {error}") from None
+        finally:
+            database.close()
+
+    @property
+    def channels(self) -> List[Channel]:
+        """The channels, each once, in the order of the file."""
+        return list(dict.fromkeys(self._channels.values()))
+
+    def messages(self, channels: Collection[Channel]) -> Iterator[RawMessage]:
+        """Yields the messages of `channels`; see `recording.RecordedFile`."""
+        wanted = set(channels)
+        numbers = [number for number, channel in self._channels.items() if channel in wanted]
+        places = ",".join("?" * len(numbers))
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp, id"
+        database = self._open()
+        try:
+            for number, time_ns, data in database.execute(query, numbers):
+                if not isinstance(time_ns, int) or not isinstance(data, bytes):
+                    self.problem = f"{self.name}: a row without a time or data was left out"
+                    continue
+                if self._unpack is not None:
+                    data = self._unpack(data)
+                yield RawMessage(time_ns, self._channels[number], data)
+        except (sqlite3.Error, ValueError) as error:
+            self.problem = f"{self.name}: damaged ({error}): read up to there"
+        finally:
+            database.close()
+
+    def _open(self) -> sqlite3.Connection:
+        # A recording is never written here. `immutable` reads it where no journal can be written; a journal that a
+        # crashed recorder left behind must be applied, which needs the ordinary mode.
+        mode = "mode=ro" if _has_journal(self._path) else "mode=ro&immutable=1"
+        try:
+            return sqlite3.connect(f"{Path(os.path.abspath(self._path)).as_uri()}?{mode}", uri=True)
+        except sqlite3.Error as error:
+            raise RecordingError(f"{self.name}: cannot be opened: {error}") from None
+
+    def _scan(self, database: sqlite3.Connection) -> None:
+        """Finds the time span of a file that is damaged, as far as it can be read."""
+        times: List[int] = []
+        try:
+            for (time_ns,) in database.execute("SELECT timestamp FROM messages"):
+                if isinstance(time_ns, int):
+                    times = [min(times[0], time_ns), max(times[1], time_ns)] if times else [time_ns, time_ns]
+        except sqlite3.Error as error:
+            self.problem = f"{self.name}: damaged ({error}): read as far as possible"
+        self.span_ns = (times[0], times[1]) if times else None
+
+
+def _has_journal(path: str) -> bool:
+    return any(os.path.exists(path + ending) for ending in ("-wal", "-journal"))
+
+
+def _read_channels(database: sqlite3.Connection) -> Dict[int, Channel]:
+    definitions: Dict[str, Tuple[str, str]] = {}
+    if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        for type_name, encoding, text in database.execute(query):
+            if encoding in _FORMATS and text:
+                definitions[str(type_name)] = str(text), _FORMATS[encoding]
+    channels: Dict[int, Channel] = {}
+    for number, topic, type_name, encoding in database.execute(
+        "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+    ):
+        if encoding == "cdr":
+            definition, definition_format = definitions.get(str(type_name), ("", ""))
+            name = "/" + str(topic).strip("/")
+            channels[number] = Channel(name, canonical_type(str(type_name)), "cdr", definition, definition_format)
+    return channels
