@@ -7,7 +7,6 @@ the bytes directly: that is most of what a monitor watches, and ten times as fas
 from __future__ import annotations
 
 import functools
-import math
 import struct
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
@@ -210,5 +209,3 @@ def _type_name(native_class: Any) -> str:
 def _plain(value: Any) -> Any:
     """Returns arrays of numpy as plain lists."""
     return value.tolist() if hasattr(value, "tolist") else value
-
-

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import os
 import struct
-from typing import BinaryIO, Collection, Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import BinaryIO, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel as McapChannel
 from mcap.records import Schema
 
-from .recording import Channel, Entry, RawMessage, RecordingError, canonical_type, in_time_order
+from .recording import Channel, Entry, RawMessage, RecordingError, Target, canonical_type, in_time_order
 
 _MAGIC = b"\x89MCAP0\r\n"
 _ENCODINGS = ("ros1", "cdr")
@@ -76,12 +76,11 @@ class McapFile:
         """The channels, each once, in the order of the file."""
         return list(dict.fromkeys(self._channels.values()))
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[RawMessage]:
-        """Yields the messages of `channels`; see `recording.RecordedFile`."""
-        wanted = set(channels)
-        numbers = {number for number, channel in self._channels.items() if channel in wanted}
-        for time_ns, number, data in in_time_order(self._chunks(numbers)):
-            yield RawMessage(time_ns, self._channels[number], data)
+    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
+        """Yields the messages of some channels; see `recording.RecordedFile`."""
+        wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
+        for time_ns, number, data in in_time_order(self._chunks(wanted)):
+            yield time_ns, wanted[number], data
 
     def _read_summary(self, file: BinaryIO) -> bool:
         """Reads channels, time span and the places of the chunks; returns False if they are missing or damaged."""

@@ -6,7 +6,7 @@ early or is damaged is read as far as possible; `problem` then says how far.
 
 from __future__ import annotations
 
-from typing import Collection, Iterable, Iterator, List, NamedTuple, Optional, Protocol, Sequence, Tuple
+from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
 
 class RecordingError(Exception):
@@ -28,14 +28,11 @@ class Channel(NamedTuple):
     """`msg` or `idl`; empty if the file has no definition."""
 
 
-class RawMessage(NamedTuple):
-    """One message as it was recorded."""
+Target = TypeVar("Target")
+"""What the reader of a recording wants to get with each message of a channel."""
 
-    log_time_ns: int
-    """When it was recorded, in nanoseconds since 1970."""
-    channel: Channel
-    data: bytes
-    """Serialized in the channel's encoding."""
+RawMessage = Tuple[int, Target, bytes]
+"""Log time in nanoseconds since 1970, the channel's target, the message as it was serialized."""
 
 
 class RecordedFile(Protocol):
@@ -57,8 +54,12 @@ class RecordedFile(Protocol):
     def problem(self) -> str:
         """One line that says what could not be read, empty if there was nothing so far."""
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[RawMessage]:
-        """Yields the messages of `channels` in the order of their log times, as far as the file can be read."""
+    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
+        """Yields the messages of some channels in the order of their log times, as far as the file can be read.
+
+        Args:
+            targets: the channels, each with what to yield with its messages.
+        """
 
 
 Entry = Tuple[int, int, bytes]

@@ -10,9 +10,9 @@ from __future__ import annotations
 import bz2
 import os
 import struct
-from typing import BinaryIO, Collection, Dict, Iterator, List, Optional, Tuple
+from typing import BinaryIO, Collection, Dict, Iterator, List, Mapping, Optional, Tuple
 
-from .recording import Channel, Entry, RawMessage, RecordingError, canonical_type, in_time_order
+from .recording import Channel, Entry, RawMessage, RecordingError, Target, canonical_type, in_time_order
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
@@ -60,12 +60,11 @@ class Ros1Bag:
         """The channels, each once, in the order of the file."""
         return list(dict.fromkeys(self._channels.values()))
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[RawMessage]:
-        """Yields the messages of `channels`; see `recording.RecordedFile`."""
-        wanted = set(channels)
-        numbers = {number for number, channel in self._channels.items() if channel in wanted}
-        for time_ns, number, data in in_time_order(self._chunks(numbers)):
-            yield RawMessage(time_ns, self._channels[number], data)
+    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
+        """Yields the messages of some channels; see `recording.RecordedFile`."""
+        wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
+        for time_ns, number, data in in_time_order(self._chunks(wanted)):
+            yield time_ns, wanted[number], data
 
     def _read_index(self, file: BinaryIO) -> bool:
         """Reads connections and time span from the index at the end; returns False if it is missing or damaged."""

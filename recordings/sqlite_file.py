@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import sqlite3
 from pathlib import Path
-from typing import Callable, Collection, Dict, Iterator, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
-from .recording import Channel, RawMessage, RecordingError, canonical_type
+from .recording import Channel, RawMessage, RecordingError, Target, canonical_type
 
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _MAGIC = b"SQLite format 3\0"
@@ -57,21 +57,20 @@ class SqliteFile:
         """The channels, each once, in the order of the file."""
         return list(dict.fromkeys(self._channels.values()))
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[RawMessage]:
-        """Yields the messages of `channels`; see `recording.RecordedFile`."""
-        wanted = set(channels)
-        numbers = [number for number, channel in self._channels.items() if channel in wanted]
-        places = ",".join("?" * len(numbers))
+    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
+        """Yields the messages of some channels; see `recording.RecordedFile`."""
+        wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
+        places = ",".join("?" * len(wanted))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp, id"
         database = self._open()
         try:
-            for number, time_ns, data in database.execute(query, numbers):
+            for number, time_ns, data in database.execute(query, list(wanted)):
                 if not isinstance(time_ns, int) or not isinstance(data, bytes):
                     self.problem = f"{self.name}: a row without a time or data was left out"
                     continue
                 if self._unpack is not None:
                     data = self._unpack(data)
-                yield RawMessage(time_ns, self._channels[number], data)
+                yield time_ns, wanted[number], data
         except (sqlite3.Error, ValueError) as error:
             self.problem = f"{self.name}: damaged ({error}): read up to there"
         finally:
