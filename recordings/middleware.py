@@ -46,6 +46,7 @@ class _Reader:
 
     def __init__(self, channel: Channel, field: Optional[str]) -> None:
         self.get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
+        self.topic = channel.topic
         self.subscriptions: List[Subscription] = []
 
 
@@ -175,20 +176,16 @@ class Player:
             on_progress: called now and then with the fraction that has been played, 0 to 1.
         """
         if self._use_sim_time:
-            for channel in self._channels[CLOCK]:
-                reader = self._readers.setdefault(channel, {}).setdefault(CLOCK_FIELD, _Reader(channel, CLOCK_FIELD))
-                reader.subscriptions.insert(0, Subscription(CLOCK, CLOCK_FIELD, self._take_clock))
-        bus, start_ns, end_ns = self.bus, self._start_ns, self._end_ns
-        readers = {channel: tuple(of_field.values()) for channel, of_field in self._readers.items()}
+            self._follow_clock()
+        report = on_progress or _ignore
         follows_log_time = not self._use_sim_time
-        last_ns = start_ns
+        start_ns, end_ns = self._start_ns, self._end_ns
         step_ns = max(1, (end_ns - start_ns) // 1000)
-        progress_ns = start_ns
-        for time_ns, channel, data in self._recordings.messages(readers):
-            if time_ns < start_ns:
+        last_ns = progress_ns = start_ns
+        readers = {channel: tuple(of_field.values()) for channel, of_field in self._readers.items()}
+        for time_ns, of_channel, data in self._recordings.messages(readers):
+            if not start_ns <= time_ns <= end_ns:
                 continue
-            if time_ns > end_ns:
-                break
             if time_ns < last_ns:
                 self.late += 1
             else:
@@ -196,25 +193,35 @@ class Player:
                 self.wall_s = time_ns / 1e9
                 if follows_log_time:
                     self._advance(self.wall_s)
-                if on_progress is not None and time_ns >= progress_ns:
+                if time_ns >= progress_ns:
                     progress_ns = time_ns + step_ns
-                    on_progress((time_ns - start_ns) / max(1, end_ns - start_ns))
-            for reader in readers[channel]:
-                try:
-                    value = reader.get(data)
-                except ValueError:
-                    self.undecodable[channel.topic] = self.undecodable.get(channel.topic, 0) + 1
-                    continue
-                if value is ABSENT:
-                    continue
-                for subscription in reader.subscriptions:
-                    if subscription.active and not (self.waiting_for_clock and subscription.topic != CLOCK):
-                        subscription.callback(value, bus.now_s)
+                    report((time_ns - start_ns) / max(1, end_ns - start_ns))
+            for reader in of_channel:
+                self._deliver(reader, data)
+        self.wall_s = max(self.wall_s, end_ns / 1e9)
         if follows_log_time:
-            self.wall_s = end_ns / 1e9
             self._advance(self.wall_s)
-        if on_progress is not None:
-            on_progress(1.0)
+        report(1.0)
+
+    def _deliver(self, reader: _Reader, data: bytes) -> None:
+        try:
+            value = reader.get(data)
+        except ValueError:
+            self.undecodable[reader.topic] = self.undecodable.get(reader.topic, 0) + 1
+            return
+        if value is ABSENT or (self.waiting_for_clock and reader.topic != CLOCK):
+            return
+        now_s = self.bus.now_s
+        for subscription in reader.subscriptions:
+            if subscription.active:
+                subscription.callback(value, now_s)
+
+    def _follow_clock(self) -> None:
+        for channel in self._channels[CLOCK]:
+            readers = self._readers.setdefault(channel, {})
+            if CLOCK_FIELD not in readers:
+                readers[CLOCK_FIELD] = _Reader(channel, CLOCK_FIELD)
+            readers[CLOCK_FIELD].subscriptions.insert(0, Subscription(CLOCK, CLOCK_FIELD, self._take_clock))
 
     def _advance(self, now_s: float) -> None:
         """Runs the timers that are due before `now_s`; those due at that instant come after its samples."""
@@ -244,3 +251,7 @@ class Player:
 
 def _arrival(data: bytes) -> float:
     return 1.0
+
+
+def _ignore(fraction: float) -> None:
+    """Does nothing with a progress."""

@@ -7,9 +7,9 @@ import os
 import re
 import shutil
 import tempfile
-from typing import Any, Callable, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from .recording import Channel, RawMessage, RecordedFile, RecordingError
+from .recording import Channel, RawMessage, RecordedFile, RecordingError, Target
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
@@ -72,11 +72,14 @@ class Recordings:
         """One line for each thing that could not be read until now."""
         return list(dict.fromkeys(self._notes + [file.problem for file in self._files if file.problem]))
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[RawMessage]:
-        """Yields the messages of `channels` in the order of their log times."""
-        wanted = set(channels)
-        streams = [file.messages(wanted) for file in self._files if wanted.intersection(file.channels)]
-        return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda message: message.log_time_ns)
+    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
+        """Yields the messages of some channels in the order of their log times.
+
+        Args:
+            targets: the channels, each with what to yield with its messages.
+        """
+        streams = [file.messages(targets) for file in self._files if any(key in targets for key in file.channels)]
+        return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=_log_time)
 
     def _open(self, path: str) -> List[RecordedFile]:
         if os.path.isdir(path):
@@ -169,6 +172,10 @@ def _message_unpacker() -> Callable[[bytes], bytes]:
             raise ValueError(f"a message cannot be unpacked: {error}") from None
 
     return unpack
+
+
+def _log_time(message: RawMessage[Any]) -> int:
+    return message[0]
 
 
 def _natural(name: str) -> List[Tuple[int, str]]:
