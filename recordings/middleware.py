@@ -12,77 +12,85 @@ from typing import Any, Callable, Dict, List, Mapping, Optional
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
+from robot_health_monitor.core.local import LogLine
+from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
+from robot_health_monitor.core.middleware import Message, Severity
 
 from .decoding import types_of
 from .reading import Recordings
 from .recording import Channel, canonical_type
 
-CLOCK = "/clock"
-CLOCK_FIELD = "clock"
-
 Callback = Callable[[Any, float], None]
 
 
 class Subscription:
-    """A node's subscription to a recorded topic."""
+    """A node's subscription to a recorded topic; implements `core.middleware.Subscription`."""
 
-    def __init__(self, topic: str, field: Optional[str], callback: Callback) -> None:
-        """Stores what is delivered to whom.
-
-        Args:
-            topic: the absolute name.
-            field: path of the field to read; None: arrivals only.
-            callback: called with value and time.
-        """
+    def __init__(self, node: RecordedMiddleware, topic: str, callback: Callback) -> None:
+        """Stores what is delivered to whom."""
         self.topic = topic
-        self.field = field
+        self.node = node
         self.callback = callback
         self.active = True
+
+    def deliver(self, value: Any) -> None:
+        """Passes a value to the node, unless the subscription has ended."""
+        if self.active:
+            self.node.call_back(self, value)
+
+
+class _ClockSubscription(Subscription):
+    """Passes simulated time to a node, which waits for it before anything else."""
+
+    def deliver(self, value: Any) -> None:
+        self.node.take_clock(value)
 
 
 class _Reader:
     """One field of one channel: read once per message, delivered to every subscription."""
 
     def __init__(self, channel: Channel, field: Optional[str]) -> None:
-        self.get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
         self.topic = channel.topic
+        self.get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
         self.subscriptions: List[Subscription] = []
 
 
-class RecordedMiddleware(LocalMiddleware):
+class RecordedMiddleware(MappingNode):
     """One node that receives recorded messages; implements `core.middleware.Middleware`.
 
-    Topics that it publishes on and services that it offers stay in this process.
+    What it publishes has no listeners, and its services have no callers.
     """
 
-    def __init__(self, player: Player, name: str, parameters: Mapping[str, Any]) -> None:
+    def __init__(self, player: Player, name: str, parameters: Mapping[str, Any], use_sim_time: bool) -> None:
         """Use `Player.node`."""
-        super().__init__(player.bus, name, parameters, {})
+        super().__init__(name, parameters, {}, clock=lambda: player.wall_s, use_sim_time=use_sim_time)
         self._player = player
 
-    def waiting_for_clock(self) -> bool:
-        """Returns True under simulated time before the first message on /clock."""
-        return self._player.waiting_for_clock
+    def advertise(self, topic: str, type_name: str) -> None:
+        self._advertised[self.resolve(topic)] = type_name
 
-    def subscribe(  # type: ignore[override]  # its own kind of subscription
-        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = ""
-    ) -> Subscription:
-        """Receives a recorded topic; see `core.middleware.Middleware.subscribe`.
+    def publish(self, topic: str, message: Message) -> None:
+        self.require_advertised(topic)
 
-        A topic that is not recorded delivers nothing.
+    def has_listeners(self, topic: str) -> bool:
+        self.require_advertised(topic)
+        return False
 
-        Raises:
-            ConfigError: the recorded type is another one, has no such field, or has no definition.
-        """
-        return self._player.subscribe(self._resolve(topic), type_name, field, callback)
+    def subscribe(self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "") -> Subscription:
+        return self._player.subscribe(Subscription(self, self.resolve(topic), callback), type_name, field)
 
     def unsubscribe(self, subscription: Any) -> None:
-        """Ends a subscription."""
-        if isinstance(subscription, Subscription):
-            subscription.active = False
-        else:
-            super().unsubscribe(subscription)
+        subscription.active = False
+
+    def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        """Does nothing: a recording calls no services."""
+
+    def log(self, severity: Severity, text: str) -> None:
+        self._player.on_log(LogLine(self.now_s(), self.name, severity, text))
+
+    def close(self) -> None:
+        self.closed = True
+        self.cancel_timers()
 
 
 class Player:
@@ -117,16 +125,16 @@ class Player:
         self._start_ns = span[0] + round(from_s * 1e9)
         self._end_ns = min(span[1], span[0] + round(to_s * 1e9)) if to_s < math.inf else span[1]
         self._use_sim_time = use_sim_time
-        self.waiting_for_clock = use_sim_time
-        """Whether simulated time has not begun."""
         self.wall_s = self._start_ns / 1e9
         """Log time of the message that is being played, in seconds since 1970."""
         self.late = 0
         """How many messages came out of the order of their log times; they were delivered late."""
         self.undecodable: Dict[str, int] = {}
         """How many messages of a topic did not match its type."""
-        self.bus = LocalBus(0.0 if use_sim_time else self.wall_s, on_log)
-        """Virtual time and timers of the nodes."""
+        self.on_log: Callable[[LogLine], None] = on_log or _ignore
+        self._nodes: List[RecordedMiddleware] = []
+        self._due_s = -math.inf
+        """When the next timer of a node is due."""
         self._channels: Dict[str, List[Channel]] = {}
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)
@@ -146,27 +154,27 @@ class Player:
             parameters: its configuration, nested as in the file under `ros__parameters`.
         """
         full_name = f"/{self._namespace}/{name}" if self._namespace else f"/{name}"
-        node = RecordedMiddleware(self, full_name, parameters)
-        self.bus.nodes.append(node)
+        node = RecordedMiddleware(self, full_name, parameters, self._use_sim_time)
+        self._nodes.append(node)
         return node
 
-    def subscribe(self, topic: str, type_name: str, field: Optional[str], callback: Callback) -> Subscription:
+    def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> Subscription:
         """Has a field of every message of a topic delivered; use `RecordedMiddleware.subscribe`.
 
+        A topic that is not recorded delivers nothing.
+
         Raises:
-            ConfigError: as there.
+            ConfigError: the recorded type is another one, has no such field, or has no definition.
         """
-        channels = self._channels.get(topic, [])
+        channels = self._channels.get(subscription.topic, [])
         wanted = canonical_type(type_name) if type_name else ""
         matching = [channel for channel in channels if wanted in ("", channel.type_name)]
         if channels and not matching:
-            raise ConfigError(f"{topic}: expected messages of type {wanted}, the recording has {channels[0].type_name}")
-        subscription = Subscription(topic, field, callback)
+            raise ConfigError(
+                f"{subscription.topic}: expected messages of type {wanted}, the recording has {channels[0].type_name}"
+            )
         for channel in matching:
-            readers = self._readers.setdefault(channel, {})
-            if field not in readers:
-                readers[field] = _Reader(channel, field)
-            readers[field].subscriptions.append(subscription)
+            self._reader(channel, field).subscriptions.append(subscription)
         return subscription
 
     def play(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
@@ -178,7 +186,6 @@ class Player:
         if self._use_sim_time:
             self._follow_clock()
         report = on_progress or _ignore
-        follows_log_time = not self._use_sim_time
         start_ns, end_ns = self._start_ns, self._end_ns
         step_ns = max(1, (end_ns - start_ns) // 1000)
         last_ns = progress_ns = start_ns
@@ -190,17 +197,13 @@ class Player:
                 self.late += 1
             else:
                 last_ns = time_ns
-                self.wall_s = time_ns / 1e9
-                if follows_log_time:
-                    self._advance(self.wall_s)
+                self._advance(time_ns / 1e9)
                 if time_ns >= progress_ns:
                     progress_ns = time_ns + step_ns
                     report((time_ns - start_ns) / max(1, end_ns - start_ns))
             for reader in of_channel:
                 self._deliver(reader, data)
-        self.wall_s = max(self.wall_s, end_ns / 1e9)
-        if follows_log_time:
-            self._advance(self.wall_s)
+        self._advance(max(self.wall_s, end_ns / 1e9))
         report(1.0)
 
     def _deliver(self, reader: _Reader, data: bytes) -> None:
@@ -209,49 +212,39 @@ class Player:
         except ValueError:
             self.undecodable[reader.topic] = self.undecodable.get(reader.topic, 0) + 1
             return
-        if value is ABSENT or (self.waiting_for_clock and reader.topic != CLOCK):
+        if value is ABSENT:
             return
-        now_s = self.bus.now_s
         for subscription in reader.subscriptions:
-            if subscription.active:
-                subscription.callback(value, now_s)
+            subscription.deliver(value)
+
+    def _reader(self, channel: Channel, field: Optional[str]) -> _Reader:
+        readers = self._readers.setdefault(channel, {})
+        if field not in readers:
+            readers[field] = _Reader(channel, field)
+        return readers[field]
 
     def _follow_clock(self) -> None:
         for channel in self._channels[CLOCK]:
-            readers = self._readers.setdefault(channel, {})
-            if CLOCK_FIELD not in readers:
-                readers[CLOCK_FIELD] = _Reader(channel, CLOCK_FIELD)
-            readers[CLOCK_FIELD].subscriptions.insert(0, Subscription(CLOCK, CLOCK_FIELD, self._take_clock))
+            reader = self._reader(channel, "")
+            reader.subscriptions[:0] = [_ClockSubscription(node, CLOCK, _ignore_value) for node in self._nodes]
 
     def _advance(self, now_s: float) -> None:
         """Runs the timers that are due before `now_s`; those due at that instant come after its samples."""
-        bus = self.bus
-        due_s = bus.next_due_s()
-        while due_s is not None and due_s < now_s:
-            bus.run_due(due_s)
-            due_s = bus.next_due_s()
-        bus.now_s = now_s
-
-    def _take_clock(self, stamp: Any, now_s: float) -> None:
-        seconds = getattr(stamp, "sec", None)
-        nanoseconds = getattr(stamp, "nanosec", None)
-        if isinstance(stamp, Mapping):
-            seconds, nanoseconds = stamp.get("sec"), stamp.get("nanosec")
-        if not isinstance(seconds, int) or not isinstance(nanoseconds, int):
-            return
-        time_s = seconds + nanoseconds / 1e9
-        if self.waiting_for_clock:
-            self.waiting_for_clock = False
-            self.bus.run_due(time_s)
-        elif time_s < self.bus.now_s:
-            self.bus.run_due(time_s)
-        else:
-            self._advance(time_s)
+        while self._due_s < now_s:
+            self.wall_s = max(self.wall_s, self._due_s)
+            for node in self._nodes:
+                node.run_steady_timers()
+            self._due_s = min((node.next_steady_s() or math.inf for node in self._nodes), default=math.inf)
+        self.wall_s = now_s
 
 
 def _arrival(data: bytes) -> float:
     return 1.0
 
 
-def _ignore(fraction: float) -> None:
-    """Does nothing with a progress."""
+def _ignore_value(value: Any, now_s: float) -> None:
+    """Is not called."""
+
+
+def _ignore(nothing: object) -> None:
+    """Does nothing with a line or a progress."""
