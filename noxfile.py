@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parent
 sys.path.append(str(ROOT / "tests"))
 
 from harness.interpreters import find_pythons  # noqa: E402  # found through the line above
-from harness.requirements import runtime_requirements, test_requirements  # noqa: E402
+from harness.requirements import recordings_requirements, runtime_requirements, test_requirements  # noqa: E402
 
 RESULTS = ROOT / ".venv" / "results"
 SESSION_TIMEOUT = "20m"
@@ -223,7 +223,7 @@ def require_ros1(session: nox.Session) -> None:
 def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:
     """Gives a session the variables of one ROS only, and installs what the tests need."""
     session.env.update({**dict.fromkeys(ROS_VARIABLES), **(ros or {})})
-    session.install(*runtime_requirements(), *test_requirements(), *requirements)
+    session.install(*runtime_requirements(), *recordings_requirements(), *test_requirements(), *requirements)
 
 
 def run_pytest(session: nox.Session, *tests: str) -> None:

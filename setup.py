@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from setuptools import setup
 
 NAME = "robot_health_monitor"
-FOLDERS = ["core", "ros1", "ros2", "rosbridge"]
+FOLDERS = ["core", "ros1", "ros2", "rosbridge", "recordings"]
 """Top-level folders that are packages below the root package; CMakeLists.txt has the same list."""
 
 
@@ -63,7 +63,10 @@ setup(
     data_files=data_files,
     options=options,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
-    extras_require={"test": ["hypothesis>=6.82", "numpy", "pyte", "pytest>=7.2", "trustme"]},
+    extras_require={
+        "recordings": ["lz4>=3.1", "mcap>=1.1", "rosbags>=0.9.23", "zstandard>=0.18"],
+        "test": ["hypothesis>=6.82", "numpy", "pyte", "pytest>=7.2", "trustme"],
+    },
     zip_safe=False,
     entry_points={
         "console_scripts": [

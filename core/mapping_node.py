@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import collections
 import threading
-from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
 
 from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
@@ -29,6 +29,13 @@ _MAX_WAITING = 1000
 
 _MAX_FIELDS_SHOWN = 20
 _MAX_TEXT = 200
+
+
+class Delivery(Protocol):
+    """The part of a subscription that `MappingNode.call_back` needs."""
+
+    active: bool
+    callback: Callable[[Any, float], None]
 
 
 class MappingSubscription:
@@ -122,7 +129,7 @@ class MappingNode(abc.ABC):
         self._sim_time_s: Optional[float] = 0.0 if use_sim_time else None
         self._steady_timers = ClockTimers()
         self._sim_timers = ClockTimers()
-        self._waiting: Deque[Tuple[MappingSubscription, Any]] = collections.deque(maxlen=_MAX_WAITING)
+        self._waiting: Deque[Tuple[Delivery, Any]] = collections.deque(maxlen=_MAX_WAITING)
 
     @abc.abstractmethod
     def log(self, severity: Severity, text: str) -> None:
@@ -253,7 +260,7 @@ class MappingNode(abc.ABC):
             except Exception as error:
                 self.log_failure(error)
 
-    def call_back(self, subscription: MappingSubscription, value: Any) -> None:
+    def call_back(self, subscription: Delivery, value: Any) -> None:
         """Passes a value to a subscription's callback, with the time; waits for /clock under `use_sim_time`."""
         with self._lock:
             if self._sim_time_s == 0.0:

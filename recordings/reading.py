@@ -167,7 +167,7 @@ def _message_unpacker() -> Callable[[bytes], bytes]:
 
     def unpack(data: bytes) -> bytes:
         try:
-            return decompressor.decompress(data, max_output_size=_LARGEST_MESSAGE)
+            return bytes(decompressor.decompress(data, max_output_size=_LARGEST_MESSAGE))
         except zstandard.ZstdError as error:
             raise ValueError(f"a message cannot be unpacked: {error}") from None
 

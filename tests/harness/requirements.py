@@ -21,6 +21,12 @@ def test_requirements() -> List[str]:
     return requirements
 
 
+def recordings_requirements() -> List[str]:
+    """Returns the packages that reading recordings needs in addition."""
+    requirements: List[str] = _setup_argument("extras_require")["recordings"]
+    return requirements
+
+
 def package_folders() -> List[str]:
     """Returns the top-level folders that are packages below the root package."""
     for node in ast.walk(_setup_file()):

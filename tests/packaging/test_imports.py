@@ -11,16 +11,19 @@ from xml.etree import ElementTree
 
 import pytest
 from harness.packaging_workspace import FOLDERS, NAME, ROOT, run
-from harness.requirements import runtime_requirements
+from harness.requirements import recordings_requirements, runtime_requirements
 
 ROS1 = {"genpy", "rosgraph", "roslib", "rospy", "rosservice"}
 ROS2 = {"ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "rosidl_runtime_py"}
 MESSAGES = {"diagnostic_msgs", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs"}
+RECORDINGS = {"lz4", "mcap", "rosbags", "zstandard"}
+"""The extra [recordings]: pip installs it, the ROS package does not depend on it."""
 ALLOWED = {
     "core": {"psutil", "yaml"},
     "ros1": ROS1 | MESSAGES,
     "ros2": ROS2 | MESSAGES,
     "rosbridge": {"aiohttp", "cbor2"},
+    "recordings": {"yaml"} | RECORDINGS,
     NAME: {"rich"},
 }
 """Packages that a folder may import, in addition to the standard library and this package."""
@@ -85,11 +88,14 @@ print(len(monitor.observe(Sample("battery_level", 19.0, 0.0))))
 def test_every_import_is_a_dependency_with_a_rosdep_key() -> None:
     keys = {element.text for element in ElementTree.parse(ROOT / "package.xml").getroot() if "depend" in element.tag}
     pip_names = {requirement.partition(">")[0] for requirement in runtime_requirements()}
+    extra = {requirement.partition(">")[0] for requirement in recordings_requirements()}
     for folder in [*FOLDERS, NAME]:
         for found in imports(folder):
             module = CARRIED.get(found.module, found.module)
             if module in ROS1 | ROS2 | MESSAGES:
                 assert module in keys, found
+            elif module in RECORDINGS:
+                assert module in extra, found
             else:
                 assert f"python3-{module}" in keys, found
                 assert PIP_NAMES.get(module, module) in pip_names, found
