@@ -1,0 +1,97 @@
+"""Service calls of clients, over real sockets in front of a local bus."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import Any, Dict, List
+
+import pytest
+from harness.rosbridge_peer import Robot, with_robot
+
+from robot_health_monitor.core.errors import LinkError, ServiceError
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.rosbridge.server.access import Access, monitor_access
+from robot_health_monitor.rosbridge.server.server import Server
+
+
+@with_robot(Access(offer=("/offered",)))
+async def test_calling_a_service_of_another_client_needs_permission(robot: Robot) -> None:
+    async with robot.peer() as provider, robot.peer() as caller:
+        await provider.send("advertise_service", service="/offered", type="std_srvs/Trigger")
+        await provider.settle()
+        response = await caller.call("/offered")
+        assert (response["result"], response["values"]) == (False, "clients may not call /offered")
+
+
+@with_robot(Access(offer=("*",), services=("*",)))
+async def test_a_client_cannot_replace_a_service_of_the_robot(robot: Robot) -> None:
+    robot.node.advertise_service("~reset", "std_srvs/Trigger", lambda request: {"success": True, "message": "robot"})
+    async with robot.peer() as peer:
+        await peer.send("set_level", level="error")
+        for service in ("/robot/reset", "/rosapi/topics"):
+            await peer.send("advertise_service", service=service, type="std_srvs/Trigger")
+        assert (await peer.receive())["msg"] == "advertise_service: /robot/reset exists already"
+        assert (await peer.call("/robot/reset"))["values"]["message"] == "robot"
+        assert "topics" in (await peer.call("/rosapi/topics"))["values"]
+
+
+@with_robot(monitor_access("/robot"))
+async def test_reset_of_the_monitor_is_open(robot: Robot) -> None:
+    robot.node.advertise_service("~reset", "std_srvs/Trigger", lambda request: {"success": True, "message": "done"})
+    async with robot.peer() as peer:
+        assert (await peer.call("/robot/reset"))["values"] == {"success": True, "message": "done"}
+        assert (await peer.call("/robot/reset#7"))["result"] is True
+        assert (await peer.call("/robot/shutdown"))["values"] == "clients may not call /robot/shutdown"
+
+
+@pytest.mark.parametrize("error", [ServiceError("jammed"), ValueError("jammed"), LinkError("jammed"), KeyError("x")])
+def test_a_call_that_fails_in_any_way_is_answered(error: Exception) -> None:
+    @with_robot(Access(services=("*",)))
+    async def scenario(robot: Robot) -> None:
+        def fail(*arguments: Any) -> Any:
+            raise error
+
+        robot.server._middleware.call_service = fail  # type: ignore[method-assign]
+        async with robot.peer() as peer:
+            response = await peer.call("/dock")
+            assert response["result"] is False
+            assert str(error) in response["values"]
+            await peer.settle()
+
+    scenario()
+
+
+@with_robot(Access(services=("*",)))
+async def test_a_response_that_cannot_be_encoded_is_a_failed_call(robot: Robot) -> None:
+    robot.server._middleware.call_service = lambda *arguments: {"x": object()}  # type: ignore[method-assign]
+    async with robot.peer() as peer:
+        response = await peer.call("/dock")
+        assert (response["result"], response["values"]) == (False, "object cannot be encoded as JSON")
+
+
+def test_the_timeout_of_a_call_reaches_the_middleware_once() -> None:
+    async def scenario() -> None:
+        node = LocalBus().node("rosbridge")
+        seen: List[float] = []
+        released = threading.Event()
+
+        def call_service(service: str, type_name: str, request: Any, timeout_s: float) -> Dict[str, Any]:
+            seen.append(timeout_s)
+            if service == "/hangs":
+                released.wait(20.0)
+            return {}
+
+        node.call_service = call_service  # type: ignore[method-assign]
+        server = Server(node, port=0, access=Access(services=("*",)), call_timeout_s=2.0)
+        await server.start()
+        await server.services.call("/dock", {}, 0.5)
+        await server.services.call("/dock", {}, None)
+        await server.services.call("/dock", {}, 60.0)
+        assert seen == [0.5, 2.0, 2.0]
+        with pytest.raises(ServiceError, match=r"no response within 0\.1 s"):
+            await server.services.call("/hangs", {}, 0.1)
+        released.set()
+        await asyncio.wait_for(server.close(), 20.0)
+
+    asyncio.run(scenario())
