@@ -1,19 +1,22 @@
-"""Makes the pictures of the README and of docs/ from real runs: `python docs/pictures/make.py [NAME ...]`.
+"""Makes the pictures of the README from real runs: `python docs/pictures/make.py [SCENE ...]`.
 
-Each scene runs real commands in a pseudo-terminal, and draws the screen that they leave as SVG. A scene whose program
-is missing here (`roslaunch`, `ros2`, `colcon`) is skipped with one line. Source the workspace that this package was
-built in before the scenes `ros1` and `ros2`. Needs pyte and rich.
+Each scene runs real commands in a pseudo-terminal and draws the final screen as SVG. The scenes `ros1` and `ros2` copy
+this package into a new workspace, build it and launch it. A scene whose program is missing here (`roslaunch`,
+`ros2`, `colcon`) is skipped with one line. The path of the temporary folder and the host name are replaced by neutral
+ones. Needs pyte and rich.
 """
 
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
 import pty
 import select
 import shlex
 import shutil
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -21,6 +24,7 @@ import tempfile
 import termios
 import time
 from pathlib import Path
+from types import MappingProxyType
 from typing import Callable, Dict, List, Mapping, NamedTuple, Sequence
 
 import pyte
@@ -55,21 +59,26 @@ _SVG = """\
 </g>
 </svg>
 """
-"""rich's own form loads fonts from the network; a picture must not."""
+"""rich's default template loads fonts from the network; a picture must not."""
 
 
 class Terminal:
     """A command in a pseudo-terminal, and the screen that it writes."""
 
-    def __init__(self, command: Sequence[str], variables: Mapping[str, str], columns: int, rows: int) -> None:
-        """Starts the command in a process group of its own."""
+    def __init__(self, command: str, variables: Mapping[str, str], columns: int, rows: int) -> None:
+        """Starts the shell command in a new process group."""
         self._screen = pyte.HistoryScreen(columns, rows, history=1000)
         self._stream = pyte.ByteStream(self._screen)
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
         environment = {**variables, "TERM": "xterm-256color", "COLUMNS": str(columns), "LINES": str(rows)}
         self._process = subprocess.Popen(
-            list(command), stdin=slave, stdout=slave, stderr=slave, env=environment, start_new_session=True
+            ["bash", "-c", command],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env=environment,
+            start_new_session=True,
         )
         os.close(slave)
 
@@ -96,15 +105,18 @@ class Terminal:
             os.killpg(self._process.pid, signal.SIGKILL)
         os.close(self._master)
 
-    def lines(self) -> List[Text]:
-        """Returns the screen with its colours, without empty lines at the end."""
+    def lines(self, replaced: Mapping[str, str] = MappingProxyType({})) -> List[Text]:
+        """Returns the screen with its colours, without empty lines at the end, and with texts replaced."""
         lines = []
         for row in range(self._screen.lines):
-            cells = self._screen.buffer[row]
+            cells = [self._screen.buffer[row][column] for column in range(self._screen.columns)]
+            for old, new in replaced.items():
+                while old in (written := "".join(cell.data for cell in cells)):
+                    start = written.index(old)
+                    cells[start : start + len(old)] = [cells[start]._replace(data=new)]
             line = Text()
-            for column in range(self._screen.columns):
-                cell = cells[column]
-                line.append(cell.data, Style(color=_color(cell.fg), bold=cell.bold))
+            for (color, bold), run in itertools.groupby(cells, lambda cell: (cell.fg, cell.bold)):
+                line.append("".join(cell.data for cell in run), Style(color=_color(color), bold=bold))
             line.rstrip()
             lines.append(line)
         while lines and not lines[-1].plain.strip():
@@ -120,12 +132,12 @@ def _color(name: str) -> Color:
     return Color.parse({"brown": "yellow"}.get(name, name.replace("bright", "bright_")))
 
 
-def draw(name: str, title: str, parts: Sequence[Text], columns: int) -> None:
+def draw(name: str, parts: Sequence[Text], columns: int) -> None:
     """Writes the lines of a screen as `name`.svg."""
     console = Console(record=True, width=columns, file=open(os.devnull, "w"), force_terminal=True)
-    for part in parts:
+    for part in [*parts, Text("")]:  # an empty line: the picture's edge would cut off underscores
         console.print(part, no_wrap=True, overflow="crop", highlight=False)
-    console.save_svg(str(HERE / f"{name}.svg"), title=title, code_format=_SVG, unique_id=name.replace("_", "-"))
+    console.save_svg(str(HERE / f"{name}.svg"), title="", code_format=_SVG, unique_id=name.replace("_", "-"))
     print(f"{name}.svg: {len(parts)} lines")
 
 
@@ -139,58 +151,90 @@ class Scene(NamedTuple):
 
 def live_view(variables: Dict[str, str]) -> None:
     """The live table of `robot-health run` after the battery's first alerts."""
-    command = [sys.executable, "-m", PACKAGE, "run", "--robot", "robot1"]
-    terminal = Terminal(command, {**variables, "PYTHONPATH": str(ROOT)}, 110, 20)
+    command = f"{shlex.quote(sys.executable)} -m {PACKAGE} run --robot robot1"
+    terminal = Terminal(command, {**variables, "PYTHONPATH": str(ROOT)}, 110, 13)
     terminal.run(130.0, until="battery_level ERROR")
     terminal.run(3.0)
     lines = terminal.lines()
     terminal.end()
-    draw("live_view", "make run", lines, 110)
-
-
-def colcon(variables: Dict[str, str]) -> None:
-    """`colcon build` of this package in a workspace."""
-    with tempfile.TemporaryDirectory() as folder:
-        workspace = Path(folder)
-        (workspace / "src").mkdir()
-        ignore = shutil.ignore_patterns(".*", "build", "install", "log")
-        shutil.copytree(ROOT, workspace / "src" / PACKAGE, ignore=ignore)
-        command = "cd ~/ros2_ws && colcon build --packages-select robot_health_monitor"
-        script = f"cd {shlex.quote(folder)} && colcon build --packages-select {PACKAGE}"
-        terminal = Terminal(["bash", "-c", script], {**variables, "ROS_VERSION": "2"}, 100, 24)
-        terminal.run(120.0, until="Summary:")
-        terminal.run(2.0)
-        lines = terminal.lines()
-        terminal.end()
-    draw("colcon_build", "colcon build", [_prompt(command), *lines], 100)
+    draw("live_view", [_prompt("make run"), *lines], 110)
 
 
 def ros1(variables: Dict[str, str]) -> None:
     """The three nodes under roslaunch, and what rostopic shows of them."""
-    launch = f"roslaunch {PACKAGE} health_monitor.launch"
-    _nodes("ros1", launch, ["rostopic list", "rostopic hz /battery_level"], variables)
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = Workspace(Path(folder), {**variables, "ROS_HOSTNAME": "localhost"})
+        workspace.build("catkin_make", "devel/setup.bash")
+        launch = f"roslaunch {PACKAGE} health_monitor.launch robot_name:=robot1"
+        workspace.nodes("ros1", launch, ["rostopic list", "rostopic hz /robot1/battery_level"], first="NODES")
 
 
 def ros2(variables: Dict[str, str]) -> None:
-    """The three nodes under ros2 launch, and what ros2 topic shows of them."""
-    launch = f"ros2 launch {PACKAGE} health_monitor.launch.py"
-    _nodes("ros2", launch, ["ros2 topic list", "ros2 topic hz /battery_level"], variables)
+    """`colcon build`, the three nodes under ros2 launch, and what ros2 topic shows of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = Workspace(Path(folder), {**variables, "ROS_VERSION": "2"})
+        build = f"colcon build --packages-select {PACKAGE}"
+        draw("colcon_build", [_prompt(build), *workspace.build(build, "install/setup.bash")], 100)
+        launch = f"ros2 launch {PACKAGE} health_monitor.launch.py robot_name:=robot1"
+        workspace.nodes("ros2", launch, ["ros2 topic list", "ros2 topic hz /robot1/battery_level"])
 
 
-def _nodes(name: str, launch: str, looks: Sequence[str], variables: Dict[str, str]) -> None:
-    launched = Terminal(shlex.split(launch), variables, 140, 40)
-    launched.run(25.0)
-    seen: List[Text] = []
-    for look in looks:
-        terminal = Terminal(shlex.split(look), variables, 100, 16)
-        terminal.run(8.0)
-        seen += [_prompt(look), *terminal.lines(), Text("")]
+class Workspace:
+    """A copy of this package in a new workspace, inside a new home folder."""
+
+    def __init__(self, home: Path, variables: Mapping[str, str]) -> None:
+        """Copies the package.
+
+        Args:
+            home: an empty folder.
+            variables: environment of the commands.
+        """
+        self._folder = home / "ws"
+        self._variables = {**variables, "HOME": str(home)}
+        self._replaced = {str(home): "/home/user", socket.gethostname(): "robot1"}
+        ignored = shutil.ignore_patterns(".*", "build", "install", "log", "__pycache__")
+        shutil.copytree(ROOT, self._folder / "src" / PACKAGE, ignore=ignored)
+
+    def build(self, command: str, setup: str) -> List[Text]:
+        """Runs a build, then sources `setup`; returns the screen."""
+        terminal = Terminal(f"cd {self._folder} && {command}", self._variables, 100, 24)
+        terminal.run(120.0)
+        lines = terminal.lines(self._replaced)
         terminal.end()
-    launched.run(90.0, until="battery_level WARN")
-    lines = launched.lines()
-    launched.end()
-    draw(f"{name}_launch", launch, [_prompt(launch), *lines], 140)
-    draw(f"{name}_topics", looks[0], seen, 100)
+        if not (self._folder / setup).exists():
+            raise RuntimeError("\n".join(line.plain for line in lines))
+        script = f"source {self._folder / setup} >&2 && env -0"
+        sourced = subprocess.run(["bash", "-c", script], env=self._variables, stdout=subprocess.PIPE, check=True)
+        self._variables = dict(entry.split("=", 1) for entry in sourced.stdout.decode().split("\0") if "=" in entry)
+        return lines
+
+    def nodes(self, name: str, launch: str, looks: Sequence[str], *, first: str = "") -> None:
+        """Draws the launched nodes until the first alert of the battery, and the commands that look at them.
+
+        Args:
+            name: prefix of the pictures.
+            launch: command that starts the nodes.
+            looks: commands that are run beside them.
+            first: beginning of the first line of the launched nodes to draw; empty: the first of all.
+        """
+        launched = Terminal(launch, self._variables, 150, 48)
+        launched.run(20.0)
+        seen: List[Text] = []
+        for look in looks:
+            terminal = Terminal(look, self._variables, 70, 24)
+            terminal.run(12.0, until="window: 4")
+            seen += [_prompt(look), *terminal.lines(self._replaced), Text("")]
+            terminal.end()
+        launched.run(100.0, until="battery_level WARN")
+        launched.run(2.0)
+        lines = launched.lines(self._replaced)
+        launched.end()
+        if first:
+            begin = next(row for row, line in enumerate(lines) if line.plain.startswith(first))
+            lines = [Text("..."), *lines[begin:]]
+        columns = max(len(line.plain) for line in lines) + 1
+        draw(f"{name}_launch", [_prompt(launch), *lines], columns)
+        draw(f"{name}_topics", seen[:-1], 70)
 
 
 def _prompt(command: str) -> Text:
@@ -199,7 +243,6 @@ def _prompt(command: str) -> Text:
 
 SCENES = {
     "live_view": Scene(sys.executable, live_view),
-    "colcon": Scene("colcon", colcon),
     "ros1": Scene("roslaunch", ros1),
     "ros2": Scene("ros2", ros2),
 }
@@ -216,7 +259,7 @@ def main(names: Sequence[str]) -> int:
         if shutil.which(scene.needs) is None:
             print(f"{name}: skipped, {scene.needs} is not installed")
             continue
-        scene.make({name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"})
+        scene.make({name: value for name, value in os.environ.items() if not name.startswith("PYTHON")})
     return 0
 
 
