@@ -127,7 +127,7 @@ def rows(rounds: int = ROUNDS) -> Iterator[Row]:
     for window in WINDOWS:
         yield row("deque(maxlen).append", f"deque {window}")
         yield row("river: mean, std, min, max", f"river {window}")
-        yield row("Monitor.observe", f"observe {window}", f"river {window}", 0.5, "to river")
+        yield row("Monitor.observe", f"observe {window}", f"river {window}", 0.35, "to river")
         plain = median_ratio(found[f"all {window}"], found[f"observe {window}"])
         remark = f"to river, which is twice what plain observe may cost; {plain:.1f} times plain observe here"
         yield row("Monitor.observe, every feature", f"all {window}", f"river {window}", 1.0, remark)

@@ -1,7 +1,7 @@
 """What the nodes are compared with on ROS 2, and what feeds them: `python -m benchmarks.ros2_peers ROLE TOPICS`.
 
-The roles are those of `ros1_peers`. Both `empty` and `subscriber` spin as most nodes do, with rclpy's
-SingleThreadedExecutor.
+The roles are those of `ros1_peers`. `empty` and `subscriber` spin as most nodes do, with rclpy's
+SingleThreadedExecutor; `events_subscriber` with its EventsExecutor, which the nodes choose where it works.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import sys
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.task import Future
 
 from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, topics_below
 
@@ -21,7 +22,22 @@ def empty(node: Node, topics: int) -> None:
 
 
 def subscriber(node: Node, topics: int) -> None:
-    """Counts."""
+    """Counts messages."""
+    _count_messages(node, topics)
+    rclpy.spin(node)
+
+
+def events_subscriber(node: Node, topics: int) -> None:
+    """Counts messages, with the EventsExecutor."""
+    from rclpy.experimental import EventsExecutor
+
+    _count_messages(node, topics)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    executor.spin_until_future_complete(Future(), 3600.0)  # the wheels of PyPI deliver nothing without a time limit
+
+
+def _count_messages(node: Node, topics: int) -> None:
     from std_msgs.msg import Float32
 
     received = 0
@@ -32,7 +48,6 @@ def subscriber(node: Node, topics: int) -> None:
 
     for topic in topics_below(BARE, topics):
         node.create_subscription(Float32, topic, count, 10)
-    rclpy.spin(node)
 
 
 def exercise(node: Node, topics: int) -> None:
@@ -67,7 +82,8 @@ def publisher(node: Node, topics: int) -> None:
 if __name__ == "__main__":
     rclpy.init()
     try:
-        role = {"empty": empty, "exercise": exercise, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]]
+        roles = (empty, exercise, subscriber, events_subscriber, publisher)
+        role = {role.__name__: role for role in roles}[sys.argv[1]]
         role(Node(f"peer_{sys.argv[1]}"), int(sys.argv[2]))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

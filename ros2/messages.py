@@ -7,8 +7,9 @@ import importlib
 import os
 import re
 import sys
-from typing import Any, Mapping
+from typing import Any, Callable, Mapping, Optional
 
+from robot_health_monitor.core.fixed_fields import cdr_getter
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
@@ -84,3 +85,8 @@ to_mapping = _native.to_mapping
 to_native = _native.to_native
 field_getter = _native.field_getter
 is_stamped = _native.is_stamped
+
+
+def serialized_getter(native_class: Any, field: str) -> Optional[Callable[[bytes], Any]]:
+    """Returns a getter of a number from serialized messages; None if its place depends on the message."""
+    return cdr_getter(field_types, native_class, field)

@@ -282,10 +282,15 @@ class Ros2Middleware:
         """Subscribes, sharing rclpy's subscription with others to the topic: its cost per message is high."""
         cls = messages.message_class(type_name)
         topic, field = subscription.topic, subscription.field
+        serialized: Optional[Callable[[Any], Any]] = _arrival
         if field is not None:
             subscription.get = messages.field_getter(topic, type_name, field)
-        is_read_by_others = (topic, cls, False) in self._channels
-        self._join(subscription, cls, is_raw=field is None and not is_read_by_others)
+            serialized = messages.serialized_getter(cls, field)
+        # rclpy need not make a message of the bytes where nothing in it, or a number at a fixed place, is wanted.
+        is_raw = serialized is not None and (topic, cls, False) not in self._channels
+        if is_raw and serialized is not None:
+            subscription.get = serialized
+        self._join(subscription, cls, is_raw=is_raw)
 
     def _join(self, subscription: Subscription, cls: Any, *, is_raw: bool) -> None:
         key = subscription.topic, cls, is_raw

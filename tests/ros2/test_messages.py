@@ -11,7 +11,14 @@ import pytest
 pytest.importorskip("rclpy")
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.ros2.messages import field_getter, message_class, service_class, to_mapping, to_native
+from robot_health_monitor.ros2.messages import (
+    field_getter,
+    message_class,
+    serialized_getter,
+    service_class,
+    to_mapping,
+    to_native,
+)
 
 
 @pytest.mark.parametrize(
@@ -112,3 +119,21 @@ def test_a_type_name_imports_nothing_but_messages(tmp_path: Path, monkeypatch: p
 def test_what_is_no_message_is_an_unknown_type(type_name: str) -> None:
     with pytest.raises(ConfigError):
         message_class(type_name)
+
+
+def test_a_number_at_a_fixed_place_is_read_from_serialized_messages() -> None:
+    from geometry_msgs.msg import Vector3
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import Temperature
+    from std_msgs.msg import Bool, Float32
+
+    for message, field, value in (
+        (Float32(data=19.5), "data", 19.5),
+        (Bool(data=True), "data", True),
+        (Vector3(x=1.0, y=2.0, z=3.0), "z", 3.0),
+    ):
+        get = serialized_getter(type(message), field)
+        assert get is not None
+        assert get(serialize_message(message)) == value
+    # behind a text, the place depends on the message
+    assert serialized_getter(Temperature, "temperature") is None

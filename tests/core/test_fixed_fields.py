@@ -1,0 +1,101 @@
+"""Numbers at a fixed place, read from bytes that are written here by hand."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any, Dict, Mapping
+
+import pytest
+
+from robot_health_monitor.core.errors import MessageError
+from robot_health_monitor.core.fixed_fields import cdr_getter, ros1_getter
+from robot_health_monitor.core.native_messages import FieldType
+
+
+def plain(kind: str) -> FieldType:
+    return FieldType(kind, kind)
+
+
+TYPES: Dict[str, Mapping[str, FieldType]] = {
+    "Float32": {"data": plain("float32")},
+    "Mixed": {"flag": plain("bool"), "small": plain("uint16"), "real": plain("float64"), "level": plain("octet")},
+    "Nested": {"byte": plain("uint8"), "inner": FieldType("Mixed", "Mixed", "Mixed"), "last": plain("int32")},
+    "Named": {"count": plain("int64"), "name": plain("string"), "after": plain("float32")},
+    "Listed": {"values": FieldType("float32", "float32", is_array=True, size=3), "after": plain("float32")},
+    "Endless": {"again": FieldType("Endless", "Endless", "Endless")},
+}
+
+
+def types(name: Any) -> Mapping[str, FieldType]:
+    return TYPES[name]
+
+
+def test_a_float32_follows_the_header_of_cdr() -> None:
+    get = cdr_getter(types, "Float32", "data")
+    assert get is not None
+    assert get(b"\x00\x01\x00\x00" + struct.pack("<f", 19.5)) == 19.5
+    assert get(b"\x00\x00\x00\x00" + struct.pack(">f", 19.5)) == 19.5
+    assert math.isnan(get(b"\x00\x01\x00\x00" + struct.pack("<f", math.nan)))
+
+
+def test_cdr_aligns_each_number_to_its_size() -> None:
+    # flag at 0, small at 2, real at 8, level at 16
+    body = b"\x01\xaa" + struct.pack("<H", 7) + b"\xaa" * 4 + struct.pack("<d", 2.5) + b"\x03"
+    data = b"\x00\x01\x00\x00" + body
+    found = {field: cdr_getter(types, "Mixed", field) for field in TYPES["Mixed"]}
+    assert {field: get and get(data) for field, get in found.items()} == {
+        "flag": True,
+        "small": 7,
+        "real": 2.5,
+        "level": 3,
+    }
+
+
+def test_a_number_in_an_inner_message_has_its_path() -> None:
+    # byte at 0, inner.flag at 1, inner.small at 2, inner.real at 8, inner.level at 16, last at 20
+    body = b"\x09\x01" + struct.pack("<H", 7) + b"\xaa" * 4 + struct.pack("<d", 2.5) + b"\x03\xaa\xaa\xaa"
+    data = b"\x00\x01\x00\x00" + body + struct.pack("<i", -4)
+    inner, last = cdr_getter(types, "Nested", "inner.real"), cdr_getter(types, "Nested", "last")
+    assert inner is not None and inner(data) == 2.5
+    assert last is not None and last(data) == -4
+
+
+def test_ros1_has_no_padding() -> None:
+    data = b"\x01" + struct.pack("<H", 7) + struct.pack("<d", 2.5) + b"\x03"
+    real, level = ros1_getter(types, "Mixed", "real"), ros1_getter(types, "Mixed", "level")
+    assert real is not None and real(data) == 2.5
+    assert level is not None and level(data) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [("Named", "after"), ("Named", "name"), ("Listed", "after"), ("Listed", "values"), ("Float32", "none")],
+)
+def test_what_has_no_fixed_place_has_no_getter(name: str, field: str) -> None:
+    assert cdr_getter(types, name, field) is None
+    assert ros1_getter(types, name, field) is None
+
+
+def test_a_number_before_a_string_has_a_fixed_place() -> None:
+    get = ros1_getter(types, "Named", "count")
+    assert get is not None and get(struct.pack("<q", -5) + b"\x00\x00\x00\x00") == -5
+
+
+def test_types_that_contain_themselves_have_no_getter() -> None:
+    assert cdr_getter(types, "Endless", "again") is None
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00\x01", b"\x00\x01\x00\x00\x00", b"\x00\x07\x00\x00\x00\x00\x00\x00"])
+def test_other_bytes_are_refused(data: bytes) -> None:
+    get = cdr_getter(types, "Float32", "data")
+    assert get is not None
+    with pytest.raises(MessageError):
+        get(data)
+
+
+def test_a_ros1_message_that_is_too_short_is_refused() -> None:
+    get = ros1_getter(types, "Float32", "data")
+    assert get is not None
+    with pytest.raises(MessageError):
+        get(b"\x00")
