@@ -18,7 +18,7 @@ from .errors import ConfigError, Path, Problems
 
 __all__ = ["Document", "load"]
 
-MOST_VALUES = 30_000
+MOST_VALUES = 20_000
 """Most keys and values of a file, with every alias expanded."""
 DEEPEST_LEVEL = 64
 """Deepest nesting, with every alias expanded."""

@@ -6,7 +6,7 @@ import asyncio
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.config import Section, sections
+from robot_health_monitor.core.config import Section, find_section, list_sections, refuse_second_section
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.local import LocalBus, LogLine
@@ -153,19 +153,14 @@ def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
     """Returns the sections of a file by the node that they are for.
 
     Raises:
-        ConfigError: none is for alert_system.
+        ConfigError: none is for alert_system, or several are for one of `NODES`.
     """
     try:
-        found = sections(file.tree)
+        found = list_sections(file.tree)
+        for node in NODES:
+            refuse_second_section([section for section in found if section.node == node])
+        alert_system = find_section(file.tree, "alert_system")
     except ConfigError as error:
         raise file.locate(error) from None
-    if "alert_system" not in found:
-        with_signals = [name for name, section in found.items() if "signals" in section.tree]
-        if len(with_signals) != 1:
-            raise ConfigError(
-                f"found {', '.join(map(str, file.tree)) or 'nothing'}, "
-                "allowed is one node with ros__parameters.signals, usually alert_system",
-                file=file.file,
-            )
-        found["alert_system"] = found.pop(with_signals[0])
-    return found
+    by_node = {section.node: section for section in found if section != alert_system}
+    return {**by_node, "alert_system": alert_system}

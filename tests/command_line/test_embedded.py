@@ -8,6 +8,7 @@ from typing import Any, List
 import pytest
 
 from robot_health_monitor.core import Level, Transition
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.embedded import EmbeddedMonitor
@@ -121,3 +122,14 @@ def test_a_message_between_two_timers_has_its_own_time(clock: Clock) -> None:
     for clock.now_s in (START_S + 0.1, START_S + 0.2):
         outside.publish("topic", {"data": 1.0})
     assert times == [START_S + 0.1, START_S + 0.2]
+
+
+def test_two_sections_for_one_node_are_refused(clock: Clock, tmp_path: Path) -> None:
+    file = configuration(
+        tmp_path,
+        "alert_system: {ros__parameters: {signals: {cpu_usage: {}}}}\n"
+        "aggregator: {ros__parameters: {}}\n"
+        "robot2: {aggregator: {ros__parameters: {}}}\n",
+    )
+    with pytest.raises(ConfigError, match=r"thresholds.yaml:3: robot2.aggregator: expected one section for aggregator"):
+        EmbeddedMonitor(clock=clock, file=file)

@@ -49,7 +49,7 @@ def bomb(first: str, opening: str, closing: str) -> str:
     return "".join(levels)
 
 
-TOO_LARGE = "expected at most 30000 keys and values, got more by aliases of aliases"
+TOO_LARGE = "expected at most 20000 keys and values, got more by aliases of aliases"
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_aliases_of_aliases_are_refused_before_they_are_expanded(loader: ModuleT
     assert len(text) < 800
     error = refusal(loader, text)
     assert error.problem == TOO_LARGE
-    assert error.line in (5, 6)
+    assert error.line == 5
 
 
 def test_aliases_that_double_at_each_of_sixty_levels_are_refused(loader: ModuleType) -> None:
@@ -91,7 +91,7 @@ def test_deep_nesting_is_refused_at_its_64th_level(loader: ModuleType, text: str
 
 def test_too_many_values_are_refused_where_they_begin(loader: ModuleType) -> None:
     error = refusal(loader, "".join(f"k{number}: 1\n" for number in range(20_000)))
-    assert (error.problem, error.line) == ("is not valid YAML: expected at most 30000 keys and values", 15_000)
+    assert (error.problem, error.line) == ("is not valid YAML: expected at most 20000 keys and values", 10_000)
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000, ":".join(["59"] * 3000), "1." + "0" * 5000])
