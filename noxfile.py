@@ -108,7 +108,7 @@ ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
 ROS2_VENV = ["--system-site-packages"] if JAZZY else []
 
 nox.options.envdir = ".venv"
-nox.options.sessions = ["packaging", "ros1", "ros2", "core", "lint", "types"]
+nox.options.sessions = ["core", "ros1", "packaging", "ros2", "lint", "types"]  # the longest first
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
 nox.options.download_python = "never"
