@@ -33,7 +33,7 @@ _NODES: Mapping[str, Callable[[Middleware], Any]] = {
 """The nodes that a configuration file is for. A node that starts on a bus without others checks its parameters."""
 
 _ALIKE = 0.8
-"""Similarity (difflib) from which a name counts as misspelt; temperature_sensor is a name of its own."""
+"""Similarity (difflib) from which a name counts as misspelt; battery_sensor and temperature_sensor differ."""
 
 _TOPIC = re.compile(r"(~/?|/)?[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 

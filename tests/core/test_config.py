@@ -165,7 +165,7 @@ def test_what_is_just_possible_loads(settings: Dict[str, Any]) -> None:
     signal(**settings)
 
 
-def test_a_middleware_is_told_every_parameter_by_its_dotted_name_with_its_description() -> None:
+def test_every_parameter_is_declared_under_its_dotted_name_with_its_description() -> None:
     described = {each.name: each for each in described_parameters(load_config({"signals": {"a": {}, "b": {}}}))}
     assert {"publish_rate", "signals.a.warn_below", "signals.b.only_if.signal", "log_level"} <= described.keys()
     assert all(each.description for each in described.values())
