@@ -2,6 +2,8 @@
 # make test    every test that this machine can run
 # make lint    linter, formatter, types, import rules
 # make bench   what it costs, beside bare peers
+# make soak    ten minutes of clients that come and go: memory, threads and files must stay flat
+# make fuzz    random input to everything that takes input, for one minute
 #
 # Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",
 # make test ARGS="core -- -k battery" (sessions of noxfile.py, then options of pytest).
@@ -13,7 +15,7 @@ NOX = .venv/nox/bin/nox
 NOX_REQUIREMENTS = nox 'virtualenv<21'
 PIP_INSTALL = bin/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test lint bench
+.PHONY: run test lint bench soak fuzz
 
 run: .venv/run/installed
 	@.venv/run/bin/robot-health run $(ARGS)
@@ -29,6 +31,9 @@ lint: .venv/nox/installed
 bench: .venv/nox/installed
 	@$(NOX) --install-only --session ros1 ros2
 	@$(NOX) --session bench -- $(ARGS)
+
+soak fuzz: .venv/nox/installed
+	@$(NOX) --session $@ -- $(ARGS)
 
 .venv/run/installed: setup.py package.xml | .venv/run/bin/pip
 	@echo "installing the requirements into .venv/run" >&2

@@ -204,6 +204,20 @@ def bench(session: nox.Session) -> None:
     session.run("python", "-m", "benchmarks", *session.posargs, env={"BENCHMARK_TARGETS": json.dumps(targets)})
 
 
+@nox.session(python=NEWEST)
+def soak(session: nox.Session) -> None:
+    """The soak test: ten minutes in which memory, threads and file descriptors must stay flat."""
+    set_up(session, {})
+    session.run("python", "tests/soak", *session.posargs)
+
+
+@nox.session(python=NEWEST)
+def fuzz(session: nox.Session) -> None:
+    """The fuzzer: random input to everything that takes input, for one minute."""
+    set_up(session, {})
+    session.run("python", "tests/fuzz", *session.posargs)
+
+
 def target(name: str, ros: Optional[Mapping[str, str]]) -> Dict[str, object]:
     """Returns the interpreter and the variables with which the benchmarks start nodes."""
     folder = ROOT / ".venv" / name / "bin"

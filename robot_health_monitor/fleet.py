@@ -26,6 +26,7 @@ __all__ = ["Address", "Fleet", "Robot", "read_addresses"]
 
 _NAMED = re.compile(r"(?P<name>[\w.-]+)=(?P<url>.+)", re.ASCII)
 _RESTART_S = 5.0
+_SHOWN_CHARS = 100
 
 
 class Address(NamedTuple):
@@ -53,7 +54,7 @@ def read_addresses(texts: Sequence[str]) -> List[Address]:
             host, port = host_and_port(url)
         except ConfigError:
             raise ConfigError(
-                f"expected ws://host:port, wss://host:port or NAME=ws://..., got {shown_address(text)!r}"
+                f"expected ws://host:port, wss://host:port or NAME=ws://..., got {shown_address(text)[:_SHOWN_CHARS]!r}"
             ) from None
         taken = {address.name for address in addresses}
         if not name:

@@ -6,6 +6,7 @@ import json
 import math
 from typing import Any, Dict, Mapping, Sequence, TextIO
 
+from robot_health_monitor.core.formatting import datum_text
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
@@ -17,6 +18,9 @@ from .stream_writer import StreamWriter
 
 FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
 """The fields of a transition that are written. Its status is left out: it repeats them as text."""
+
+
+_LARGE = 10**1000
 
 
 class JsonLines:
@@ -70,7 +74,7 @@ class JsonLines:
 def json_line(transition: Transition) -> str:
     """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only."""
     fields: Dict[str, Any] = {name: getattr(transition, name) for name in FIELDS}
-    return json.dumps({name: _as_json(value) for name, value in fields.items()}, default=repr)
+    return json.dumps({name: _as_json(value) for name, value in fields.items()})
 
 
 def _render_log(entries: Sequence[Entry], dropped: int) -> str:
@@ -89,4 +93,6 @@ def _as_json(value: object) -> object:
         return {str(key): _as_json(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_as_json(item) for item in value]
-    return value
+    if value is None or isinstance(value, (str, bool)) or (isinstance(value, int) and abs(value) < _LARGE):
+        return value
+    return datum_text(value)  # such as an integer of 5,000 digits, which Python does not convert to text

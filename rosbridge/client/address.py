@@ -10,6 +10,8 @@ from robot_health_monitor.core.errors import ConfigError
 
 __all__ = ["host_and_port", "http_address", "shown_address"]
 
+_SHOWN_CHARS = 100
+
 
 def host_and_port(url: str) -> Tuple[str, Optional[int]]:
     """Returns the host of an address, and its port if one is given.
@@ -23,7 +25,7 @@ def host_and_port(url: str) -> Tuple[str, Optional[int]]:
             return parts.hostname, parts.port
     except ValueError:
         pass  # brackets that do not match, or a port that is not one
-    raise ConfigError(f"expected ws://host:port or wss://host:port, got {shown_address(url)!r}")
+    raise ConfigError(f"expected ws://host:port or wss://host:port, got {shown_address(url)[:_SHOWN_CHARS]!r}")
 
 
 def http_address(url: str) -> str:

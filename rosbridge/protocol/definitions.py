@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.middleware import split_type_name
@@ -27,6 +27,10 @@ __all__ = [
     "service_definition",
 ]
 
+_MOST_TYPES = 200
+"""Most types in the definition of a message that is serialized; each may contain the next."""
+_LARGEST_ARRAY = 100_000
+"""Longest array of fixed length in a message that is serialized."""
 _HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
 _KEY_VALUE = "string key\nstring value\n"
 _STATUS = (
@@ -244,7 +248,7 @@ def _resolved(kind: str, package: str) -> str:
 def _length(array: Optional[str], length: Optional[str]) -> int:
     if array is None:
         return -1
-    return int(length) if length and length.isdigit() else 0
+    return int(length[:10]) if length and length.isdecimal() else 0
 
 
 def _inner_types(text: str) -> List[str]:
@@ -257,10 +261,26 @@ def _without_repetitions(text: str) -> str:
 
 
 def _is_complete(definitions: Mapping[str, Definition], root: str) -> bool:
-    definition = definitions.get(root)
-    if definition is None or not definition.fields:
-        return False
-    return all(_is_complete(definitions, field.type) for field in definition.fields if "/" in field.type)
+    """Returns whether every type that is needed has fields and can be written, and none contains itself."""
+    complete: Set[str] = set()
+    above: Set[str] = set()
+
+    def check(name: str) -> bool:
+        definition = definitions.get(name)
+        if name in above or definition is None or not definition.fields:
+            return False
+        above.add(name)
+        for field in definition.fields:
+            is_plain = field.type in _PRIMITIVES or field.type in ("string", "time", "duration")
+            if field.length > _LARGEST_ARRAY:
+                return False
+            if not is_plain and field.type not in complete and not check(field.type):
+                return False
+        above.remove(name)
+        complete.add(name)
+        return True
+
+    return len(definitions) <= _MOST_TYPES and check(root)
 
 
 def _write_message(

@@ -46,9 +46,15 @@ def test_json_has_every_field_and_levels_by_name() -> None:
         ({"data": float("nan")}, {"data": None}),
         (b"\x01", "b'\\x01'"),
         (10**400, 10**400),
+        (1 + 2j, "(1+2j)"),
     ],
 )
 def test_any_value_becomes_valid_json(value: Any, written: Any) -> None:
     line = json_line(transition(value))
     assert "\n" not in line
     assert json.loads(line, parse_constant=strictly)["value"] == written
+
+
+def test_an_integer_that_python_refuses_to_print_becomes_valid_json() -> None:
+    written = json.loads(json_line(transition(10**5000)))["value"]
+    assert isinstance(written, str) and len(written) <= 40

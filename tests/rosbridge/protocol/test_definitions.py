@@ -142,3 +142,17 @@ def test_null_is_read_as_nan_in_float_fields_only() -> None:
     assert message["x"] is None
     assert null_reader("unknown_msgs/Type")({"x": None}) == {"x": None}
     assert math.isnan(null_reader("std_msgs/Float32")({"data": None})["data"])
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [
+        "Node[] children\n" + "=" * 80 + "\nMSG: x/Node\nNode[] children\n",
+        "A a\n" + "=" * 80 + "\nMSG: x/A\nB b\n" + "=" * 80 + "\nMSG: x/B\nA[] a\n",
+        "wstring text\n",
+        "Missing part\n",
+        "float32[99999999999999] data\n",
+    ],
+)
+def test_a_type_that_contains_itself_or_is_unknown_is_not_serialized(definition: str) -> None:
+    assert serializer("x/Root", definition) is None

@@ -1,0 +1,45 @@
+"""The soak test, `make soak`: memory, threads and file descriptors must stay flat.
+
+    make soak                              a million samples in virtual time, then ten minutes in real time
+    make soak ARGS="--minutes 1"           a short run
+    make soak ARGS="--samples 0 --seed 7"  only the real time part, with the clients of an earlier run
+
+Prints the figures. Exit code 1 if one of them is not flat.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+from pathlib import Path
+from typing import List, Optional
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS.parent), str(TESTS)]
+
+from soak import real_time, virtual_time  # noqa: E402  # found through the line above
+from soak.figures import Figure, table  # noqa: E402
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Runs both parts; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="make soak", description="checks that memory, threads and files stay flat")
+    parser.add_argument("--minutes", type=float, default=10.0, help="duration of the real time part")
+    parser.add_argument("--samples", type=int, default=1_000_000, help="samples of the virtual time part")
+    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**9))
+    options = parser.parse_args(arguments)
+    print(f"seed {options.seed}", flush=True)
+    figures: List[Figure] = []
+    if options.samples:
+        figures += virtual_time.run(options.samples, options.seed)
+        print(table(figures), flush=True)
+    if options.minutes:
+        in_real_time = real_time.run(options.minutes * 60.0, options.seed)
+        print(table(in_real_time), flush=True)
+        figures += in_real_time
+    return 0 if all(figure.is_met for figure in figures) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,32 @@
+"""The soak test itself: what it calls flat, and a run of a few seconds, so that it still works when it is needed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from soak.figures import flat
+
+SOAK = Path(__file__).parent
+
+
+@pytest.mark.parametrize(
+    ("series", "growth"),
+    [
+        ([(float(second), 40.0 + second % 3) for second in range(100)], 0.0),
+        ([(float(second), 40.0 + 0.1 * second) for second in range(100)], 9.9),
+        ([(float(second), min(60.0, 40.0 + second)) for second in range(100)], 0.0),  # warm-up
+        ([(float(second), 40.0 if second != 80 else 90.0) for second in range(100)], 0.0),  # one outlier
+    ],
+)
+def test_growth_is_that_of_the_second_half(series: list, growth: float) -> None:
+    assert flat("memory", series, 3.0, "MB").growth == pytest.approx(growth)
+
+
+def test_a_short_run_is_flat() -> None:
+    command = [sys.executable, str(SOAK), "--minutes", "0.05", "--samples", "4000", "--seed", "1"]
+    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120)
+    assert run.returncode == 0, run.stdout
+    assert "file descriptors" in run.stdout
