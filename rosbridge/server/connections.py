@@ -85,9 +85,10 @@ class Connections:
             connection.transport.abort()
 
     def abort_all(self) -> None:
-        """Closes every connection at once."""
+        """Closes every connection at once. One that has just been accepted has no transport yet: call again later."""
         for connection in tuple(self._stages):
-            self.abort(connection)
+            if connection.transport is not None:
+                self.abort(connection)
 
     def _remove_closed(self) -> None:
         for connection, (stage, _) in tuple(self._stages.items()):

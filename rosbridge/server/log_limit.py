@@ -6,6 +6,8 @@ import logging
 import time
 from typing import Callable
 
+from aiohttp.http import HttpProcessingError
+
 __all__ = ["LogLimit"]
 
 _PERIOD_S = 60.0
@@ -58,5 +60,8 @@ class _OneLine(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        cause = f": {type(error).__name__}" if error else ""
-        self._limit.write(f"{record.getMessage().splitlines()[0][:200] if record.msg else ''}{cause}")
+        if isinstance(error, HttpProcessingError):
+            self._limit.write(f"refused a malformed HTTP request ({type(error).__name__})")
+            return
+        text = next(iter(record.getMessage().splitlines()), "")[:200]
+        self._limit.write(f"{text}: {type(error).__name__}" if error else text)

@@ -38,7 +38,7 @@ class NodeAccess:
 
         Args:
             loop: the server's loop.
-            threads: whether the middleware has threads of its own.
+            threads: whether the middleware calls back from its own threads.
             queue_bytes: estimated size of the messages that may wait for the loop; beyond it, the oldest are dropped.
         """
         self._loop = loop

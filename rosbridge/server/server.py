@@ -77,7 +77,7 @@ class Server:
             port: 0 picks a free one.
             access: what clients may do; None: read only.
             limits: limits for one client.
-            threads: whether the middleware has threads of its own (ROS); False: it runs in the server's loop.
+            threads: whether the middleware calls back from its own threads (ROS); False: it runs in the server's loop.
             heartbeat_s: period of pings in s; a client that does not answer within half of it is disconnected.
             call_timeout_s: longest service call, in s.
             auth_timeout_s: time for a new connection to send a request and the token, in s.
@@ -113,7 +113,9 @@ class Server:
         self._ssl_context = ssl_context
         self._parameters = parameters or self._own_parameters
         self._routes = routes
-        self._log_limit = LogLimit(lambda text: middleware.log(Severity.WARN, f"rosbridge: {text}"))
+        # Several nodes of one ROS 1 process share its log.
+        prefix = "rosbridge: " if threads else ""
+        self._log_limit = LogLimit(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}"))
         self._sessions: Set[Session] = set()
         self._sockets: Set[web.WebSocketResponse] = set()
         self._dropped = 0
@@ -153,6 +155,9 @@ class Server:
         if runner is None:
             return
         self._sweeper.cancel()
+        for listening in self._listener.sockets:
+            asyncio.get_event_loop().remove_reader(listening.fileno())
+        await asyncio.sleep(0)  # asyncio fails if it closes the listener before it has created the last transport
         self._listener.close()
         closing = [asyncio.ensure_future(socket.close(code=WSCloseCode.GOING_AWAY)) for socket in self._sockets]
         if closing:
@@ -160,6 +165,7 @@ class Server:
         self._connections.abort_all()
         await asyncio.wait({asyncio.ensure_future(runner.cleanup())}, timeout=_CLOSE_S)
         self._connections.abort_all()
+        await asyncio.sleep(0)  # aborted connections are closed in the next turn of the loop
         self._node.close()
         self._parts.encoder.close()
         self._parts.decoder.close()

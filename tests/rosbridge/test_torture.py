@@ -97,7 +97,7 @@ async def test_a_stalled_client_loses_its_own_messages_and_is_then_cut_off(robot
         assert session.dropped > 5
         assert session.queue.waiting_bytes == 0
     assert [text for text in robot.log if "disconnected" in text] == [
-        "rosbridge: disconnected a client: behind for more than 0.5 s"
+        "disconnected a client: behind for more than 0.5 s"
     ]
     stalled.close()
 
@@ -339,7 +339,7 @@ async def test_a_message_above_the_limit_is_not_sent_and_logged(robot: Robot) ->
         robot.node.publish("/image", {"width": 1})
         assert (await peer.receive())["msg"] == {"width": 1}
     (line,) = robot.log
-    assert line.startswith("rosbridge: /image: message of 12") and line.endswith("bytes dropped (limit 1000000)")
+    assert line.startswith("/image: message of 12") and line.endswith("bytes dropped (limit 1000000)")
     assert robot.server.dropped == 1
 
 
@@ -354,7 +354,7 @@ async def test_idle_connections_lock_nobody_out_and_are_reported_once(robot: Rob
         async with robot.peer() as peer:
             await peer.settle()
             assert len(robot.server._connections) <= 40
-    assert robot.log == ["rosbridge: 40 connections are open: new ones replace those that have presented nothing"]
+    assert robot.log == ["40 connections are open: new ones replace those that have presented nothing"]
     for connection in idle:
         connection.close()
 

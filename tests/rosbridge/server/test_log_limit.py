@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from typing import List
 
+from aiohttp.http_exceptions import BadStatusLine
+
 from robot_health_monitor.rosbridge.server.log_limit import LogLimit
 
 
@@ -33,6 +35,14 @@ def test_a_library_logs_one_line_without_traceback() -> None:
         raise RuntimeError("secret\ndetails")
     except RuntimeError:
         logger.exception("Error handling request")
+    try:
+        raise BadStatusLine("\x1b[31m")
+    except BadStatusLine:
+        logger.exception("Error handling request")
     logger.info("not shown")
     logger.warning("first %s\nsecond", "line")
-    assert lines == ["Error handling request: RuntimeError", "first line"]
+    assert lines == [
+        "Error handling request: RuntimeError",
+        "refused a malformed HTTP request (BadStatusLine)",
+        "first line",
+    ]

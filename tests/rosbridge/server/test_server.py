@@ -340,7 +340,7 @@ class TestFurtherRoutes:
         async with aiohttp.ClientSession() as session, session.get(robot.url + "broken") as response:
             assert response.status == 500
         (line,) = robot.log
-        assert line.startswith("rosbridge: Error handling request") and line.endswith(": RuntimeError")
+        assert line.startswith("Error handling request") and line.endswith(": RuntimeError")
 
 
 class TestWhoMayConnect:
@@ -371,7 +371,7 @@ class TestWhoMayConnect:
         async with robot.peer() as peer:
             message = await peer.socket.receive(timeout=20.0)
             assert (message.type, message.data, message.extra) == (aiohttp.WSMsgType.CLOSE, 1008, "token required")
-        await robot.until(lambda: robot.log == ["rosbridge: refused a client at 127.0.0.1: token required"])
+        await robot.until(lambda: robot.log == ["refused a client at 127.0.0.1: token required"])
 
     @staticmethod
     @pytest.mark.parametrize(
@@ -421,7 +421,7 @@ class TestWhoMayConnect:
         with pytest.raises(aiohttp.WSServerHandshakeError):
             async with robot.peer(query="?token=s3cret-wrong"):
                 pass
-        assert robot.log == ["rosbridge: refused a client at 127.0.0.1: wrong token"]
+        assert robot.log == ["refused a client at 127.0.0.1: wrong token"]
         assert "s3cret" not in repr(robot.server.access)
 
     @staticmethod

@@ -23,7 +23,7 @@ async def test_an_unexpected_error_is_one_line_and_the_session_goes_on(robot: Ro
         await peer.send("subscribe", topic="/battery_level")
         assert (await peer.receive())["msg"] == "internal error"
         await peer.settle()
-    assert robot.log == ["rosbridge: an operation of a client failed: RuntimeError: unexpected traceback"]
+    assert robot.log == ["an operation of a client failed: RuntimeError: unexpected traceback"]
 
 
 @with_robot(EVERYTHING, limits=Limits(subscriptions=3, calls=2, advertisements=2))
