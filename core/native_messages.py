@@ -1,8 +1,8 @@
-"""The port's mappings to a middleware's own messages and back, and getters for single fields of these.
+"""Converts between the port's mappings and a middleware's native messages, and reads single fields of native messages.
 
-ROS 1 and ROS 2 both have a class per type of message and an attribute per field; what they have differently stands in
-a `Dialect`. Neither checks a value where it is set: rospy when it is serialized, which it is only when somebody
-listens, and rclpy hands a wrong one to C as it is. So every value is checked and converted here, by its field's type.
+ROS 1 and ROS 2 both have a class per message type and an attribute per field; a `Dialect` describes how they differ.
+Neither checks values when they are set: rospy checks when it serializes, which it does only if there are subscribers,
+and rclpy passes wrong values to C unchecked. So every value is checked and converted here, by the type of its field.
 """
 
 from __future__ import annotations
@@ -36,41 +36,41 @@ class FieldType(NamedTuple):
     """The type of one field of a message."""
 
     element: str
-    """What the middleware calls it, or one element of it where it is an array: `double`, `std_msgs/Header`."""
+    """The middleware's name of the type, or of an array's elements: `double`, `std_msgs/Header`."""
     kind: str
-    """What it is whatever it is called: bool, int8 to int64, uint8 to uint64, float32, float64, or octet, which is an
-    int in a mapping and `bytes` of length one in a message. Anything else is a text, if it is no message."""
+    """The same on every middleware: bool, int8 to int64, uint8 to uint64, float32, float64, or octet (an int in a
+    mapping, `bytes` of length one in a message). Anything else that is not a message is text."""
     message: Optional[Any] = None
-    """The class of the message that this is, or of each element; None for a plain value."""
+    """The message class of the field or of its elements; None for plain values."""
     is_array: bool = False
     size: Optional[int] = None
-    """Number of elements of an array that always has the same."""
+    """Number of elements of a fixed-size array."""
     most: Optional[int] = None
-    """Largest number of elements of an array that is bounded."""
+    """Largest number of elements of a bounded array."""
 
 
 class Dialect(NamedTuple):
-    """What a middleware's messages have differently from another's."""
+    """The differences between the messages of one middleware and those of another."""
 
     find_class: Callable[[str, str, str], Any]
-    """Returns the class of a package, a kind (`msg` or `srv`) and a name; None when there is none."""
+    """Returns the class for a package, a kind (`msg` or `srv`) and a name; None if there is none."""
     type_name: Callable[[Any], str]
     """Returns the type of a message class, `std_msgs/Float32`."""
     field_types: Callable[[Any], Mapping[str, FieldType]]
     """Returns the type of every field of a message class, by name."""
     other_names: Mapping[str, str]
-    """Names that fields have elsewhere, to those that they have here."""
+    """Names of fields on other middlewares, mapped to their names here."""
     byte_array: Callable[[List[int]], Any]
-    """Makes what an array of uint8 is set to."""
+    """Converts a list of integers to what an array of uint8 is set to."""
     plain: Callable[[Any], Any]
-    """Makes Python's own of an array, or of an element of one, that a message holds."""
+    """Converts an array, or an element of one, to plain Python values."""
 
 
 class NativeMessages:
-    """Converts and reads the messages of one middleware. What it finds out about a class it keeps."""
+    """Converts and reads the messages of one middleware. Caches the readers and writers of each class."""
 
     def __init__(self, dialect: Dialect) -> None:
-        """Does nothing with a class before it is used."""
+        """Stores the dialect; classes are inspected when they are first used."""
         self._dialect = dialect
         self._readers = functools.lru_cache(maxsize=None)(self._make_readers)
         self._writers = functools.lru_cache(maxsize=None)(self._make_writers)
@@ -92,7 +92,7 @@ class NativeMessages:
         return self._find_class(type_name, "srv")
 
     def is_stamped(self, native_class: Any) -> bool:
-        """Says whether messages of this class have a header, and so a stamp."""
+        """Returns whether messages of this class have a header, and so a stamp."""
         header = self._dialect.field_types(native_class).get("header")
         return header is not None and header.element == "std_msgs/Header" and not header.is_array
 
@@ -112,7 +112,7 @@ class NativeMessages:
         for name, value in _require_mapping(mapping).items():
             native_name = name if name in writers else self._dialect.other_names.get(name, name)
             if native_name not in writers:
-                raise MessageError(f"{native_class.__name__} has no field {name}; there are {', '.join(writers)}")
+                raise MessageError(f"{native_class.__name__} has no field {name}; its fields are {', '.join(writers)}")
             try:
                 setattr(message, native_name, writers[native_name](value))
             except ValueError as error:
@@ -162,17 +162,15 @@ class NativeMessages:
     def _find_class(self, type_name: str, kind: str) -> Any:
         split = split_type_name(type_name)
         if split is None:
-            raise ConfigError(f"found the type {type_name!r}, allowed is package/Type, for instance std_msgs/Float32")
+            raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
         package, name = split
         found = self._dialect.find_class(package, kind, name)
         if found is None:
-            raise ConfigError(
-                f"found the type {type_name}, but there is no package {package} with a {kind} {name} here"
-            )
+            raise ConfigError(f"unknown type {type_name}: there is no package {package} with a {kind} {name} here")
         return found
 
     def _bind(self, native_class: Any, path: Sequence[Step]) -> List[Getter]:
-        """Returns what to call in turn to read `path`; raises ValueError with the reason when there is no such."""
+        """Returns the functions that, called in turn, read `path`; raises ValueError if the type has no such field."""
         steps: List[Getter] = []
         above = self._dialect.type_name(native_class)
         found = FieldType(above, above, native_class)
@@ -186,7 +184,7 @@ class NativeMessages:
                 steps.append(operator.attrgetter(name))
                 found = types[name]
             elif not found.is_array:
-                raise ValueError(f"{above} is no array but a {found.element}")
+                raise ValueError(f"{above} is not an array but a {found.element}")
             else:
                 if isinstance(step, int):
                     if found.size is not None and step >= found.size:
@@ -219,7 +217,7 @@ class NativeMessages:
         return tuple((name, self._reader(field_type)) for name, field_type in types.items())
 
     def _reader(self, field_type: FieldType) -> Getter:
-        """Returns how to make of a native value what belongs into a mapping."""
+        """Returns the native-to-mapping converter of a field."""
         is_octet = field_type.kind == "octet"
         if field_type.is_array and field_type.kind in _BYTES:
             return _octets_as_text if is_octet else _bytes_as_text
@@ -234,7 +232,7 @@ class NativeMessages:
         return {name: self._writer(field_type) for name, field_type in types.items()}
 
     def _writer(self, field_type: FieldType) -> Getter:
-        """Returns how to make of a value in a mapping what a message is set to."""
+        """Returns the mapping-to-native converter of a field."""
         native_class = field_type.message
         write_one = functools.partial(self.to_native, native_class) if native_class else _plain_writer(field_type.kind)
         if not field_type.is_array:
@@ -244,19 +242,19 @@ class NativeMessages:
         def write(found: Any) -> Any:
             values = _bytes_from(found) if field_type.kind in _BYTES else found
             if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
-                raise MessageError(f"found {describe(found)}, needed is a list")
+                raise MessageError(f"expected a list, got {describe(found)}")
             elements = [write_one(value) for value in values]
             if field_type.size is not None and len(elements) != field_type.size:
-                raise MessageError(f"found {len(elements)} elements, needed are {field_type.size}")
+                raise MessageError(f"expected {field_type.size} elements, got {len(elements)}")
             if field_type.most is not None and len(elements) > field_type.most:
-                raise MessageError(f"found {len(elements)} elements, allowed are at most {field_type.most}")
+                raise MessageError(f"expected at most {field_type.most} elements, got {len(elements)}")
             return byte_array(elements) if field_type.kind == "uint8" else elements
 
         return write
 
 
 def as_it_is(value: Any) -> Any:
-    """Returns the value: for a `Dialect` whose arrays are lists of Python's numbers."""
+    """Returns the value unchanged: for a `Dialect` whose arrays are lists of Python numbers."""
     return value
 
 
@@ -279,19 +277,19 @@ def _plain_writer(kind: str) -> Getter:
 def _integer(found: Any, kind: str) -> int:
     low, high = _INTEGER_RANGES[kind]
     if isinstance(found, bool) or not hasattr(found, "__index__") or not low <= operator.index(found) <= high:
-        raise MessageError(f"found {describe(found)}, needed is a whole number from {low} to {high}")
+        raise MessageError(f"expected a whole number from {low} to {high}, got {describe(found)}")
     return operator.index(found)
 
 
 def _bool(found: Any) -> bool:
     if not isinstance(found, bool):
-        raise MessageError(f"found {describe(found)}, needed is true or false")
+        raise MessageError(f"expected true or false, got {describe(found)}")
     return found
 
 
 def _float(found: Any) -> float:
     if isinstance(found, (bool, str)) or not hasattr(found, "__float__"):
-        raise MessageError(f"found {describe(found)}, needed is a number")
+        raise MessageError(f"expected a number, got {describe(found)}")
     try:
         return float(found)
     except OverflowError:
@@ -306,7 +304,7 @@ def _float32(found: Any) -> float:
 
 def _text(found: Any) -> str:
     if not isinstance(found, str):
-        raise MessageError(f"found {describe(found)}, needed is a text")
+        raise MessageError(f"expected text, got {describe(found)}")
     return found
 
 
@@ -316,11 +314,11 @@ def _bytes_from(found: Any) -> Any:
     try:
         return base64.b64decode(found, validate=True)
     except ValueError as error:
-        raise MessageError(f"found a text that is no base64: {error}") from None
+        raise MessageError(f"expected base64 text: {error}") from None
 
 
 def _require_mapping(found: Any) -> Message:
-    # A dict is known at once; typing's Mapping takes its time, and a report has a mapping per key-value.
+    # isinstance is fast for dict and slow for Mapping, and a report has a mapping per key-value.
     if not isinstance(found, dict) and not isinstance(found, Mapping):
-        raise MessageError(f"found {describe(found)}, needed is a mapping of fields to values")
+        raise MessageError(f"expected a mapping of fields to values, got {describe(found)}")
     return found

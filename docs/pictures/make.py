@@ -53,7 +53,7 @@ _SVG = """\
 {chrome}
 <g transform="translate({terminal_x}, {terminal_y})" clip-path="url(#{unique_id}-clip-terminal)">
 {backgrounds}
-<g class="{unique_id}-matrix">
+<g class="{unique_id}-matrix" xml:space="preserve">
 {matrix}
 </g>
 </g>
@@ -113,7 +113,7 @@ class Terminal:
             for old, new in replaced.items():
                 while old in (written := "".join(cell.data for cell in cells)):
                     start = written.index(old)
-                    cells[start : start + len(old)] = [cells[start]._replace(data=new)]
+                    cells[start : start + len(old)] = [cells[start]._replace(data=character) for character in new]
             line = Text()
             for (color, bold), run in itertools.groupby(cells, lambda cell: (cell.fg, cell.bold)):
                 line.append("".join(cell.data for cell in run), Style(color=_color(color), bold=bold))
@@ -217,7 +217,7 @@ class Workspace:
             looks: commands that are run beside them.
             first: beginning of the first line of the launched nodes to draw; empty: the first of all.
         """
-        launched = Terminal(launch, self._variables, 150, 48)
+        launched = Terminal(launch, self._variables, 200, 48)
         launched.run(20.0)
         seen: List[Text] = []
         for look in looks:

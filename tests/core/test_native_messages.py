@@ -165,16 +165,14 @@ def test_a_class_is_found_by_either_spelling_of_its_type() -> None:
 def test_a_type_that_is_not_here_is_an_error(find: Callable[[str], Any], type_name: str, reason: str) -> None:
     with pytest.raises(ConfigError) as caught:
         find(type_name)
-    assert str(caught.value) == f"found the type {type_name}, but {reason}"
+    assert str(caught.value) == f"unknown type {type_name}: {reason}"
 
 
 @pytest.mark.parametrize("type_name", ["Status", "", "a/b/c", "demo/Status[]"])
 def test_what_is_no_name_of_a_type_is_an_error(type_name: str) -> None:
     with pytest.raises(ConfigError) as caught:
         messages.message_class(type_name)
-    assert str(caught.value) == (
-        f"found the type {type_name!r}, allowed is package/Type, for instance std_msgs/Float32"
-    )
+    assert str(caught.value) == (f"expected a type such as std_msgs/Float32, got {type_name!r}")
 
 
 def test_a_message_within_messages_is_written_and_reads_the_same() -> None:
@@ -220,7 +218,7 @@ def test_whole_numbers_reach_from_the_lowest_to_the_highest_of_their_kind(kind: 
     for beyond in (low - 1, high + 1):
         with pytest.raises(ValueError) as caught:
             messages.to_native(one, {"data": beyond})
-        assert str(caught.value) == f"One.data: found {beyond}, needed is a whole number from {low} to {high}"
+        assert str(caught.value) == f"One.data: expected a whole number from {low} to {high}, got {beyond}"
 
 
 def test_an_octet_is_one_byte_in_a_message_and_an_int_in_a_mapping() -> None:
@@ -247,17 +245,17 @@ def test_a_number_like_one_of_numpy_becomes_one_of_python() -> None:
 @pytest.mark.parametrize(
     ("kind", "value", "needed"),
     [
-        ("int8", 1.0, "found 1.0, needed is a whole number from -128 to 127"),
-        ("int8", True, "found true, needed is a whole number from -128 to 127"),
-        ("int8", "1", "found '1', needed is a whole number from -128 to 127"),
-        ("octet", 256, "found 256, needed is a whole number from 0 to 255"),
-        ("octet", b"\1", "found b'\\x01', needed is a whole number from 0 to 255"),
-        ("bool", 1, "found 1, needed is true or false"),
-        ("float32", True, "found true, needed is a number"),
-        ("float64", "1.5", "found '1.5', needed is a number"),
-        ("float64", None, "found nothing, needed is a number"),
-        ("string", 1, "found 1, needed is a text"),
-        ("string", None, "found nothing, needed is a text"),
+        ("int8", 1.0, "expected a whole number from -128 to 127, got 1.0"),
+        ("int8", True, "expected a whole number from -128 to 127, got true"),
+        ("int8", "1", "expected a whole number from -128 to 127, got '1'"),
+        ("octet", 256, "expected a whole number from 0 to 255, got 256"),
+        ("octet", b"\1", "expected a whole number from 0 to 255, got b'\\x01'"),
+        ("bool", 1, "expected true or false, got 1"),
+        ("float32", True, "expected a number, got true"),
+        ("float64", "1.5", "expected a number, got '1.5'"),
+        ("float64", None, "expected a number, got nothing"),
+        ("string", 1, "expected text, got 1"),
+        ("string", None, "expected text, got nothing"),
     ],
 )
 def test_a_value_that_does_not_fit_its_kind_is_refused(kind: str, value: Any, needed: str) -> None:
@@ -271,7 +269,7 @@ def test_a_text_like_one_of_numpy_is_no_number() -> None:
         def __float__(self) -> float:
             return 1.5
 
-    with pytest.raises(ValueError, match=r"^One.data: found '1.5', needed is a number$"):
+    with pytest.raises(ValueError, match=r"^One.data: expected a number, got '1.5'$"):
         messages.to_native(one_field("float64"), {"data": Text("1.5")})
 
 
@@ -323,18 +321,18 @@ def test_bytes_may_also_be_given_as_they_are_or_as_a_list() -> None:
 @pytest.mark.parametrize(
     ("mapping", "reason"),
     [
-        ({"numbers": 1.0}, "Arrays.numbers: found 1.0, needed is a list"),
-        ({"numbers": "1.0"}, "Arrays.numbers: found '1.0', needed is a list"),
-        ({"numbers": {"a": 1.0}}, "Arrays.numbers: found a mapping, needed is a list"),
-        ({"numbers": [1.0, "a"]}, "Arrays.numbers: found 'a', needed is a number"),
-        ({"three": [1.0]}, "Arrays.three: found 1 elements, needed are 3"),
-        ({"three": [1.0] * 4}, "Arrays.three: found 4 elements, needed are 3"),
-        ({"few": [1, 2, 3]}, "Arrays.few: found 3 elements, allowed are at most 2"),
-        ({"bytes": [256]}, "Arrays.bytes: found 256, needed is a whole number from 0 to 255"),
-        ({"header": 1}, "Arrays.header: found 1, needed is a mapping of fields to values"),
-        ({"header": {"stamp": {"secs": -1}}}, "Arrays.header: Header.stamp: Time.secs: found -1, needed is a whole nu"),
-        ({"header": {"seq": 1}}, "Arrays.header: Header has no field seq; there are stamp, frame_id"),
-        ({"bytes": "no base64!"}, "Arrays.bytes: found a text that is no base64: "),
+        ({"numbers": 1.0}, "Arrays.numbers: expected a list, got 1.0"),
+        ({"numbers": "1.0"}, "Arrays.numbers: expected a list, got '1.0'"),
+        ({"numbers": {"a": 1.0}}, "Arrays.numbers: expected a list, got a mapping"),
+        ({"numbers": [1.0, "a"]}, "Arrays.numbers: expected a number, got 'a'"),
+        ({"three": [1.0]}, "Arrays.three: expected 3 elements, got 1"),
+        ({"three": [1.0] * 4}, "Arrays.three: expected 3 elements, got 4"),
+        ({"few": [1, 2, 3]}, "Arrays.few: expected at most 2 elements, got 3"),
+        ({"bytes": [256]}, "Arrays.bytes: expected a whole number from 0 to 255, got 256"),
+        ({"header": 1}, "Arrays.header: expected a mapping of fields to values, got 1"),
+        ({"header": {"stamp": {"secs": -1}}}, "Arrays.header: Header.stamp: Time.secs: expected a whole nu"),
+        ({"header": {"seq": 1}}, "Arrays.header: Header has no field seq; its fields are stamp, frame_id"),
+        ({"bytes": "no base64!"}, "Arrays.bytes: expected base64 text: "),
     ],
 )
 def test_what_does_not_fit_is_refused_with_the_field(mapping: Dict[str, Any], reason: str) -> None:
@@ -388,10 +386,10 @@ def test_the_empty_path_reads_the_whole_message_as_a_mapping() -> None:
         ("demo/Report", "header.frame_id.x", "frame_id is a plain value or a list, without fields"),
         ("demo/Report", "status.name", "status is a plain value or a list, without fields"),
         ("demo/Report", "status[0].x", "an element of status has level, name, values"),
-        ("demo/Report", "header[0]", "header is no array but a std_msgs/Header"),
-        ("demo/Report", "status[0].level[0]", "level is no array but a byte"),
+        ("demo/Report", "header[0]", "header is not an array but a std_msgs/Header"),
+        ("demo/Report", "status[0].level[0]", "level is not an array but a byte"),
         ("demo/Arrays", "three[3]", "three has 3 elements, the last is [2]"),
-        ("demo/Arrays", "three[2][0]", "an element of three is no array but a double"),
+        ("demo/Arrays", "three[2][0]", "an element of three is not an array but a double"),
         ("demo/Arrays", 'numbers["a"]', "the elements of numbers have neither name nor key"),
     ],
 )
