@@ -1,0 +1,79 @@
+"""The arguments of `robot-health`: what is accepted, and the one line for what is not."""
+
+from __future__ import annotations
+
+from typing import List
+
+import pytest
+
+from robot_health_monitor.arguments import parse
+from robot_health_monitor.core.version import package_version
+
+
+def test_run_watches_with_defaults() -> None:
+    arguments = parse(["run"])
+    assert (arguments.command, arguments.json, arguments.duration) == ("run", False, None)
+    assert (arguments.thresholds, arguments.port, arguments.log_level) == (None, None, "INFO")
+
+
+def test_options_may_be_repeated_where_they_are_lists() -> None:
+    arguments = parse(["run", "--allow-publish", "/cmd_*", "--allow-publish", "/goal"])
+    assert arguments.allow_publish == ["/cmd_*", "/goal"]
+
+
+def test_connect_takes_several_addresses() -> None:
+    assert parse(["connect", "ws://a:1", "b=ws://b:2"]).urls == ["ws://a:1", "b=ws://b:2"]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["run", "--port", "70000"], "--port"),
+        (["run", "--port", "-1"], "--port"),
+        (["run", "--duration", "0"], "--duration"),
+        (["run", "--duration", "nan"], "--duration"),
+        (["run", "--source", "imagined"], "--source"),
+        (["run", "--jso"], "--jso"),
+        (["connect"], "URL"),
+        (["check"], "FILE"),
+        (["fly"], "fly"),
+        ([], "COMMAND"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_code_2(words: List[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        parse(words)
+    written = capsys.readouterr().err
+    assert end.value.code == 2
+    assert line in written and written.count("\n") == 1
+    assert "--help" in written
+
+
+def test_a_token_is_refused_without_being_repeated(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        parse(["connect", "--token", "secret-7", "ws://a:1"])
+    written = capsys.readouterr().err
+    assert end.value.code == 2
+    assert "--token-file" in written and "secret-7" not in written
+
+
+def test_control_characters_of_an_argument_are_not_written(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse(["run", "--source", "\x1b[2Jcleared\nforged"])
+    written = capsys.readouterr().err
+    assert "\x1b" not in written and written.count("\n") == 1
+
+
+def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        parse(["--version"])
+    assert end.value.code in (0, None)
+    assert capsys.readouterr().out == f"robot-health {package_version()}\n"
+
+
+@pytest.mark.parametrize("command", ["run", "connect", "check", "sources"])
+def test_every_command_has_a_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        parse([command, "--help"])
+    assert end.value.code in (0, None)
+    assert capsys.readouterr().out.startswith(f"usage: robot-health {command}")

@@ -1,0 +1,128 @@
+"""What the executables of ROS 1 and ROS 2 share, run with nodes on the in-process middleware."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, List
+
+import pytest
+
+from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.executables import FAILED, SUCCESS, UNUSABLE, run
+
+Parameters = Dict[str, Dict[str, Any]]
+
+
+class LocalProcess:
+    """A process of nodes on one bus, which spins for three seconds of virtual time."""
+
+    def __init__(self, parameters: Parameters, failure: str = "") -> None:
+        self.bus = LocalBus()
+        self.middlewares: List[Any] = []
+        self.closed = False
+        self._parameters = parameters
+        self._failure = failure
+
+    def start(self) -> None:
+        pass
+
+    def create_node(self, name: str) -> Any:
+        self.middlewares.append(self.bus.node(name, parameters=self._parameters.get(name, {})))
+        return self.middlewares[-1]
+
+    def create_served_node(self, alert_system: Any) -> Any:
+        return self.create_node("rosbridge")
+
+    def locate(self, error: ConfigError, middleware: Any) -> ConfigError:
+        return ConfigError(error.problem, (middleware.name, *error.path))
+
+    def spin(self) -> str:
+        self.bus.run_until(3.0)
+        return self._failure
+
+    def close(self) -> None:
+        self.closed = True
+        for middleware in self.middlewares:
+            middleware.close()
+
+
+def start(executable: str, process: LocalProcess) -> int:
+    return run(executable, lambda name, interrupts: process, ros="ROS")
+
+
+@pytest.mark.parametrize(
+    ("executable", "nodes"),
+    [
+        ("battery_sensor", ["/battery_sensor"]),
+        ("aggregator", ["/aggregator"]),
+        ("alert_system", ["/alert_system"]),
+        ("health_monitor", ["/alert_system", "/aggregator", "/battery_sensor"]),
+    ],
+)
+def test_an_executable_starts_its_nodes_and_closes_them(executable: str, nodes: List[str]) -> None:
+    process = LocalProcess({})
+    assert start(executable, process) == SUCCESS
+    assert [middleware.name for middleware in process.middlewares] == nodes
+    assert process.closed and process.bus.nodes == []
+
+
+def test_sensors_none_leaves_battery_sensor_out_of_a_composed_process() -> None:
+    process = LocalProcess({"alert_system": {"sensors": "none"}})
+    assert start("health_monitor", process) == SUCCESS
+    assert [middleware.name for middleware in process.middlewares] == ["/alert_system", "/aggregator"]
+
+
+def test_a_configuration_that_cannot_be_used_is_one_line_and_code_2(capfd: pytest.CaptureFixture[str]) -> None:
+    process = LocalProcess({"aggregator": {"publish_rate": "fast"}})
+    assert start("aggregator", process) == UNUSABLE
+    written = capfd.readouterr().err
+    assert written.startswith("aggregator: /aggregator.publish_rate: expected a number")
+    assert written.count("\n") == 1 and process.closed
+
+
+def test_a_process_that_failed_says_why_and_ends_with_code_3(capfd: pytest.CaptureFixture[str]) -> None:
+    assert start("aggregator", LocalProcess({}, failure="the master was restarted")) == FAILED
+    assert capfd.readouterr().err.splitlines()[-1] == "aggregator: the master was restarted"
+
+
+def fail_with(error: BaseException) -> Callable[..., Any]:
+    def open_process(name: str, interrupts: Any) -> Any:
+        raise error
+
+    return open_process
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (ModuleNotFoundError("no", name="rclpy"), UNUSABLE, "no Python module rclpy"),
+        (KeyError("surprise"), FAILED, "internal error: KeyError: 'surprise'"),
+    ],
+)
+def test_what_goes_wrong_at_the_start_is_one_line(
+    error: BaseException, code: int, line: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run("alert_system", fail_with(error), ros="ROS 2") == code
+    written = capfd.readouterr().err
+    assert line in written and written.count("\n") == 1
+
+
+def test_an_interrupt_at_the_start_is_a_clean_end() -> None:
+    assert run("alert_system", fail_with(KeyboardInterrupt()), ros="ROS 2") == SUCCESS
+
+
+def test_a_ros_that_stopped_answering_is_code_3(capfd: pytest.CaptureFixture[str]) -> None:
+    process = LocalProcess({})
+    process.start = fail_at_start  # type: ignore[method-assign]
+    assert start("alert_system", process) == FAILED
+    assert capfd.readouterr().err == "alert_system: the ROS master does not answer\n"
+
+
+def fail_at_start() -> None:
+    raise ServiceError("the ROS master does not answer")
+
+
+def test_a_rosbridge_server_that_cannot_start_stops_nothing_else() -> None:
+    process = LocalProcess({"alert_system": {"rosbridge_port": 1, "rosbridge_address": "192.0.2.1"}})
+    assert start("alert_system", process) == SUCCESS
+    assert "rosbridge" in process.middlewares[0].faults.current()
