@@ -7,12 +7,12 @@ numbers. Simulated time comes from the bus's topic `/clock`, as on a robot.
 
 from __future__ import annotations
 
-import struct
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional
 
-from .errors import ConfigError, MessageError, ServiceError
-from .mapping_node import CLOCK, MappingNode, MappingSubscription, require_type_name
-from .middleware import Graph, Message, NodeInfo, Severity
+from .errors import ConfigError, ServiceError
+from .mapping_node import CLOCK, MappingNode, MappingSubscription
+from .middleware import Graph, Message, NodeInfo, Severity, split_type_name
+from .standard_messages import check_type, complete, definition, is_stamped
 
 
 class LogLine(NamedTuple):
@@ -163,14 +163,14 @@ class LocalMiddleware(MappingNode):
 
     def advertise(self, topic: str, type_name: str) -> None:
         resolved = self.resolve(topic)
-        require_type_name(type_name)
+        check_type(type_name)
         self._bus.types.setdefault(resolved, type_name)
         self._advertised[resolved] = type_name
 
     def publish(self, topic: str, message: Message) -> None:
         resolved = self.require_advertised(topic)
         stamp_s = self._bus.wall_time_s() if self._sim_time_s is None else self._sim_time_s
-        self._bus._deliver(resolved, _coerced(self._advertised[resolved], message, stamp_s))
+        self._bus._deliver(resolved, _transported(self._advertised[resolved], message, stamp_s))
 
     def has_listeners(self, topic: str) -> bool:
         return bool(self._bus._listeners.get(self.require_advertised(topic)))
@@ -179,10 +179,9 @@ class LocalMiddleware(MappingNode):
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
     ) -> MappingSubscription:
         resolved = self.resolve(topic)
-        if type_name:
-            require_type_name(type_name)
-            self._bus.types.setdefault(resolved, type_name)
         subscription = MappingSubscription(self, resolved, type_name, field, callback)
+        if type_name:
+            self._bus.types.setdefault(resolved, type_name)
         self._bus._listeners.setdefault(resolved, []).append(subscription.deliver)
         self._subscriptions.append(subscription)
         return subscription
@@ -194,7 +193,8 @@ class LocalMiddleware(MappingNode):
             self._bus._listeners[subscription.topic].remove(subscription.deliver)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        require_type_name(type_name)
+        if split_type_name(type_name) is None:
+            raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
         resolved = self.resolve(service)
         self._bus._services[resolved] = lambda request: self.answer(handler, request)
         self._bus._service_types[resolved] = type_name
@@ -206,8 +206,11 @@ class LocalMiddleware(MappingNode):
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
         return self._bus.call_service(self.resolve(service), request)
 
+    def type_of(self, topic: str) -> str:
+        return self._bus.types.get(topic, "")
+
     def message_definition(self, type_name: str) -> str:
-        return ""
+        return definition(type_name)
 
     def subscribe_raw(
         self, topic: str, type_name: str, callback: Callable[[bytes, float], None]
@@ -239,25 +242,14 @@ def _next_due_s(node: LocalMiddleware) -> float:
     return float("inf") if due_s is None else due_s
 
 
-def _coerced(type_name: str, message: Message, stamp_s: float) -> Message:
-    """Returns what a ROS middleware makes of a message of this type, with a stamp in seconds where it has one."""
-    name = require_type_name(type_name)
-    if name == ("std_msgs", "Float32"):
-        return {"data": _float32(message.get("data", 0.0))}
-    if name == ("diagnostic_msgs", "DiagnosticArray"):
+def _transported(type_name: str, message: Message, stamp_s: float) -> Message:
+    """Returns what subscribers receive of a message: with all fields, and stamped in seconds if it has no stamp.
+
+    Raises:
+        MessageError: the message does not match its type.
+    """
+    completed = complete(type_name, message)
+    if is_stamped(type_name) and "stamp" not in message.get("header", {}):
         seconds = int(stamp_s // 1)
-        stamp = {"sec": seconds, "nanosec": int((stamp_s - seconds) * 1e9)}
-        return {**message, "header": {"stamp": stamp, "frame_id": "", **message.get("header", {})}}
-    return dict(message)
-
-
-def _float32(number: Any) -> float:
-    try:
-        return float(_FLOAT32.unpack(_FLOAT32.pack(number))[0])
-    except OverflowError:
-        return float("inf") if number > 0 else float("-inf")
-    except struct.error as error:
-        raise MessageError(f"std_msgs/Float32: data must be a number: {error}") from None
-
-
-_FLOAT32 = struct.Struct("<f")
+        completed["header"]["stamp"] = {"secs": seconds, "nsecs": int((stamp_s - seconds) * 1e9)}
+    return completed

@@ -15,8 +15,9 @@ from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
 from .field_path import ABSENT, mapping_getter
 from .formatting import printable
-from .middleware import Message, Severity, resolve_name, split_type_name
+from .middleware import Message, Severity, resolve_name
 from .parameters import Parameter, flatten, unflatten
+from .standard_messages import check_field
 from .timers import ClockTimer, ClockTimers
 
 CLOCK = "/clock"
@@ -63,8 +64,10 @@ class MappingSubscription:
                 means that the array is too short.
 
         Raises:
-            ConfigError: `field` is not a path.
+            ConfigError: `field` is not a path, or the type is known not to have it.
         """
+        if type_name:
+            check_field(topic, type_name, field or "")
         self.topic = topic
         self.active = True
         """False once it has ended."""
@@ -89,7 +92,8 @@ class MappingSubscription:
     def _log_missing(self, message: Message) -> None:
         if not self._has_failed:
             self._has_failed = True
-            type_text = f" ({self._type_name})" if self._type_name else ""
+            type_name = self._type_name or self._node.type_of(self.topic)
+            type_text = f" ({type_name})" if type_name else ""
             available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
             text = f"{self.topic}{type_text} has no field {self._field}; available: {available}"
             self._node.log(Severity.ERROR, printable(text))
@@ -234,6 +238,10 @@ class MappingNode(abc.ABC):
                     self.call_back(subscription, value)
             self._run_due(self._sim_timers, now_s)
 
+    def type_of(self, topic: str) -> str:
+        """Returns the type of a topic by its resolved name, empty if it is not known."""
+        return ""
+
     def resolve(self, name: str) -> str:
         """Returns the absolute name that a name stands for, after remapping."""
         resolved = resolve_name(name, self.name)
@@ -311,19 +319,6 @@ def read_clock(message: Message) -> Optional[float]:
     if not (_is_part_of_stamp(seconds) and _is_part_of_stamp(nanoseconds)):
         return None
     return float(seconds + nanoseconds / 1e9)
-
-
-def require_type_name(type_name: str) -> Tuple[str, str]:
-    """Returns the package and the type of a type name, in any of its spellings.
-
-    Raises:
-        ConfigError: it is not a type name.
-    """
-    split = split_type_name(type_name)
-    if split is None:
-        raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
-    package, name = split
-    return package, name
 
 
 def _arrival(message: Message) -> float:

@@ -1,19 +1,24 @@
 """The port: what a node needs from a middleware, in rosbridge's vocabulary.
 
-Implemented by `core/local.py`, `ros1/middleware.py`, `ros2/middleware.py` and `rosbridge/client/middleware.py`; used by
-`core/nodes/`. One `Middleware` is one node: it has a name, a namespace, parameters, topics and services.
+Implemented by `core/local.py`, `ros1/middleware.py`, `ros2/middleware.py`, `rosbridge/client/middleware.py` and
+`recordings/`; used by `core/nodes/`. One `Middleware` is one node: it has a name, a namespace, parameters, topics and
+services.
 
 Every implementation guarantees:
 
-* Messages are plain mappings shaped as rosbridge shapes them: `{"data": 19.5}`, a DiagnosticStatus' `level` as an
-  int, byte arrays as base64 text. A `header` whose stamp is left out is stamped when it is published.
+* Messages are plain mappings in rosbridge's form: `{"data": 19.5}`, the `level` of a DiagnosticStatus as an int, byte
+  arrays as base64 text. A `header` without a stamp is stamped when it is published.
+* The types of std_msgs, std_srvs, sensor_msgs and diagnostic_msgs are always known. An implementation without message
+  definitions accepts types of other packages unchecked.
 * Type names are accepted in both spellings, `std_msgs/Float32` and `std_msgs/msg/Float32`.
 * Names follow ROS: `topic` is relative to the node's namespace, `/topic` absolute, `~name` private to the node.
 * Callbacks never run concurrently: the adapter holds one lock per node, so nodes need none. It reads `now_s` while it
-  holds the lock, so the times that a node receives never go back because of a race.
+  holds the lock, so that no race makes time go back for a node.
 * An exception in a callback is logged as one ERROR line and affects nothing else.
-* `log` never raises and never blocks for long, even if the log cannot be written.
+* `log` never raises and never blocks for long; a log that cannot be written is a fault.
+* A burst of several hundred messages on one topic is queued for publishing, not dropped.
 * No callback after `close()`. `close()` may be called twice.
+* Methods raise only the documented errors.
 """
 
 from __future__ import annotations
@@ -25,7 +30,7 @@ from .faults import Faults
 from .parameters import Parameter
 
 Message = Mapping[str, Any]
-"""A message, request or response as rosbridge shapes it."""
+"""A message, request or response in rosbridge's form."""
 
 
 class Severity(enum.IntEnum):
@@ -42,11 +47,11 @@ class Timer(Protocol):
     """A running timer."""
 
     def cancel(self) -> None:
-        """Stops it; it does not call back again. May be called twice, and from its own callback."""
+        """Stops the timer. May be called twice, and from its own callback."""
 
 
 class Subscription(Protocol):
-    """A subscription, to be given back to `unsubscribe`."""
+    """A subscription, for `unsubscribe`."""
 
     @property
     def topic(self) -> str:
@@ -62,7 +67,7 @@ class Middleware(Protocol):
 
     @property
     def faults(self) -> Faults:
-        """What keeps this node from working; any part of it may report here."""
+        """Faults of this node; any part of it may report here."""
 
     def now_s(self) -> float:
         """Returns the time in seconds on which durations are measured.
@@ -78,29 +83,36 @@ class Middleware(Protocol):
         """Returns monotonic seconds, also under `use_sim_time`."""
 
     def given_parameters(self) -> Mapping[str, Any]:
-        """Returns what was configured for this node, nested as in the file under `ros__parameters`."""
+        """Returns the configuration of this node, nested as in the file under `ros__parameters`.
+
+        Raises:
+            ConfigError: the middleware's parameters are not a mapping.
+        """
 
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
-        """Makes `parameters` visible and changeable while the node runs; called once.
+        """Makes `parameters` visible, and changeable at run time; called once.
 
         Args:
             parameters: names are dotted paths below the node (`signals.battery_level.warn_below`).
             on_change: called with the whole proposed tree, nested as `given_parameters` returns it. It returns what
                 changed as one line (`nothing changed`), which is the response of `~reload`, or raises ConfigError to
                 reject the change: the caller gets the reason, and the old values stay in force.
+
+        Raises:
+            ConfigError: a given value does not match its parameter's type or range.
         """
 
     def advertise(self, topic: str, type_name: str) -> None:
         """Announces that this node will publish on `topic`; a second call for the same topic does nothing.
 
         Raises:
-            ConfigError: the type is not known here.
+            ConfigError: the type is unknown or `topic` is not a name.
         """
 
     def publish(self, topic: str, message: Message) -> None:
-        """Publishes on an advertised topic; fields that are left out keep their defaults.
+        """Publishes on an advertised topic; missing fields keep their defaults.
 
         Raises:
             MessageError: `topic` is not advertised, or the message does not match its type.
@@ -119,32 +131,32 @@ class Middleware(Protocol):
         """Calls `callback(value, now_s)` for every message.
 
         Args:
-            topic: where to listen.
-            type_name: type of the messages; empty: the type of the topic, found out when somebody advertises it. A
-                field that its type does not have is then one ERROR line in the log.
+            topic: the topic.
+            type_name: type of the messages; empty: the type with which the topic is advertised, now or later. A field
+                that this type does not have is then one ERROR line in the log.
             callback: gets the value and the time of its arrival.
             field: path of the field to read, as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`,
-                `status["motor"].level`), bound once and read from the native message. An index beyond the end reads as
-                None; while no element has the key, there is no call back. Empty: the whole message as a mapping,
-                which costs a conversion. None: the message is not looked at, and not deserialised where the middleware
-                allows that; the value is 1.0.
+                `status["motor"].level`), bound once and read from the native message. An index beyond the end of an
+                array reads as None. Messages in which no element has the key are ignored. Empty: the whole message as
+                a mapping, which costs a conversion. None: the message is not read, nor deserialized where the
+                middleware allows that; the value is 1.0.
 
         Raises:
-            ConfigError: the type is not known here, or has no such field; the message names topic, type and the
-                fields that there are.
+            ConfigError: the type is unknown or has no such field; the error names topic, type and available fields.
+                Also if `topic` is not a name, or is already used with another type.
         """
 
     def unsubscribe(self, subscription: Subscription) -> None:
-        """Ends a subscription."""
+        """Ends a subscription; does nothing if it has ended."""
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         """Offers a service (`std_srvs/Trigger`); `handler(request)` returns the response.
 
-        A handler that raises is one ERROR line in the log, and the caller gets a failed call (ROS 1, rosbridge) or,
-        where the middleware has no failed calls (ROS 2), `success: false` with the error as `message`.
+        If the handler raises, the log has one ERROR line. The caller gets a failed call (ROS 1, rosbridge) or, since
+        ROS 2 has no failed calls, `success: false` with the error as `message`.
 
         Raises:
-            ConfigError: the type is unknown.
+            ConfigError: the type is unknown or `service` is not a name.
         """
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Timer:
@@ -156,7 +168,7 @@ class Middleware(Protocol):
         Args:
             period_s: the period in seconds.
             callback: called with `now_s`.
-            steady: measure the period on `steady_s`, for work that a paused simulator must not stop.
+            steady: measure the period on `steady_s`, for work that must go on while a simulator is paused.
         """
 
     def log(self, severity: Severity, text: str) -> None:
@@ -167,7 +179,7 @@ class Middleware(Protocol):
 
 
 class NodeInfo(NamedTuple):
-    """What one node of a graph does, by fully resolved names."""
+    """Topics and services of one node, by fully resolved names."""
 
     publishes: Sequence[str]
     subscribes: Sequence[str]
@@ -175,27 +187,27 @@ class NodeInfo(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """Who talks to whom: what a middleware can see of itself at one moment, by fully resolved names."""
+    """The nodes, topics and services of a middleware at one moment, by fully resolved names."""
 
     topics: Mapping[str, str]
-    """Type name per topic that somebody publishes on or subscribes to, in the middleware's own spelling."""
+    """Type name per topic with a publisher or subscriber, in the middleware's spelling."""
     services: Mapping[str, str]
-    """Type name per service; empty where the middleware does not tell."""
+    """Type name per service; empty where the middleware does not know it."""
     nodes: Mapping[str, NodeInfo]
 
 
 class ServedMiddleware(Middleware, Protocol):
-    """What `rosbridge/server.py` needs besides the port, to show a whole graph to clients that speak rosbridge.
+    """What the rosbridge server needs besides the port, to serve a whole graph to its clients.
 
-    These methods may wait for the network (`LocalMiddleware` excepted), so the server calls them from threads of its
-    own and never from a callback.
+    These methods may wait for the network (except in `LocalMiddleware`): the server calls them from its own threads,
+    never from a callback.
     """
 
     def graph(self) -> Graph:
         """Returns the current graph.
 
         Raises:
-            ServiceError: the middleware's name server does not answer.
+            ServiceError: the middleware did not answer, such as the master of ROS 1.
         """
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
@@ -203,31 +215,32 @@ class ServedMiddleware(Middleware, Protocol):
 
         Args:
             service: its name.
-            type_name: its type; empty: the one that the graph tells.
-            request: the fields; those left out keep their defaults.
-            timeout_s: how long to wait for the service and for its answer together, in s.
+            type_name: its type; empty: the type in the graph.
+            request: the fields; missing ones keep their defaults.
+            timeout_s: time limit for finding the service and for its answer together, in s.
 
         Raises:
             MessageError: the request does not match the service's type.
+            ConfigError: `type_name` is unknown.
             ServiceError: the service does not exist, failed, or did not answer in time; `str()` says which.
         """
 
     def message_definition(self, type_name: str) -> str:
-        """Returns a message type's definition with those of the types it holds, as `gendeps --cat` prints it.
+        """Returns a message type's definition and those of the types it contains, as from `gendeps --cat`.
 
-        Empty where the middleware does not have it.
+        Empty if the definition is unknown.
         """
 
     def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Subscription:
-        """Calls `callback(data, now_s)` for every message, with the bytes as the middleware transports them.
+        """Calls `callback(data, now_s)` for every message, with its bytes as the middleware transports them.
 
         Raises:
-            ConfigError: the type is not known here, or there are no such bytes.
+            ConfigError: the type is unknown, or the middleware transports no bytes.
         """
 
 
 def split_type_name(type_name: str) -> Optional[Sequence[str]]:
-    """Splits `pkg/Type`, `pkg/msg/Type` or `pkg/srv/Type` into (package, type), None when it is none of these."""
+    """Splits `pkg/Type`, `pkg/msg/Type` or `pkg/srv/Type` into (package, type); None for other texts."""
     parts = type_name.split("/")
     if len(parts) == 3 and parts[1] in ("msg", "srv"):
         del parts[1]

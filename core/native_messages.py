@@ -1,8 +1,8 @@
-"""Converts between the port's mappings and a middleware's native messages, and reads single fields of native messages.
+"""Converts the port's mappings to a middleware's native messages and back, and reads single fields of native messages.
 
-ROS 1 and ROS 2 both have a class per message type and an attribute per field; a `Dialect` describes how they differ.
-Neither checks values when they are set: rospy checks when it serializes, which it does only if there are subscribers,
-and rclpy passes wrong values to C unchecked. So every value is checked and converted here, by the type of its field.
+ROS 1 and ROS 2 both have a class per message type and an attribute per field; a `Dialect` describes their differences.
+Neither checks a value when it is assigned: rospy checks on serialization, which happens only with a subscriber, and
+rclpy passes wrong values to C. So every value is checked and converted here, by the type of its field.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import base64
 import functools
 import math
 import operator
+import struct
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .errors import ConfigError, MessageError
@@ -20,6 +21,7 @@ from .parameters import describe
 
 Getter = Callable[[Any], Any]
 
+_FLOAT32 = struct.Struct("<f")
 _FLOAT32_MAX = 3.4028234663852886e38
 
 _INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
@@ -29,48 +31,56 @@ _INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
 }
 
 _BYTES = ("uint8", "octet")
-"""Arrays of these are base64 text in a mapping."""
+"""Kinds whose arrays are base64 text in a mapping."""
+
+
+def _instance(native_class: Any) -> Any:
+    return native_class()
 
 
 class FieldType(NamedTuple):
     """The type of one field of a message."""
 
     element: str
-    """The middleware's name of the type, or of an array's elements: `double`, `std_msgs/Header`."""
+    """The middleware's name of the type, or of the type of an array's elements: `double`, `std_msgs/Header`."""
     kind: str
-    """The same on every middleware: bool, int8 to int64, uint8 to uint64, float32, float64, or octet (an int in a
-    mapping, `bytes` of length one in a message). Anything else that is not a message is text."""
+    """The type independent of the middleware: bool, int8 to int64, uint8 to uint64, float32, float64, or octet, which
+    is an int in a mapping and `bytes` of length one in a message. Anything else is text, unless it is a message."""
     message: Optional[Any] = None
-    """The message class of the field or of its elements; None for plain values."""
+    """The message class of the field or of its elements; None for a plain value."""
     is_array: bool = False
     size: Optional[int] = None
-    """Number of elements of a fixed-size array."""
+    """Number of elements of an array of fixed size."""
     most: Optional[int] = None
     """Largest number of elements of a bounded array."""
 
 
 class Dialect(NamedTuple):
-    """The differences between the messages of one middleware and those of another."""
+    """How the messages of one middleware differ from those of others."""
 
     find_class: Callable[[str, str, str], Any]
-    """Returns the class for a package, a kind (`msg` or `srv`) and a name; None if there is none."""
+    """Returns the class of a package, a kind (`msg` or `srv`) and a name; None if there is none."""
     type_name: Callable[[Any], str]
     """Returns the type of a message class, `std_msgs/Float32`."""
     field_types: Callable[[Any], Mapping[str, FieldType]]
     """Returns the type of every field of a message class, by name."""
     other_names: Mapping[str, str]
-    """Names of fields on other middlewares, mapped to their names here."""
+    """Names of fields in other middlewares to their names here."""
     byte_array: Callable[[List[int]], Any]
-    """Converts a list of integers to what an array of uint8 is set to."""
+    """Converts a list of uint8 to the value of a field."""
     plain: Callable[[Any], Any]
-    """Converts an array, or an element of one, to plain Python values."""
+    """Converts an array of a message, or one of its elements, to plain Python."""
+    new: Callable[[Any], Any] = _instance
+    """Returns a message of a class with default values."""
+    assign: Callable[[Any, str, Any], None] = setattr
+    """Sets a field of a message."""
 
 
 class NativeMessages:
-    """Converts and reads the messages of one middleware. Caches the readers and writers of each class."""
+    """Converts and reads the messages of one middleware. Caches the converters of each class."""
 
     def __init__(self, dialect: Dialect) -> None:
-        """Stores the dialect; classes are inspected when they are first used."""
+        """Loads no class before it is used."""
         self._dialect = dialect
         self._readers = functools.lru_cache(maxsize=None)(self._make_readers)
         self._writers = functools.lru_cache(maxsize=None)(self._make_writers)
@@ -79,7 +89,7 @@ class NativeMessages:
         """Returns the message class of `pkg/Type` or `pkg/msg/Type`.
 
         Raises:
-            ConfigError: there is none.
+            ConfigError: it is not installed, or not a type name.
         """
         return self._find_class(type_name, "msg")
 
@@ -87,7 +97,7 @@ class NativeMessages:
         """Returns the service class of `pkg/Type` or `pkg/srv/Type`.
 
         Raises:
-            ConfigError: there is none.
+            ConfigError: it is not installed, or not a type name.
         """
         return self._find_class(type_name, "srv")
 
@@ -97,7 +107,7 @@ class NativeMessages:
         return header is not None and header.element == "std_msgs/Header" and not header.is_array
 
     def to_mapping(self, message: Any) -> Dict[str, Any]:
-        """Returns a native message as a mapping: octets as ints, byte arrays as base64 text, NaN as it is."""
+        """Returns a native message as a mapping: octets as ints, byte arrays as base64 text, NaN unchanged."""
         native_class: Any = type(message)
         return {name: read(getattr(message, name)) for name, read in self._readers(native_class)}
 
@@ -105,33 +115,33 @@ class NativeMessages:
         """Returns a native message; fields that `mapping` leaves out keep their defaults.
 
         Raises:
-            MessageError: a field that the type does not have, or a value that does not fit its field.
+            MessageError: a field that the type does not have, or a value that does not match its field.
         """
-        message = native_class()
+        message = self._dialect.new(native_class)
         writers = self._writers(native_class)
         for name, value in _require_mapping(mapping).items():
             native_name = name if name in writers else self._dialect.other_names.get(name, name)
             if native_name not in writers:
-                raise MessageError(f"{native_class.__name__} has no field {name}; its fields are {', '.join(writers)}")
+                raise MessageError(f"{_short_name(native_class)} has no field {name}; available: {', '.join(writers)}")
             try:
-                setattr(message, native_name, writers[native_name](value))
+                self._dialect.assign(message, native_name, writers[native_name](value))
             except ValueError as error:
-                raise MessageError(f"{native_class.__name__}.{name}: {error}") from None
+                raise MessageError(f"{_short_name(native_class)}.{name}: {error}") from None
         return message
 
     def field_getter(self, topic: str, type_name: str, field: str) -> Getter:
         """Returns a function that reads `field`, a path as in `field_path.py`, from a native message.
 
-        It gives None where an array is shorter than the index, ABSENT where no element has the key. An empty field:
-        the whole message as a mapping.
+        The function returns None for an index beyond the end of an array, and ABSENT if no element has the key. For an
+        empty field it returns the whole message as a mapping.
 
         Args:
-            topic: the resolved topic, for the error.
+            topic: the resolved topic, for error messages.
             type_name: type of its messages.
             field: path of the field.
 
         Raises:
-            ConfigError: the type is not known, or has no such field.
+            ConfigError: the type is not installed, or has no such field.
         """
         native_class = self.message_class(type_name)
         try:
@@ -170,7 +180,7 @@ class NativeMessages:
         return found
 
     def _bind(self, native_class: Any, path: Sequence[Step]) -> List[Getter]:
-        """Returns the functions that, called in turn, read `path`; raises ValueError if the type has no such field."""
+        """Returns the functions that read the steps of `path`; raises ValueError with the reason if there is none."""
         steps: List[Getter] = []
         above = self._dialect.type_name(native_class)
         found = FieldType(above, above, native_class)
@@ -184,11 +194,11 @@ class NativeMessages:
                 steps.append(operator.attrgetter(name))
                 found = types[name]
             elif not found.is_array:
-                raise ValueError(f"{above} is not an array but a {found.element}")
+                raise ValueError(f"{above} is a {found.element}, not an array")
             else:
                 if isinstance(step, int):
                     if found.size is not None and step >= found.size:
-                        raise ValueError(f"{above} has {found.size} elements, the last is [{found.size - 1}]")
+                        raise ValueError(f"{above} has {found.size} elements, the last one is [{found.size - 1}]")
                     steps.append(operator.itemgetter(step))
                     if found.size is not None:
                         steps.append(self._dialect.plain)
@@ -204,7 +214,7 @@ class NativeMessages:
     def _element_getter(self, above: str, array: FieldType, key: str) -> Getter:
         field = key_field(self._dialect.field_types(array.message)) if array.message else None
         if field is None:
-            raise ValueError(f"the elements of {above} have neither name nor key")
+            raise ValueError(f"the elements of {above} have no name and no key")
         name_of = operator.attrgetter(field)
 
         def get(elements: Any) -> Any:
@@ -254,7 +264,7 @@ class NativeMessages:
 
 
 def as_it_is(value: Any) -> Any:
-    """Returns the value unchanged: for a `Dialect` whose arrays are lists of Python numbers."""
+    """Returns the value unchanged: `Dialect.plain` where arrays are lists of Python's numbers."""
     return value
 
 
@@ -297,9 +307,16 @@ def _float(found: Any) -> float:
 
 
 def _float32(found: Any) -> float:
-    """Returns a number that 32 bits can hold; one that is too large becomes an infinity."""
+    """Returns a number rounded to 32 bits; one that is too large becomes an infinity."""
     number = _float(found)
-    return number if not abs(number) > _FLOAT32_MAX else math.copysign(math.inf, number)
+    if abs(number) > _FLOAT32_MAX:
+        return math.copysign(math.inf, number)
+    return float(_FLOAT32.unpack(_FLOAT32.pack(number))[0])
+
+
+def _short_name(native_class: Any) -> str:
+    """Returns the type of a class without its package; a class may be the text of its type."""
+    return str(getattr(native_class, "__name__", native_class)).rpartition("/")[2]
 
 
 def _text(found: Any) -> str:
@@ -318,7 +335,7 @@ def _bytes_from(found: Any) -> Any:
 
 
 def _require_mapping(found: Any) -> Message:
-    # isinstance is fast for dict and slow for Mapping, and a report has a mapping per key-value.
+    # `dict` first: isinstance with typing's Mapping is slow, and a report has a mapping per key-value.
     if not isinstance(found, dict) and not isinstance(found, Mapping):
         raise MessageError(f"expected a mapping of fields to values, got {describe(found)}")
     return found

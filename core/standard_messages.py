@@ -6,13 +6,28 @@ of geometry_msgs that they contain. `ROS2_FIELDS` has the fields that only ROS 2
 
 from __future__ import annotations
 
+import base64
 import functools
+import operator
 import re
-from typing import Any, Dict, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, Tuple
 
+from .errors import ConfigError
+from .middleware import Message, split_type_name
 from .native_messages import Dialect, FieldType, NativeMessages, as_it_is
 
-__all__ = ["MESSAGES", "PACKAGES", "ROS2_FIELDS", "SERVICES", "messages"]
+__all__ = [
+    "MESSAGES",
+    "PACKAGES",
+    "ROS2_FIELDS",
+    "SERVICES",
+    "check_field",
+    "check_type",
+    "complete",
+    "definition",
+    "is_stamped",
+    "messages",
+]
 
 PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""
@@ -437,14 +452,106 @@ def _find_class(package: str, kind: str, name: str) -> Any:
     return type_name if type_name in (MESSAGES if kind == "msg" else SERVICES) else None
 
 
+def _new(type_name: Any) -> Dict[str, Any]:
+    """Returns a message with default values: zeros, empty texts and empty lists."""
+    return {name: _default(field) for name, field in _field_types(type_name).items() if not _is_ros2(type_name, name)}
+
+
+def _default(field: FieldType) -> Any:
+    if field.is_array:
+        if field.kind == "uint8":
+            return _base64([0] * (field.size or 0))
+        return [_default(field._replace(is_array=False)) for _ in range(field.size or 0)]
+    if field.message is not None:
+        return _new(field.message)
+    if field.kind == "bool":
+        return False
+    if field.kind == "string":
+        return ""
+    return 0.0 if field.kind.startswith("float") else 0
+
+
+def _is_ros2(type_name: str, field: str) -> bool:
+    return f" {field}\n" in ROS2_FIELDS.get(type_name, "")
+
+
+def _base64(data: List[int]) -> str:
+    return base64.b64encode(bytes(data)).decode("ascii")
+
+
 messages = NativeMessages(
     Dialect(
         find_class=_find_class,
         type_name=str,
         field_types=_field_types,
         other_names={"sec": "secs", "nanosec": "nsecs"},
-        byte_array=bytes,
+        byte_array=_base64,
         plain=as_it_is,
+        new=_new,
+        assign=operator.setitem,
     )
 )
-"""Looks up types and binds field paths, as the adapters of ROS do; its message classes are the names of types."""
+"""Looks up types, binds field paths and checks messages, as the adapters of ROS do.
+
+A message class is the name of a type, and a native message is a mapping with all fields of its type.
+"""
+
+
+def check_type(type_name: str) -> str:
+    """Checks the name of a message type.
+
+    Returns:
+        The type as `package/Type` if its definition is known here; empty for types of other packages.
+
+    Raises:
+        ConfigError: not the name of a type, or a type that a package of `PACKAGES` does not have.
+    """
+    split = split_type_name(type_name)
+    if split is None:
+        raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
+    name = "/".join(split)
+    if split[0] in PACKAGES:
+        messages.message_class(type_name)
+    return name if name in MESSAGES else ""
+
+
+def check_field(topic: str, type_name: str, field: str) -> None:
+    """Checks that a message type has a field, where the definition of the type is known here.
+
+    Raises:
+        ConfigError: it has not; or as `check_type` does.
+    """
+    if check_type(type_name):
+        messages.field_getter(topic, type_name, field)
+
+
+def complete(type_name: str, message: Message) -> Dict[str, Any]:
+    """Returns a message with every field of its type and checked values, where the definition is known here.
+
+    Raises:
+        MessageError: the message does not match its type.
+    """
+    known = check_type(type_name)
+    completed: Dict[str, Any] = messages.to_native(known, message) if known else dict(message)
+    return completed
+
+
+def is_stamped(type_name: str) -> bool:
+    """Returns whether messages of a type are known to have a header, and so a stamp."""
+    known = check_type(type_name)
+    return bool(known) and messages.is_stamped(known)
+
+
+def definition(type_name: str) -> str:
+    """Returns a type's definition and those of the types it contains, as from `gendeps --cat`; empty if unknown."""
+    split = split_type_name(type_name)
+    root = "/".join(split or ())
+    if root not in MESSAGES:
+        return ""
+    names, parts = [root], [MESSAGES[root]]
+    for name in names:  # grows while it runs
+        for field in _field_types(name).values():
+            if field.element in MESSAGES and field.element not in names:
+                names.append(field.element)
+                parts.append(f"{'=' * 80}\nMSG: {field.element}\n{MESSAGES[field.element]}")
+    return "".join(parts)

@@ -8,20 +8,15 @@ import ssl
 import time
 from typing import Any, Callable, List, Mapping, Optional
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.mapping_node import (
-    CLOCK,
-    CLOCK_TYPE,
-    MappingNode,
-    MappingSubscription,
-    require_type_name,
-)
-from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription
+from robot_health_monitor.core.middleware import Message, Severity, split_type_name
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer
 
 from ..protocol import DEFAULT_LIMITS, Limits
-from ..protocol.definitions import check_message
 from .cause import Cause
 from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
 
@@ -223,7 +218,7 @@ class RosbridgeMiddleware(MappingNode):
 
     def advertise(self, topic: str, type_name: str) -> None:
         resolved = self.resolve(topic)
-        require_type_name(type_name)
+        check_type(type_name)
         with self._lock:
             if resolved not in self._advertised:
                 self._advertised[resolved] = type_name
@@ -232,7 +227,7 @@ class RosbridgeMiddleware(MappingNode):
 
     def publish(self, topic: str, message: Message) -> None:
         resolved = self.require_advertised(topic)
-        check_message(self._advertised[resolved], message)
+        complete(self._advertised[resolved], message)  # raises MessageError
         if not self._client.read_only:
             self._connection.publish(resolved, message)
 
@@ -243,8 +238,6 @@ class RosbridgeMiddleware(MappingNode):
     def subscribe(
         self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
     ) -> _Subscription:
-        if type_name:
-            require_type_name(type_name)
         subscription = _Subscription(self, self.resolve(topic), type_name, field, callback)
         with self._lock:
             self._subscriptions.append(subscription)
@@ -259,7 +252,8 @@ class RosbridgeMiddleware(MappingNode):
                 self._connection.subscriptions.remove(subscription.topic, subscription)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        require_type_name(type_name)
+        if split_type_name(type_name) is None:
+            raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
         resolved = self.resolve(service)
         with self._lock:
             self._services.append(resolved)

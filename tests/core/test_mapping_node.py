@@ -7,7 +7,7 @@ from typing import Any, List, Mapping, Tuple
 import pytest
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, read_clock, require_type_name
+from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, read_clock
 from robot_health_monitor.core.middleware import Severity
 
 
@@ -149,13 +149,3 @@ def test_a_rejected_parameter_keeps_the_old_value() -> None:
     with pytest.raises(ConfigError, match="rate: too high"):
         node.set_parameter("rate", 7.0)
     assert node.given_parameters() == {}
-
-
-@pytest.mark.parametrize("name", ["std_msgs/Float32", "std_msgs/msg/Float32"])
-def test_a_type_name_has_two_spellings(name: str) -> None:
-    assert require_type_name(name) == ("std_msgs", "Float32")
-
-
-def test_a_text_that_is_not_a_type_name_is_a_configuration_error() -> None:
-    with pytest.raises(ConfigError, match="expected a type such as std_msgs/Float32, got 'Float32'"):
-        require_type_name("Float32")

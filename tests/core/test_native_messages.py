@@ -330,8 +330,11 @@ def test_bytes_may_also_be_given_as_they_are_or_as_a_list() -> None:
         ({"few": [1, 2, 3]}, "Arrays.few: expected at most 2 elements, got 3"),
         ({"bytes": [256]}, "Arrays.bytes: expected a whole number from 0 to 255, got 256"),
         ({"header": 1}, "Arrays.header: expected a mapping of fields to values, got 1"),
-        ({"header": {"stamp": {"secs": -1}}}, "Arrays.header: Header.stamp: Time.secs: expected a whole nu"),
-        ({"header": {"seq": 1}}, "Arrays.header: Header has no field seq; its fields are stamp, frame_id"),
+        (
+            {"header": {"stamp": {"secs": -1}}},
+            "Arrays.header: Header.stamp: Time.secs: expected a whole number",
+        ),
+        ({"header": {"seq": 1}}, "Arrays.header: Header has no field seq; available: stamp, frame_id"),
         ({"bytes": "no base64!"}, "Arrays.bytes: expected base64 text: "),
     ],
 )
@@ -386,11 +389,11 @@ def test_the_empty_path_reads_the_whole_message_as_a_mapping() -> None:
         ("demo/Report", "header.frame_id.x", "frame_id is a plain value or a list, without fields"),
         ("demo/Report", "status.name", "status is a plain value or a list, without fields"),
         ("demo/Report", "status[0].x", "an element of status has level, name, values"),
-        ("demo/Report", "header[0]", "header is not an array but a std_msgs/Header"),
-        ("demo/Report", "status[0].level[0]", "level is not an array but a byte"),
-        ("demo/Arrays", "three[3]", "three has 3 elements, the last is [2]"),
-        ("demo/Arrays", "three[2][0]", "an element of three is not an array but a double"),
-        ("demo/Arrays", 'numbers["a"]', "the elements of numbers have neither name nor key"),
+        ("demo/Report", "header[0]", "header is a std_msgs/Header, not an array"),
+        ("demo/Report", "status[0].level[0]", "level is a byte, not an array"),
+        ("demo/Arrays", "three[3]", "three has 3 elements, the last one is [2]"),
+        ("demo/Arrays", "three[2][0]", "an element of three is a double, not an array"),
+        ("demo/Arrays", 'numbers["a"]', "the elements of numbers have no name and no key"),
     ],
 )
 def test_a_path_to_nowhere_is_refused_with_what_is_there(type_name: str, field: str, reason: str) -> None:

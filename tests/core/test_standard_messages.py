@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.standard_messages import MESSAGES, PACKAGES, SERVICES, messages
+from robot_health_monitor.core.errors import ConfigError, MessageError
+from robot_health_monitor.core.standard_messages import (
+    MESSAGES,
+    PACKAGES,
+    SERVICES,
+    check_field,
+    check_type,
+    complete,
+    definition,
+    is_stamped,
+    messages,
+)
 
 
 def test_definitions_are_one_field_or_constant_per_line() -> None:
@@ -46,3 +58,59 @@ def test_the_packages_are_those_that_are_always_checked() -> None:
 def test_a_field_that_does_not_exist_is_refused(type_name: str, field: str) -> None:
     with pytest.raises(ConfigError):
         messages.field_getter("/topic", type_name, field)
+
+
+def test_a_message_is_completed_with_defaults_and_its_floats_are_rounded_to_32_bits() -> None:
+    completed = complete("sensor_msgs/msg/BatteryState", {"percentage": 0.1, "cell_voltage": [3], "present": True})
+    assert completed["percentage"] == 0.10000000149011612
+    assert completed["cell_voltage"] == [3.0]
+    assert completed["header"] == {"seq": 0, "stamp": {"secs": 0, "nsecs": 0}, "frame_id": ""}
+    assert (completed["location"], completed["cell_temperature"], completed["power_supply_status"]) == ("", [], 0)
+    assert complete("sensor_msgs/Imu", {})["orientation_covariance"] == [0.0] * 9
+    assert complete("std_msgs/UInt8MultiArray", {"data": [1, 2]})["data"] == "AQI="
+
+
+def test_only_ros_2_has_fields_without_a_default() -> None:
+    assert "variance" not in complete("sensor_msgs/Range", {})
+    assert complete("sensor_msgs/Range", {"variance": 0.5})["variance"] == 0.5
+
+
+def test_a_message_of_an_unknown_package_is_passed_on_unchanged() -> None:
+    assert complete("nav_msgs/Odometry", {"anything": [1]}) == {"anything": [1]}
+    assert check_type("nav_msgs/Odometry") == ""
+    assert not is_stamped("nav_msgs/Odometry")
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        ({"data": "full"}, "Float32.data: expected a number, got 'full'"),
+        ({"value": 1.0}, "Float32 has no field value; available: data"),
+        ([], "expected a mapping"),
+    ],
+)
+def test_a_message_that_does_not_match_its_type_is_a_message_error(message: Any, reason: str) -> None:
+    with pytest.raises(MessageError, match=reason):
+        complete("std_msgs/Float32", message)
+
+
+def test_a_type_that_a_known_package_lacks_is_a_configuration_error() -> None:
+    with pytest.raises(ConfigError, match="unknown type std_msgs/Flota32"):
+        check_type("std_msgs/Flota32")
+    with pytest.raises(ConfigError, match="expected a type such as std_msgs/Float32, got 'Float32'"):
+        check_type("Float32")
+    assert check_type("std_msgs/msg/Float32") == "std_msgs/Float32"
+
+
+def test_a_field_is_checked_where_the_definition_is_known() -> None:
+    check_field("/in", "sensor_msgs/BatteryState", "cell_voltage[1]")
+    check_field("/in", "nav_msgs/Odometry", "anything")
+    with pytest.raises(ConfigError, match="/in: std_msgs/Float32 has no field level"):
+        check_field("/in", "std_msgs/Float32", "level")
+
+
+def test_a_definition_contains_each_type_once() -> None:
+    text = definition("diagnostic_msgs/msg/DiagnosticArray")
+    heads = [line for line in text.splitlines() if line.startswith("MSG: ")]
+    assert heads == ["MSG: std_msgs/Header", "MSG: diagnostic_msgs/DiagnosticStatus", "MSG: diagnostic_msgs/KeyValue"]
+    assert definition("nav_msgs/Odometry") == definition("nonsense") == ""

@@ -12,7 +12,6 @@ from robot_health_monitor.core.local import LocalBus, LocalMiddleware
 class LocalHarness:
     """A bus in virtual time."""
 
-    knows_types = False
     knows_listeners = True
 
     def __init__(self) -> None:

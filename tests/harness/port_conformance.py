@@ -22,7 +22,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Pro
 import pytest
 
 from robot_health_monitor.core.config import sections
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
@@ -57,8 +57,6 @@ class LogLine(NamedTuple):
 class Harness(Protocol):
     """One middleware, seen from outside the nodes under test."""
 
-    knows_types: bool
-    """Whether it has message definitions, so that it can refuse a wrong type and fill in defaults."""
     knows_listeners: bool
     """Whether a node is told if anybody listens."""
 
@@ -401,7 +399,6 @@ class PortConformance:
         assert set(before.values) <= {0.25, 0.5}
 
     def test_a_field_that_the_type_found_out_lacks_is_one_error_line(self, harness: Harness) -> None:
-        self._needs_types(harness)
         heard = Recorder()
         harness.node("alert_system").subscribe("in", "", heard, field="percentage")
 
@@ -412,7 +409,7 @@ class PortConformance:
         harness.wait_until(lambda: bool(errors()))
         harness.publish("/in", FLOAT32, {"data": 2.0})
         (error,) = errors()
-        for text in ("/in", "std_msgs", "Float32", "percentage", "data"):
+        for text in ("/in", "percentage", "data"):
             assert text in error
         assert heard.values == []
 
@@ -475,7 +472,6 @@ class PortConformance:
         harness.wait_until(lambda: [bytes_of(m["data"]) for m in listened] == [b"\x00\x01\x02\x80\xff"])
 
     def test_fields_that_are_left_out_keep_their_defaults(self, harness: Harness) -> None:
-        self._needs_types(harness)
         node = harness.node("alert_system")
         node.advertise("alerts", "diagnostic_msgs/DiagnosticStatus")
         listened = harness.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
@@ -498,9 +494,8 @@ class PortConformance:
         with pytest.raises(ConfigError):
             node.subscribe("in", type_name, Recorder(), field="data")
 
-    @pytest.mark.parametrize("type_name", ["no_such_msgs/Float32", "std_msgs/Flota32", "std_msgs/msg/Flota32"])
-    def test_an_unknown_type_is_refused_and_named(self, harness: Harness, type_name: str) -> None:
-        self._needs_types(harness)
+    @pytest.mark.parametrize("type_name", ["std_msgs/Flota32", "std_msgs/msg/Flota32"])
+    def test_an_unknown_type_of_a_standard_package_is_rejected(self, harness: Harness, type_name: str) -> None:
         node = harness.node("alert_system")
         with pytest.raises(ConfigError, match=type_name):
             node.advertise("out", type_name)
@@ -524,7 +519,6 @@ class PortConformance:
     def test_a_field_that_is_not_there_is_refused_with_those_that_are(
         self, harness: Harness, type_name: str, field: str, there_are: Sequence[str]
     ) -> None:
-        self._needs_types(harness)
         with pytest.raises(ConfigError) as refusal:
             harness.node("alert_system", namespace="robot1").subscribe("in", type_name, Recorder(), field=field)
         for text in ("/robot1/in", type_name, field, *there_are):
@@ -534,26 +528,25 @@ class PortConformance:
     # Publishing and subscribing
 
     def test_publishing_without_advertising_is_an_error(self, harness: Harness) -> None:
-        with pytest.raises(ValueError, match="/out"):
+        with pytest.raises(MessageError, match="/out"):
             harness.node("battery_sensor").publish("out", {"data": 1.0})
 
     @pytest.mark.parametrize("message", [{"data": "full"}, {"data": None}])
     def test_a_message_that_does_not_fit_its_type_is_an_error(self, harness: Harness, message: Dict[str, Any]) -> None:
         node = harness.node("battery_sensor")
         node.advertise("out", FLOAT32)
-        with pytest.raises(ValueError):
+        with pytest.raises(MessageError):
             node.publish("out", message)
 
     def test_a_message_with_a_field_that_its_type_lacks_is_an_error(self, harness: Harness) -> None:
-        self._needs_types(harness)
         node = harness.node("battery_sensor")
         node.advertise("out", FLOAT32)
-        with pytest.raises(ValueError, match="value"):
+        with pytest.raises(MessageError, match="value"):
             node.publish("out", {"value": 1.0})
 
     def test_a_topic_has_listeners_while_somebody_listens(self, harness: Harness) -> None:
         node = harness.node("source")
-        with pytest.raises(ValueError, match="/level"):
+        with pytest.raises(MessageError, match="/level"):
             node.has_listeners("level")
         node.advertise("level", FLOAT32)
         assert node.has_listeners("level") is not harness.knows_listeners
@@ -1034,11 +1027,6 @@ class PortConformance:
             harness.wait_until(lambda values=heard.values: values == [1.0])
             assert harness.call("/alert_system/reset", TRIGGER)["message"] == message
             node.close()
-
-    @staticmethod
-    def _needs_types(harness: Harness) -> None:
-        if not harness.knows_types:
-            pytest.skip("this middleware has no message definitions to check against")
 
     @staticmethod
     def _wait_for_error(harness: Harness, text: str) -> None:

@@ -31,7 +31,6 @@ _SEVERITIES = {
 class Ros1Harness:
     """Nodes in this process, which `rospy.init_node` has made a node under simulated time."""
 
-    knows_types = True
     knows_listeners = True
 
     def __init__(self) -> None:

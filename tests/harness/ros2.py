@@ -75,7 +75,6 @@ class Spinner:
 class Ros2Harness:
     """Nodes under test spin in their own thread; the outside spins while a test waits."""
 
-    knows_types = True
     knows_listeners = True
 
     def __init__(self, inside: Participant, outside: Participant, spinner: Spinner) -> None:

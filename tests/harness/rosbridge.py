@@ -20,7 +20,6 @@ EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 class RosbridgeHarness:
     """The harness of `port_conformance.py`. The outside speaks on the bus, on the far side of the server."""
 
-    knows_types = False
     knows_listeners = False
 
     def __init__(self) -> None:

@@ -59,8 +59,6 @@ class ServedConformance:
             served.call_service("/nobody/reset", TRIGGER, {}, 0.2)
 
     def test_a_definition_holds_those_of_the_types_within(self, harness: Harness, served: ServedMiddleware) -> None:
-        if not harness.knows_types:
-            pytest.skip("this middleware has no message definitions")
         assert "float32 data" in served.message_definition(FLOAT32)
         text = served.message_definition("diagnostic_msgs/DiagnosticArray")
         parts = text.split("=" * 80 + "\n")
@@ -75,12 +73,17 @@ class ServedConformance:
         assert served.message_definition("no_such/Type") == ""
 
     def test_raw_bytes_are_those_of_the_wire(self, harness: Harness, served: ServedMiddleware) -> None:
+        """Or the middleware transports no bytes, and says so."""
         heard: List[bytes] = []
-        if not harness.knows_types:
-            with pytest.raises(ConfigError, match="/in"):
-                served.subscribe_raw("/in", FLOAT32, lambda data, now_s: heard.append(data))
+        try:
+            subscription = served.subscribe_raw("/in", FLOAT32, lambda data, now_s: heard.append(data))
+        except ConfigError as error:
+            refusal = str(error)
+        else:
+            refusal = ""
+        if refusal:
+            assert "/in" in refusal
             return
-        subscription = served.subscribe_raw("/in", FLOAT32, lambda data, now_s: heard.append(data))
         harness.publish("/in", FLOAT32, {"data": 19.5})
         harness.wait_until(lambda: len(heard) == 1)
         # ROS 2 puts the four bytes of CDR's header before it

@@ -114,3 +114,11 @@ def test_log_lines_about_a_failed_callback_are_one_line_each(ros: Any) -> None:
     ros.publish("/in", FLOAT32, {"data": 1.0})
     ros.wait_until(lambda: bool(errors(ros)))
     assert errors(ros) == ["RuntimeError in a callback: first second"]
+
+
+def test_a_type_of_a_package_that_is_not_installed_is_rejected(ros: Any) -> None:
+    node = ros.node("alert_system")
+    with pytest.raises(ConfigError, match="no_such_msgs/Float32"):
+        node.advertise("out", "no_such_msgs/Float32")
+    with pytest.raises(ConfigError, match="no_such_msgs/Float32"):
+        node.subscribe("in", "no_such_msgs/Float32", Recorder(), field="data")

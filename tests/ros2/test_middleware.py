@@ -252,3 +252,11 @@ def test_a_burst_of_alerts_arrives_completely(ros: Any) -> None:
         node.publish("alerts", {"data": float(number)})
     ros.wait_until(lambda: len(messages) == 500)
     assert messages == [float(number) for number in range(500)]
+
+
+def test_a_type_of_a_package_that_is_not_installed_is_rejected(ros: Any) -> None:
+    node = ros.node("alert_system")
+    with pytest.raises(ConfigError, match="no_such_msgs/Float32"):
+        node.advertise("out", "no_such_msgs/Float32")
+    with pytest.raises(ConfigError, match="no_such_msgs/Float32"):
+        node.subscribe("in", "no_such_msgs/Float32", Recorder(), field="data")
