@@ -497,6 +497,7 @@ A message class is the name of a type, and a native message is a mapping with al
 """
 
 
+@functools.lru_cache(maxsize=1000)
 def check_type(type_name: str) -> str:
     """Checks the name of a message type.
 

@@ -51,7 +51,7 @@ class SelfMonitor:
         self._clock_reminder_s = _CLOCK_GRACE_S
         self._samples = 0
         self._samples_per_s = 0.0
-        self._tick_s: Optional[float] = None
+        self._tick_s: Optional[float] = None if middleware.waiting_for_clock() else middleware.now_s()
         self._tick_steady_s = self._start_s
         self._last_lateness_s = 0.0
         self.reports: Dict[str, Callable[[], str]] = {

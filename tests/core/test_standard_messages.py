@@ -32,8 +32,8 @@ def test_definitions_are_one_field_or_constant_per_line() -> None:
 
 
 def test_every_type_inside_a_message_is_known() -> None:
-    for type_name, definition in MESSAGES.items():
-        for line in definition.splitlines():
+    for type_name, text in MESSAGES.items():
+        for line in text.splitlines():
             kind = line.split()[0].partition("[")[0]
             assert "/" not in kind or kind in MESSAGES, f"{type_name}: {line}"
 

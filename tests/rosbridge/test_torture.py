@@ -337,7 +337,7 @@ async def test_a_message_above_the_limit_is_not_sent_and_logged(robot: Robot) ->
         await peer.subscribe("/image")
         robot.node.publish("/image", IMAGE)
         robot.node.publish("/image", {"width": 1})
-        assert (await peer.receive())["msg"] == {"width": 1}
+        assert (await peer.receive())["msg"]["width"] == 1
     (line,) = robot.log
     assert line.startswith("/image: message of 12") and line.endswith("bytes dropped (limit 1000000)")
     assert robot.server.dropped == 1
