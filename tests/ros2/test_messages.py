@@ -70,7 +70,7 @@ def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping:
         (
             "rcl_interfaces/ParameterDescriptor",
             {"integer_range": [{}, {}]},
-            "integer_range: found 2 elements, allowed are at most 1",
+            "integer_range: expected at most 1 elements, got 2",
         ),
     ],
 )
