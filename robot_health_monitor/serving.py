@@ -16,15 +16,14 @@ from .tokens import find_token
 if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig
     from robot_health_monitor.core.nodes import AlertSystem
-    from robot_health_monitor.rosbridge.loop_thread import LoopThread
-    from robot_health_monitor.rosbridge.server.server import Server
+    from robot_health_monitor.rosbridge.server import Server, ServerThread
 
     from .embedded import EmbeddedMonitor
 
 DEFAULT_PORT = 9090
 _FAULT = "rosbridge"
-_CLOSE_S = 1.5
-"""Longest time to close connections."""
+_CLOSE_S = 2.5
+"""Longest time to close the port and the connections; the server itself takes at most 2 s."""
 _SEVERITY_OF_LEVEL = {
     Level.OK: Severity.INFO,
     Level.WARN: Severity.WARN,
@@ -73,14 +72,15 @@ def make_server(
         ConfigError: the address is not protected.
         ModuleNotFoundError: a library is not installed.
     """
-    from robot_health_monitor.rosbridge.server.access import LOCAL_PAGES, Access
-    from robot_health_monitor.rosbridge.server.server import Server
+    from robot_health_monitor.rosbridge.server import Server
+    from robot_health_monitor.rosbridge.server.access import monitor_access
 
-    access = Access(
+    access = monitor_access(
+        alert_system,
         publish=settings.allow_publish,
-        services=(f"{alert_system}/reset", f"{alert_system}/reload", *settings.allow_call),
+        services=settings.allow_call,
         offer=settings.allow_offer,
-        origins=(*LOCAL_PAGES, *settings.origins),
+        origins=settings.origins,
         token=settings.token,
     )
     return Server(
@@ -127,25 +127,9 @@ async def stop_serving(server: Server) -> None:
     await asyncio.wait({asyncio.ensure_future(server.close())}, timeout=_CLOSE_S)
 
 
-class ServerInThread:
-    """A running server with its own event loop, beside a middleware that has threads."""
-
-    def __init__(self, server: Server, thread: LoopThread) -> None:
-        """Takes a server that was started in the loop of `thread`."""
-        self._server = server
-        self._thread = thread
-
-    def close(self) -> None:
-        """Closes the port and every connection, and ends the thread."""
-        try:
-            self._thread.call(stop_serving(self._server))
-        finally:
-            self._thread.close()
-
-
 def serve_in_thread(
     create_node: Callable[[], ServedMiddleware], middleware: Middleware, alert_system: AlertSystem
-) -> Optional[ServerInThread]:
+) -> Optional[ServerThread]:
     """Serves what alert_system watches, as its configuration says. A failure never stops the monitoring.
 
     Args:
@@ -158,16 +142,14 @@ def serve_in_thread(
     """
     config = alert_system.monitor.config
     node: Optional[ServedMiddleware] = None
-    thread: Optional[LoopThread] = None
     try:
-        from robot_health_monitor.rosbridge.loop_thread import LoopThread
+        from robot_health_monitor.rosbridge.server import ServerThread
 
         settings = _settings_of(config, middleware)
         node = create_node()
-        given = {name: value for name, value in middleware.given_parameters().items() if name != "rosbridge_token"}
+        given = middleware.given_parameters()
         server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, threads=True)
-        thread = LoopThread()
-        thread.call(server.start())
+        thread = ServerThread(server)
     except ModuleNotFoundError as error:
         problem = f"{error.name} is not installed"
     except ConfigError as error:
@@ -176,11 +158,9 @@ def serve_in_thread(
         address = config.rosbridge_address
         problem = f"port {config.rosbridge_port} of {address} cannot be opened: {error.strerror or error}"
     else:
-        alert_system.self_report["clients"] = lambda: str(server.clients)
+        _report_server(alert_system, server)
         node.log(Severity.INFO, f"rosbridge: serving on ws://{settings.address}:{server.port}")
-        return ServerInThread(server, thread)
-    if thread is not None:
-        thread.close()
+        return thread
     if node is not None:
         node.close()
     middleware.faults.report(_FAULT, f"not served: {problem}")
@@ -209,4 +189,10 @@ def _show_log(monitor: EmbeddedMonitor, node: LocalMiddleware, server: Server) -
 
     monitor.bus.on_log = publish_line
     monitor.alert_system.outlets.add("rosout", publish_event)
-    monitor.alert_system.self_report["clients"] = lambda: str(server.clients)
+    _report_server(monitor.alert_system, server)
+
+
+def _report_server(alert_system: AlertSystem, server: Server) -> None:
+    """Shows the server in the status of alert_system."""
+    alert_system.self_report["clients"] = lambda: str(server.clients)
+    alert_system.self_report["clients_dropped"] = lambda: str(server.dropped)
