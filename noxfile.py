@@ -167,7 +167,7 @@ def ros2(session: nox.Session) -> None:
 
 @nox.session(python=ROS2_PYTHON, venv_backend="venv", venv_params=ROS2_VENV, requires=["apt"])
 def packaging(session: nox.Session) -> None:
-    """The builds with colcon, catkin_make and pip, each in a workspace of its own.
+    """The builds with colcon, catkin_make and pip, each in a separate workspace.
 
     In an environment of virtualenv, setuptools ignores where colcon installs the executables.
     """

@@ -1,1 +1,1 @@
-"""What the monitor costs, beside what others cost in the same run: `python -m benchmarks`."""
+"""Benchmarks of the monitor, compared with similar programs in the same run: `python -m benchmarks`."""

@@ -18,35 +18,35 @@ from benchmarks.table import Row, table
 
 
 def observe() -> Iterator[Row]:
-    """What a sample costs."""
+    """CPU time per sample."""
     from benchmarks import observe_cost
 
     yield from observe_cost.rows()
 
 
 def messages() -> Iterator[Row]:
-    """What a message costs."""
+    """CPU time per message."""
     from benchmarks import message_cost
 
     yield from on_every_middleware(message_cost.rows, "one message at 1 kHz")
 
 
 def signals() -> Iterator[Row]:
-    """What many signals cost, and one whose messages are only counted."""
+    """CPU time with many signals, and with one whose messages are only counted."""
     from benchmarks import signals_cost
 
     yield from on_every_middleware(signals_cost.rows, "many signals, and arrivals of one")
 
 
 def footprint() -> Iterator[Row]:
-    """What running costs."""
+    """Memory and CPU of running nodes."""
     from benchmarks import footprint
 
     yield from on_every_middleware(footprint.rows, "memory and CPU")
 
 
 def rosbridge() -> Iterator[Row]:
-    """What a rosbridge client costs."""
+    """CPU time and memory per rosbridge client."""
     from benchmarks import rosbridge_cost
 
     yield from rosbridge_cost.rows()
@@ -72,12 +72,12 @@ PARTS = {"observe": observe, "messages": messages, "signals": signals, "footprin
 
 
 def main() -> int:
-    """Runs the parts that were asked for."""
+    """Runs the requested parts."""
     parser = argparse.ArgumentParser(prog="benchmarks", description="Measures, then prints one table.")
     parser.add_argument("part", nargs="*", help=f"what to measure: {', '.join(PARTS)}; left out: everything")
     asked = parser.parse_args().part or list(PARTS)
     if not set(asked) <= PARTS.keys():
-        parser.error(f"there is no such part; there are {', '.join(PARTS)}")
+        parser.error(f"expected parts among {', '.join(PARTS)}")
     rows: List[Row] = []
     for part in asked:
         print(f"measuring {part} ...", file=sys.stderr, flush=True)

@@ -1,8 +1,8 @@
-"""Memory and CPU of the three nodes and of the composed one, beside a node that does nothing.
+"""Memory and CPU of the three nodes and of health_monitor, compared with a node that does nothing.
 
-All run at the same time, as launched, at the exercise's rates: three metrics at 1 Hz. Beside them runs a bare node that
-publishes and hears three numbers at that rate: on a virtual machine whose host takes away memory that was not used for
-a second, that alone can cost more of a core than the composed one is allowed.
+All run at the same time, as launched, with three metrics at 1 Hz. A bare node publishes and receives three numbers at
+the same rate, for comparison: on a virtual machine whose host reclaims idle memory, this alone can exceed the limit for
+health_monitor.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def rows(target: Target, measure_s: float = MEASURE_S) -> Iterator[Row]:
         resident_mb = {name: process.resident_mb() for name, process in processes.items()}
         own_mb = {name: process.own_mb() for name, process in processes.items()}
 
-    for what, found in (("resident memory", resident_mb), ("memory of its own (USS)", own_mb)):
+    for what, found in (("resident memory", resident_mb), ("private memory (USS)", own_mb)):
         for name, megabytes in found.items():
             ratio = megabytes / found[EMPTY]
             required = MEMORY_AT_MOST if name == COMPOSED else None

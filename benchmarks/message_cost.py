@@ -1,4 +1,4 @@
-"""CPU per message of the alert node, beside a bare subscriber of the same middleware.
+"""CPU per message of the alert node, compared with a bare subscriber on the same middleware.
 
 The alert node is the executable as launched, with the three signals of `config/thresholds.yaml`, of which one gets the
 messages; the bare subscriber counts. On ROS 2 there are two bare ones: on the SingleThreadedExecutor, which most nodes

@@ -1,4 +1,4 @@
-"""Cost of `Monitor.observe` per sample, beside river's rolling statistics and a bare deque.
+"""CPU time of `Monitor.observe` per sample, compared with river's rolling statistics and a bare deque.
 
 All contestants take the same samples, a batch each in turn, round after round; every ratio is the median of the
 ratios within a round. What is timed is CPU time of this process, with the loop that feeds the contestant. River and

@@ -1,4 +1,4 @@
-"""What the publishers of both middlewares share: values, a steady beat, and orders on standard input."""
+"""Code shared by the publishers of both middlewares: values, pacing, and commands on stdin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from typing import Callable, Iterator, List
 
 BARE, WATCHED = "/bare", "/watched"
-"""What the two contestants listen to, or as many topics below it."""
+"""Topics of the two contestants, or the prefixes of their topics."""
 
 
 def battery_levels() -> Iterator[float]:
@@ -19,12 +19,12 @@ def battery_levels() -> Iterator[float]:
 
 
 def topics_below(name: str, count: int) -> List[str]:
-    """Returns the topics of a contestant: its name, or as many below it."""
+    """Returns the topics of a contestant: its name, or a number of topics below it."""
     return [name] if count == 1 else [f"{name}/t{number}" for number in range(count)]
 
 
 def serve(connected: Callable[[], bool], publish: Callable[[int], None]) -> None:
-    """For every line `RATE_HZ SECONDS` publishes so and writes how many messages it sent, until the end.
+    """Reads lines `RATE_HZ SECONDS`, publishes accordingly and prints the number of messages, until stdin ends.
 
     Args:
         connected: says whether everybody listens who is to be fed.

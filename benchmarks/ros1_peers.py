@@ -1,8 +1,8 @@
-"""What the nodes are compared with on ROS 1, and what feeds them: `python -m benchmarks.ros1_peers ROLE TOPICS`.
+"""Peers of the nodes on ROS 1, and the publisher that feeds both: `python -m benchmarks.ros1_peers ROLE TOPICS`.
 
-`empty`: a node that does nothing. `exercise`: publishes and hears three numbers at 1 Hz. `subscriber`: counts the
-messages on `/bare`, or on as many topics below it, as few lines as that takes. `publisher`: does what
-`pacing.serve` is told on standard input.
+`empty`: a node that does nothing. `exercise`: publishes three numbers at 1 Hz and subscribes to them. `subscriber`:
+counts the messages on `/bare`, or on TOPICS topics below it, in as few lines as possible. `publisher`: publishes as
+`pacing.serve` reads from stdin.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, topics_below
 
 
 def empty(topics: int) -> None:
-    """Does nothing until it is interrupted."""
+    """Idles until it is interrupted."""
     rospy.spin()
 
 
 def subscriber(topics: int) -> None:
-    """Counts."""
+    """Counts messages."""
     received = 0
 
     def count(message: Float32) -> None:
@@ -34,7 +34,7 @@ def subscriber(topics: int) -> None:
 
 
 def exercise(topics: int) -> None:
-    """Publishes three numbers at 1 Hz and hears them: what the nodes cannot do without."""
+    """Publishes three numbers at 1 Hz and subscribes to them: the minimum that the nodes do."""
     publishers = [rospy.Publisher(f"bare_{number}", Float32, queue_size=10, tcp_nodelay=True) for number in range(3)]
     for publisher in publishers:
         rospy.Subscriber(publisher.resolved_name, Float32, lambda message: None, tcp_nodelay=True)
@@ -43,7 +43,7 @@ def exercise(topics: int) -> None:
 
 
 def publisher(topics: int) -> None:
-    """Publishes to both contestants as it is told, first to the one, then to the other in turn."""
+    """Publishes to both contestants at the rates given on stdin; the contestants take turns in being first."""
     publishers = [
         [rospy.Publisher(topic, Float32, queue_size=1000, tcp_nodelay=True) for topic in topics_below(name, topics)]
         for name in (BARE, WATCHED)

@@ -1,4 +1,4 @@
-"""What the nodes are compared with on ROS 2, and what feeds them: `python -m benchmarks.ros2_peers ROLE TOPICS`.
+"""Peers of the nodes on ROS 2, and the publisher that feeds both: `python -m benchmarks.ros2_peers ROLE TOPICS`.
 
 The roles are those of `ros1_peers`. `empty` and `subscriber` spin as most nodes do, with rclpy's
 SingleThreadedExecutor; `events_subscriber` with its EventsExecutor, which the nodes choose where it works.
@@ -17,7 +17,7 @@ from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, topics_below
 
 
 def empty(node: Node, topics: int) -> None:
-    """Does nothing until it is interrupted."""
+    """Idles until it is interrupted."""
     rclpy.spin(node)
 
 
@@ -51,7 +51,7 @@ def _count_messages(node: Node, topics: int) -> None:
 
 
 def exercise(node: Node, topics: int) -> None:
-    """Publishes three numbers at 1 Hz and hears them: what the nodes cannot do without."""
+    """Publishes three numbers at 1 Hz and subscribes to them: the minimum that the nodes do."""
     from std_msgs.msg import Float32
 
     publishers = [node.create_publisher(Float32, f"bare_{number}", 10) for number in range(3)]
@@ -62,7 +62,7 @@ def exercise(node: Node, topics: int) -> None:
 
 
 def publisher(node: Node, topics: int) -> None:
-    """Publishes to both contestants as it is told, first to the one, then to the other in turn."""
+    """Publishes to both contestants at the rates given on stdin; the contestants take turns in being first."""
     from std_msgs.msg import Float32
 
     publishers = [

@@ -1,4 +1,4 @@
-"""CPU per delivered message and loss of the rosbridge server, beside a bare broadcast of the same WebSocket library.
+"""CPU per delivered message and loss of the rosbridge server, compared with a bare aiohttp broadcast.
 
 Both servers live all the time, each with clients of its own that only count, and send in turn, a slice each, round
 after round. What is compared is the CPU time of the whole server process within a slice, pacing included, divided by
@@ -21,7 +21,7 @@ RATES_HZ = (100.0, 1000.0)
 SLICE_S = 2.0
 ROUNDS = 3
 SETTLE_S = 0.5
-"""For the messages that are still on their way when a slice ends."""
+"""Time for messages in flight at the end of a slice."""
 AT_MOST = 2.0
 AT_MOST_FOR = (10, 1000.0)
 STALLED_S = 10.0
@@ -40,7 +40,7 @@ class Peer:
         self.first = self._answer()
 
     def ask(self, line: str) -> str:
-        """Writes a line and returns the answer."""
+        """Writes a line and returns the reply."""
         assert self._process.stdin is not None
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
@@ -97,7 +97,7 @@ def _broadcast(clients: int, rate_hz: float, rounds: int) -> Iterator[Row]:
 
 
 def _stalled() -> Row:
-    """Measures what a client costs that subscribes and never reads."""
+    """Measures the memory of a client that subscribes and never reads."""
     with contextlib.ExitStack() as running:
         server = Peer("server")
         running.callback(server.end)

@@ -1,8 +1,7 @@
-"""Two subscribers of one middleware, fed with the same messages at the same time, and the CPU time that each takes.
+"""CPU time of two subscribers that receive the same messages at the same time.
 
-Both get every message, so that whatever else the machine does slows both down alike, and neither ever pauses: a
-process that has been idle for a second finds nothing of its memory in the caches (on a virtual machine, not even in the
-host's memory), and would be charged for having waited.
+Other load on the machine affects both alike. Neither ever pauses: after a second of idleness, caches (on a virtual
+machine even the host's memory) no longer hold a process, and reloading it would count as its cost.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from benchmarks.table import median_ratio
 from benchmarks.targets import Process, Target
 
 SETTLE_S = 0.2
-"""For the messages that are still on their way when a slice ends."""
+"""Time for messages in flight at the end of a slice."""
 
 
 def compare(

@@ -1,4 +1,4 @@
-"""CPU per message of the alert node where it watches a topic's frequency only, and where it watches a hundred topics.
+"""CPU per message of the alert node when it watches only a topic's frequency, and when it watches a hundred topics.
 
 The frequency of a topic at 1 kHz: beside `rostopic hz` on ROS 1; on ROS 2, whose `ros2 topic hz` no package index has,
 beside a bare subscriber, which does not even divide. A hundred signals at 10 Hz: beside a hundred bare subscribers in

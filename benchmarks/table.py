@@ -1,4 +1,4 @@
-"""One row per figure, and the one table that they make."""
+"""The rows of the benchmark table and its Markdown form."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ class Row(NamedTuple):
     """One figure of one contestant."""
 
     what: str
-    """What was measured, under which condition."""
+    """The quantity, and the conditions."""
     contestant: str
-    """Who was measured."""
+    """What was measured: the monitor or a peer."""
     figure: str = ""
     """The median, with its unit; empty where it could not be measured."""
     ratio: Optional[float] = None
-    """Against the contestant that the requirement names, both from this run."""
+    """Ratio to the contestant named in `remark`, both from this run."""
     required: Optional[float] = None
-    """What `ratio` may be at most; None: the row is there to compare with."""
+    """Largest `ratio` that meets the requirement; None: for comparison only."""
     remark: str = ""
-    """What the ratio is to, or why there is no figure."""
+    """What the ratio refers to, or why there is no figure."""
 
     @property
     def verdict(self) -> str:
-        """met, missed, not run, or nothing where nothing is required."""
+        """`met`, `missed` or `not run`; empty if nothing is required."""
         if not self.figure:
             return "not run"
         if self.ratio is None or self.required is None:
@@ -33,7 +33,7 @@ class Row(NamedTuple):
 
 
 def median_ratio(numerators: Sequence[float], denominators: Sequence[float]) -> float:
-    """Returns the median of the ratios of what was measured side by side."""
+    """Returns the median of the ratios of figures measured side by side."""
     return statistics.median(above / below for above, below in zip(numerators, denominators))
 
 

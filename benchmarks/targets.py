@@ -1,4 +1,4 @@
-"""The middlewares of this machine, each with a place to itself: a master or a domain, its Python, its variables.
+"""The middlewares of this machine, each isolated: its own master or domain, Python and variables.
 
 What `make test` runs its tests with is measured here: the same interpreters and the same environments.
 """
@@ -29,7 +29,7 @@ class Process:
     """A process that is measured from outside."""
 
     def __init__(self, command: List[str], variables: Dict[str, str]) -> None:
-        """Starts it; its output goes to a file, but for what it writes to `stdout` when it is a publisher."""
+        """Starts it. Its output goes to a file, except the `stdout` of a publisher."""
         self._log = tempfile.TemporaryFile("w+")
         self._process = subprocess.Popen(
             command,
@@ -42,20 +42,20 @@ class Process:
             start_new_session=True,
         )
         self._measured = psutil.Process(self._process.pid)
-        # psutil's CPU times count ticks of 10 ms, of which a slice has too few.
+        # psutil's CPU times have a resolution of 10 ms, which is too coarse for a slice.
         clock = ctypes.c_int()
         _LIBC.clock_getcpuclockid(self._process.pid, ctypes.byref(clock))
         self._cpu_clock = clock.value
 
     def order(self, line: str) -> int:
-        """Writes a line to its input and returns the number that it answers."""
+        """Writes a line to its stdin and returns the number that it replies."""
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
         return int(self._process.stdout.readline())
 
     def cpu_s(self) -> float:
-        """Returns the CPU time of all its threads since it began, in seconds.
+        """Returns the CPU time of all its threads since it started, in seconds.
 
         Raises:
             RuntimeError: it has ended.
@@ -64,22 +64,22 @@ class Process:
         return time.clock_gettime(self._cpu_clock)
 
     def resident_mb(self) -> float:
-        """Returns what of it is in memory, in MB of 10^6 bytes."""
+        """Returns its resident memory, in MB of 10^6 bytes."""
         return float(self._measured.memory_info().rss) / 1e6
 
     def own_mb(self) -> float:
-        """Returns what would be free if it ended, in MB: pages that it shares with nobody."""
+        """Returns its private memory (USS), in MB of 10^6 bytes."""
         return float(self._measured.memory_full_info().uss) / 1e6
 
     def require_running(self) -> None:
-        """Raises RuntimeError with the last line of its output when it has ended."""
+        """Raises RuntimeError with the last line of its output if it has ended."""
         if self._process.poll() is not None:
             self._log.seek(0)
             lines = self._log.read().strip().splitlines()
             raise RuntimeError(f"ended with {self._process.returncode}: {lines[-1] if lines else 'no output'}")
 
     def end(self) -> None:
-        """Interrupts it, and kills it if that is not enough."""
+        """Ends it with SIGINT; kills it after 10 s."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
             try:
@@ -125,7 +125,7 @@ class Target:
         return Process([self.python, "-c", code, *filter(None, arguments)], self.variables)
 
     def peer(self, role: str, topics: int = 1) -> Process:
-        """Starts one of the peers, with as many topics."""
+        """Starts one of the peers with a number of topics."""
         return Process([self.python, "-m", f"benchmarks.{self.package}_peers", role, str(topics)], self.variables)
 
     def tool(self, *command: str) -> Process:
@@ -135,7 +135,7 @@ class Target:
 
 @contextlib.contextmanager
 def ros1(python: str, variables: Dict[str, str]) -> Iterator[Target]:
-    """Starts a master of its own."""
+    """Starts a separate master on a free port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -152,7 +152,7 @@ def ros1(python: str, variables: Dict[str, str]) -> Iterator[Target]:
 
 @contextlib.contextmanager
 def ros2(python: str, variables: Dict[str, str]) -> Iterator[Target]:
-    """Takes a domain of its own, on this machine only."""
+    """Uses a random domain, on this machine only."""
     domain = str(random.SystemRandom().randrange(10, 100))
     variables = {**_with_source(variables), "ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     yield Target("ROS 2", python, variables, "ros2")

@@ -62,8 +62,8 @@ class Monitor:
             sample: one measurement; a signal that is not configured is ignored.
 
         Returns:
-            The transitions that it causes: of its own signal, and of signals that depend on it by a condition or, for
-            `link`, because it is up again.
+            The transitions that it causes: of the signal itself, of signals with a condition on it, and, for `link`, of
+            the signals that are judged again.
         """
         name, value, now_s = sample
         changes = Changes()
@@ -87,7 +87,7 @@ class Monitor:
         return changes
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
-        """Takes the state of the link to the robot: a sample of the signal `link`, with a cause.
+        """Judges the state of the link to the robot: a sample of the signal `link`, with a cause.
 
         Args:
             up: whether the robot can be reached.
@@ -103,7 +103,7 @@ class Monitor:
         return self.observe(Sample(LINK, 1.0 if up else 0.0, now_s))
 
     def tick(self, now_s: float) -> Changes:
-        """Lets time pass.
+        """Advances the time.
 
         Args:
             now_s: the time in seconds.

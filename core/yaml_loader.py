@@ -1,4 +1,4 @@
-"""Composes and constructs YAML with a bounded amount of work: a file may come from anybody.
+"""Composes and constructs YAML with a bounded amount of work: files may come from untrusted users.
 
 PyYAML's SafeLoader executes no code, but 600 characters of aliases of aliases can expand to a billion values. So the
 size of the expanded tree is computed on the graph of nodes, before any value is constructed.

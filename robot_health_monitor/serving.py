@@ -93,7 +93,7 @@ async def serve(monitor: EmbeddedMonitor, settings: ServerSettings, *, required:
 
     Args:
         monitor: its topics, services and log are served.
-        settings: where and for whom.
+        settings: where to listen, and what clients may do.
         required: whether a port that is in use is an error.
 
     Returns:

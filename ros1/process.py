@@ -90,7 +90,7 @@ class Ros1Process:
         return error
 
     def spin(self) -> str:
-        """Waits for the end: rospy works in threads of its own."""
+        """Waits for the end; rospy runs its own threads."""
         self._interrupts.wait_until(lambda: rospy.is_shutdown() or self._watch.lost.is_set())
         if not self._watch.lost.is_set():
             return ""

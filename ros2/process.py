@@ -54,7 +54,7 @@ class Ros2Process:
         # exception would leave its objects half made.
         self._interrupts.defer()
         self._files = ParameterFiles(sys.argv)
-        set_logger_level("rcl", LoggingSeverity.FATAL)  # it would print a less helpful line of its own
+        set_logger_level("rcl", LoggingSeverity.FATAL)  # rcl would print a less helpful line as well
         try:
             with self._files.arguments_for_any_namespace() as arguments:
                 rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

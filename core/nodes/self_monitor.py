@@ -1,4 +1,4 @@
-"""How alert_system monitors itself: its faults, its clock, its tick, and the figures of its own status."""
+"""Self-monitoring of alert_system: faults, clock, tick lateness, and the key-values of its status."""
 
 from __future__ import annotations
 

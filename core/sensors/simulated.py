@@ -42,7 +42,7 @@ class SimulatedBattery:
 
 
 class SimulatedTemperature:
-    """A temperature that wanders slowly around its mean, with a hot spell now and then."""
+    """A temperature that varies slowly around its mean, with occasional hot spells."""
 
     def __init__(
         self,
@@ -56,10 +56,10 @@ class SimulatedTemperature:
 
         Args:
             mean: degrees C.
-            spread: how far it wanders from the mean, in degrees C.
-            spike: by how much a hot spell exceeds that at its peak, in degrees C; 0: no hot spells.
-            spike_every_s: one hot spell falls somewhere into every such stretch of time; it lasts up to 30 s.
-            seed: whatever tells one series of values from another.
+            spread: largest deviation from the mean, in degrees C.
+            spike: height of a hot spell, in degrees C; 0: no hot spells.
+            spike_every_s: period in s with one hot spell each, of at most 30 s.
+            seed: selects the series of values.
         """
         self._mean = mean
         self._spread = spread
@@ -75,7 +75,7 @@ class SimulatedTemperature:
         return self._mean + wander + self._spike * self._spell(elapsed_s)
 
     def _spell(self, elapsed_s: float) -> float:
-        """Returns how far a hot spell has built up, 0 to 1: it rises and falls as a cosine does."""
+        """Returns the intensity of a hot spell, 0 to 1: a raised cosine over time."""
         slot, into_slot_s = divmod(elapsed_s, self._spike_every_s)
         lasts_s = min(_SPELL_S, self._spike_every_s)
         begins_s = (self._spike_every_s - lasts_s) * (1.0 + _draw(self._seed, "spell", int(slot))) / 2.0
@@ -84,15 +84,15 @@ class SimulatedTemperature:
 
 
 class SimulatedCpuUsage:
-    """A CPU load: a slow tide of work with quick ripples on it, between 0 and 100 %."""
+    """A CPU load from 0 to 100 %: a slow and a fast variation around its mean."""
 
     def __init__(self, mean: float = 35.0, spread: float = 30.0, seed: object = 0) -> None:
         """Makes a CPU load.
 
         Args:
             mean: %.
-            spread: how far it moves from the mean, in %; what leaves 0 to 100 is cut off.
-            seed: whatever tells one series of values from another.
+            spread: largest deviation from the mean, in %; the result is limited to 0 to 100.
+            seed: selects the series of values.
         """
         self._mean = mean
         self._spread = spread

@@ -1,4 +1,4 @@
-"""Writes to a stream in a thread of its own, so that a reader that does not read delays nothing else.
+"""Writes to a stream in a separate thread, so that a reader that does not read delays nothing else.
 
 A terminal that is paused (Ctrl-S), a hung ssh connection and a full pipe block every write, for hours if need be. Only
 this thread waits there. It writes to the file descriptor, past Python's buffers: at the end of the process Python would

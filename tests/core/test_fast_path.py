@@ -57,28 +57,28 @@ def replay(signal: Dict[str, Any], calls: List[Tuple[str, float]], number: type)
 
     monitor = Monitor(config(), "robot1")
     now_s = 100.0
-    told: List[Any] = []
+    results: List[Any] = []
     for what, argument in calls:
         now_s += 0.5
         if what == "tick":
             now_s += argument
-            told.append(monitor.tick(now_s))
+            results.append(monitor.tick(now_s))
         elif what == "back":
             now_s -= argument
-            told.append(monitor.tick(now_s))
+            results.append(monitor.tick(now_s))
         elif what == "report":
-            told.append(monitor.report(now_s))
+            results.append(monitor.report(now_s))
         elif what == "reset":
-            told.append(monitor.reset())
+            results.append(monitor.reset())
         elif what == "configure":
-            told.append(monitor.configure(config(warn_below=argument)))
+            results.append(monitor.configure(config(warn_below=argument)))
         elif what == "many":
             for step in range(120):
                 now_s += 0.01
-                told.append(monitor.observe(Sample("level", number(argument + step % 3), now_s)))
+                results.append(monitor.observe(Sample("level", number(argument + step % 3), now_s)))
         else:
-            told.append(monitor.observe(Sample(what, number(argument), now_s)))
-    return [*told, monitor.report(now_s)]
+            results.append(monitor.observe(Sample(what, number(argument), now_s)))
+    return [*results, monitor.report(now_s)]
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -475,9 +475,9 @@ def test_flapping_that_no_transition_reached_is_told_with_the_next_one() -> None
     assert watched.observe(LOW, 2.0) is None  # one change in the newest place: 6.25 %
     assert watched.status().values["flapping"] == "true"
 
-    told = watched.observe(FINE, 3.0)
+    announced = watched.observe(FINE, 3.0)
 
-    assert told is not None and told.to_level is OK and "flapping" in told.text
+    assert announced is not None and announced.to_level is OK and "flapping" in announced.text
     assert watched.each_second(LOW, LOW, start_s=4.0) == [(5.0, WARN)]  # worse than OK
     assert watched.each_second(FINE, LOW, FINE, start_s=6.0) == []
 

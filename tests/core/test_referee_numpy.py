@@ -1,6 +1,6 @@
 """numpy computes the same windows: a relative error below 1e-9 after a million samples.
 
-The error of the mean is relative to the largest value of the window (a mean near 0 has no digits of its own), that of
+The error of the mean is relative to the largest value of the window (a mean near 0 has no significant digits), that of
 the standard deviation to itself.
 """
 

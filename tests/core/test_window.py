@@ -126,7 +126,7 @@ def test_statistics_are_right_while_a_huge_value_is_anywhere_in_the_window(place
 
 
 def test_one_huge_value_costs_no_more_than_any_other() -> None:
-    """The window's length is worked through once per length, whatever the values and whoever reads."""
+    """Each sample is moved once per window length, whatever the values and however often statistics are read."""
     plain, huge = Window(1e9, 6000), Window(1e9, 6000)
     for number in range(60_000):
         plain.add(float(number % 7), float(number))

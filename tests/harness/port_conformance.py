@@ -1,4 +1,4 @@
-"""What every implementation of the port promises, as tests that run against each of them.
+"""The contract of the port, as tests that run against every implementation.
 
 A test module per middleware subclasses `PortConformance` and gives it a fixture `harness`, made anew for each test:
 
@@ -58,7 +58,7 @@ class Harness(Protocol):
     """One middleware, seen from outside the nodes under test."""
 
     knows_listeners: bool
-    """Whether a node is told if anybody listens."""
+    """Whether a node knows if a topic has subscribers."""
 
     def node(
         self,
@@ -80,10 +80,10 @@ class Harness(Protocol):
         """
 
     def publish(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
-        """Publishes as a foreign process would; returns when it is on its way to everybody who subscribes now."""
+        """Publishes as a foreign process would; returns when it has been sent to all present subscribers."""
 
     def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
-        """Subscribes as a foreign process would, with everybody who has advertised until now.
+        """Subscribes as a foreign process would, to all present publishers.
 
         Returns:
             A list that grows by one mapping per message, in the shape of the middleware: nested, `level` as it is on
@@ -122,7 +122,7 @@ class Harness(Protocol):
 
 
 class ServiceFailed(Exception):
-    """The service is not there, or its handler failed and the middleware says so."""
+    """The service does not exist, or its handler failed and the middleware reports it."""
 
 
 def poll_until(predicate: Callable[[], bool], work: Callable[[], object], deadline_s: float = 10.0) -> None:
@@ -156,7 +156,7 @@ def bytes_of(data: Any) -> bytes:
 
 
 class Recorder:
-    """A callback that keeps what it was called with."""
+    """A callback that records its arguments."""
 
     def __init__(self) -> None:
         self.values: List[Any] = []
@@ -199,7 +199,7 @@ def plain(tree: Mapping[str, Any]) -> Dict[str, Any]:
 
 
 class PortConformance:
-    """The promises, grouped as in the port's docstrings."""
+    """The contract, grouped as in the port's docstrings."""
 
     @pytest.fixture(autouse=True)
     def _close(self, harness: Harness) -> Any:
@@ -590,7 +590,7 @@ class PortConformance:
         assert number.values == [1.0]
 
     def test_many_subscriptions_to_one_topic_each_get_their_field(self, harness: Harness) -> None:
-        """In the order of their making; what one of them does is nothing to the others."""
+        """In the order of creation; a failing timer does not affect the others."""
         battery = "sensor_msgs/BatteryState"
         node = harness.node("alert_system")
         recorders = {field: Recorder() for field in ("percentage", "voltage", "cell_voltage[1]")}
@@ -657,23 +657,23 @@ class PortConformance:
             },
             "imu": {"field": "", "statistic": "frequency_hz", "warn_below": 5.0},
         }  # fmt: skip
-        told: List[Tuple[str, str]] = []
+        received: List[Tuple[str, str]] = []
         configured = {"signals": {name: {**signal, **waits} for name, signal in signals.items()}}
         node = harness.node("alert_system", parameters=configured)
-        AlertSystem(node, {"test": levels_to(told)})
+        AlertSystem(node, {"test": levels_to(received)})
 
         def hears(topic: str, type_name: str, message: Mapping[str, Any], signal: str, level: str) -> None:
             def heard() -> bool:
                 harness.publish(topic, type_name, message)
                 harness.set_time(node.now_s() + 1.0)
-                return (signal, level) in told
+                return (signal, level) in received
 
             harness.wait_until(heard)
 
         hears("/battery", battery, {"percentage": 0.15, "power_supply_status": 2}, "battery", "WARN")
         hears("/battery", battery, {"percentage": 0.15, "power_supply_status": 1}, "battery", "OK")
         hears("/diagnostics", DIAGNOSTICS, {"status": [{**STATUS, "name": "other"}, STATUS]}, "motor", "ERROR")
-        harness.wait_until(lambda: ("motor_value", "WARN") in told)
+        harness.wait_until(lambda: ("motor_value", "WARN") in received)
         hears("/imu", "sensor_msgs/Imu", {}, "imu", "WARN")
         assert [line for line in harness.log_lines() if "in a callback" in line.text] == []
 
@@ -699,14 +699,14 @@ class PortConformance:
         pytest.importorskip("yaml")
         file = CONFIG / f"{example}.yaml"
         tree = sections(read_yaml(file).tree)["alert_system"].tree
-        told: List[Tuple[str, str]] = []
+        received: List[Tuple[str, str]] = []
         node = harness.node("alert_system", parameters=tree)
-        AlertSystem(node, {"test": levels_to(told)})
+        AlertSystem(node, {"test": levels_to(received)})
 
         def warned() -> bool:
             harness.publish(topic, type_name, message)
             harness.set_time(node.now_s() + 0.5)
-            return (signal, "WARN") in told
+            return (signal, "WARN") in received
 
         harness.wait_until(warned)
         assert [line for line in harness.log_lines() if "in a callback" in line.text] == []

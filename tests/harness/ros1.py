@@ -134,12 +134,12 @@ class Ros1Harness:
         return all(timer._last_s == now_s or timer._cancelled.is_set() or not timer._simulated for timer in timers)
 
     def _remap(self, node_name: str, remap: Mapping[str, str]) -> None:
-        """Does what `old:=new` on the command line of the node does."""
+        """Remaps as `old:=new` on the command line of a node does."""
         rospy.names.reload_mappings(["node", *(f"{old}:={new}" for old, new in remap.items())])
         rospy.names.initialize_mappings(node_name)
 
     def _wait_for_connections(self, topic: str) -> None:
-        """Waits until this process is connected with everybody on `topic` whom the master knows, in both directions."""
+        """Waits until this process is connected to all publishers and subscribers of `topic` that the master knows."""
         manager = rospy.topics.get_topic_manager()
         outgoing, incoming = manager.get_publisher_impl(topic), manager.get_subscriber_impl(topic)
 
@@ -165,7 +165,7 @@ def _for_all_tests() -> Any:
 
 
 def _as_mapping(native: Any) -> Dict[str, Any]:
-    """Reads rospy's own printed form of a message, which is YAML: nothing here shares code with the adapter."""
+    """Parses rospy's printed form of a message, which is YAML: no code is shared with the adapter."""
     return yaml.safe_load(str(native)) or {}
 
 

@@ -31,7 +31,7 @@ _MATCH_S = 5.0
 
 
 class Participant:
-    """An rclpy context with one executor: what a process has."""
+    """An rclpy context with one executor, as in a process."""
 
     def __init__(self, domain_id: int, executor_class: Any = SingleThreadedExecutor) -> None:
         self.context = Context()
@@ -48,7 +48,7 @@ class Participant:
 
 
 class Spinner:
-    """Spins a participant in a thread of its own, as its process would."""
+    """Spins a participant in a separate thread, as its process would."""
 
     def __init__(self, participant: Participant) -> None:
         self.failure: Optional[BaseException] = None
@@ -100,7 +100,7 @@ class Ros2Harness:
         sim_time: Optional[bool] = True,
         before_time: Callable[[Ros2Middleware], object] = lambda node: None,
     ) -> Ros2Middleware:
-        """Does what `Harness.node` says.
+        """See `Harness.node`.
 
         Args:
             name: as there.
@@ -247,7 +247,7 @@ class Ros2Harness:
 
     def _call(self, service: str, cls: Any, request: Any) -> Any:
         if self._is_of_closed_node(service):
-            raise ServiceFailed(f"nobody offers {service}")
+            raise ServiceFailed(f"no such service: {service}")
         client = self._me.create_client(cls, service)
         self.wait_until(client.service_is_ready)
         answer = client.call_async(request)

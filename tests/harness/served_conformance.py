@@ -53,10 +53,10 @@ class ServedConformance:
             assert dict(response) == {"success": flag, "message": "seen"}
 
     def test_a_service_that_is_not_there_is_an_error(self, harness: Harness, served: ServedMiddleware) -> None:
-        with pytest.raises(ServiceError, match="/nobody/reset"):
-            served.call_service("/nobody/reset", "", {}, 0.2)
-        with pytest.raises(ServiceError, match="/nobody/reset"):
-            served.call_service("/nobody/reset", TRIGGER, {}, 0.2)
+        with pytest.raises(ServiceError, match="/missing/reset"):
+            served.call_service("/missing/reset", "", {}, 0.2)
+        with pytest.raises(ServiceError, match="/missing/reset"):
+            served.call_service("/missing/reset", TRIGGER, {}, 0.2)
 
     def test_a_definition_holds_those_of_the_types_within(self, harness: Harness, served: ServedMiddleware) -> None:
         assert "float32 data" in served.message_definition(FLOAT32)

@@ -32,7 +32,7 @@ def test_it_reads_parameters_services_and_topics(connection: Any, parameters: An
 
 def test_a_master_has_one_identity_and_knows_its_nodes(connection: Any) -> None:
     assert connection.identity("/rosout") == connection.identity("/rosout") is not None
-    assert connection.identity("/nobody") is None
+    assert connection.identity("/missing") is None
 
 
 def test_a_master_that_hangs_is_a_service_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -119,7 +119,7 @@ def test_a_launch_runs_and_ends_cleanly(ros2_launch: Any, ros: Any, composed: st
 
 
 def test_nodes_end_cleanly_at_sigterm(ros2_launch: Any, ros: Any) -> None:
-    """Launch itself ends at once and leaves its nodes alone: whoever ends services signals the whole group."""
+    """launch itself ends at once and leaves its nodes running: service managers signal the whole group."""
     process = ros2_launch(NAME, "health_monitor.launch.py", "composed:=true")
     started = process.wait_for_text("process started with pid")
     process.wait_for_text(SENSOR_READY)

@@ -1,4 +1,4 @@
-"""Writing in a thread of its own: whatever happens to the reader, whoever writes does not wait."""
+"""Writing in a separate thread: the writer never waits, whatever the reader does."""
 
 from __future__ import annotations
 

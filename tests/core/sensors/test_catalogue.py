@@ -77,7 +77,7 @@ DISCHARGING = {
     f"{POWER}/BAT0/voltage_now": "11840000",
 }
 CHARGING = {f"{POWER}/AC/online": "1", f"{POWER}/BAT0/status": "Charging"}
-# As a UPS board for the Raspberry Pi shows it (max17040): current in microamperes, no charger of its own.
+# As a UPS board for the Raspberry Pi shows it (max17040): current in microamperes, no charger information.
 UPS_BOARD = {
     f"{POWER}/battery/capacity": "87",
     f"{POWER}/battery/current_now": "-1250000",
