@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from setuptools import setup
 
 NAME = "robot_health_monitor"
-FOLDERS = ["core", "ros1", "ros2", "rosbridge", "recordings"]
+FOLDERS = ["core", "ros1", "ros2", "rosbridge", "recordings", "ops"]
 """Top-level folders that are packages below the root package; CMakeLists.txt has the same list."""
 
 
@@ -59,7 +59,7 @@ setup(
     packages=list(PACKAGES),
     # colcon refuses a mapping of the root package to the folder of the same name.
     package_dir={name: folder for name, folder in PACKAGES.items() if name != NAME},
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed"], NAME + ".ops": ["*.css", "*.js"], NAME + ".ops.plot": ["*.css", "*.js"]},
     data_files=data_files,
     options=options,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],

@@ -149,6 +149,11 @@ class Monitor:
         known = self._signals.get(signal)
         return None if known is None else known.latest_good
 
+    def judged_value(self, signal: str) -> Optional[float]:
+        """Returns the value of the statistic that a signal's bounds apply to; None while it is undefined."""
+        known = self._signals.get(signal)
+        return None if known is None else known.judged
+
     def reset(self) -> Changes:
         """Clears every latch.
 

@@ -81,6 +81,11 @@ class SignalMonitor:
         self._use_config(config)
 
     @property
+    def judged(self) -> Optional[float]:
+        """The value of the statistic that the bounds apply to; None while it is undefined."""
+        return self._judged
+
+    @property
     def level(self) -> Level:
         """The level to show: the true one, STALE while it is unknown."""
         if self._staleness.unreachable_since_s is not None:

@@ -142,6 +142,11 @@ class Player:
         if use_sim_time and not self._channels.get(CLOCK):
             raise ConfigError("simulated time was requested, but the recordings have no topic /clock")
 
+    @property
+    def end_s(self) -> float:
+        """Log time at which playing ends, in seconds since 1970."""
+        return self._end_ns / 1e9
+
     def is_recorded(self, topic: str) -> bool:
         """Returns whether the recordings have a topic of this absolute name."""
         return topic in self._channels
@@ -153,10 +158,13 @@ class Player:
             name: base name, `alert_system`.
             parameters: its configuration, nested as in the file under `ros__parameters`.
         """
-        full_name = f"/{self._namespace}/{name}" if self._namespace else f"/{name}"
-        node = RecordedMiddleware(self, full_name, parameters, self._use_sim_time)
+        node = RecordedMiddleware(self, self.node_name(name), parameters, self._use_sim_time)
         self._nodes.append(node)
         return node
+
+    def node_name(self, name: str) -> str:
+        """Returns the full name of the node with a base name."""
+        return f"/{self._namespace}/{name}" if self._namespace else f"/{name}"
 
     def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> Subscription:
         """Has a field of every message of a topic delivered; use `RecordedMiddleware.subscribe`.

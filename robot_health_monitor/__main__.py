@@ -22,6 +22,10 @@ _LIBRARIES = {
     "yaml": "PyYAML is not installed: it reads configuration files",
     "aiohttp": "aiohttp is not installed: it connects to rosbridge servers",
     "cbor2": "cbor2 is not installed: it decodes messages of rosbridge servers",
+    **{
+        name: f"{name} is not installed: it reads recordings; pip install 'robot_health_monitor[recordings]'"
+        for name in ("rosbags", "mcap", "numpy", "zstandard", "lz4")
+    },
 }
 
 
@@ -70,6 +74,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         "connect": lambda: _connect(arguments, interrupts),
         "check": lambda: _check(arguments),
         "sources": lambda: _sources(arguments),
+        "replay": lambda: _replay(arguments),
     }
     try:
         return commands[arguments.command]()
@@ -103,6 +108,20 @@ def _sources(arguments: argparse.Namespace) -> int:
 
     show_sources(arguments.json)
     return FINE
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from robot_health_monitor.recordings.recording import RecordingError
+
+    from .replay_command import replay
+
+    try:
+        return ALERTS_FOUND if replay(arguments) else FINE
+    except RecordingError as error:
+        _write_error(str(error))
+        return WRONG_USAGE
+    except KeyboardInterrupt:  # half a verdict must not look like success
+        return _fail("interrupted before the end of the recordings")
 
 
 def _prepare_streams() -> None:

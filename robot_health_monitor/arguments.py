@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from typing import Any, NoReturn, Optional, Sequence
 
@@ -61,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="robot-health",
         description="Monitors the health of robots: battery, temperature, CPU and any other signal.",
-        epilog="Exit codes: 0 success, 1 alerts were found (with --duration), 2 usage or configuration error, "
+        epilog="Exit codes: 0 success, 1 alerts were found (replay, --duration), 2 usage or configuration error, "
         "3 the command itself failed.",
     )
     parser.add_argument("--version", action=_ShowVersion, nargs=0, help="show the version and exit")
@@ -70,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_connect(commands)
     _add_check(commands)
     _add_sources(commands)
+    _add_replay(commands)
     return parser
 
 
@@ -169,6 +171,37 @@ def _add_sources(commands: Any) -> None:
     command.add_argument("--json", action="store_true", help="one JSON object per source")
 
 
+def _add_replay(commands: Any) -> None:
+    command = commands.add_parser(
+        "replay",
+        help="show the alerts that recordings would have raised",
+        description="Judges recordings as the live monitor would have done: .bag files, .mcap files, and folders of "
+        "rosbag2. Several recordings are read together, in the order of their log times.",
+    )
+    command.add_argument("recordings", metavar="BAG", nargs="+", help="a recording")
+    command.add_argument("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
+    command.add_argument(
+        "--against", metavar="FILE", help="a second configuration; only the alerts in which the two differ are shown"
+    )
+    command.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
+    command.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the table on stderr")
+    command.add_argument(
+        "--fail-on",
+        choices=("warn", "error", "never"),
+        default="warn",
+        help="end with code 1 if there was an alert of this level or worse (OK < WARN < STALE < ERROR); with "
+        "--against: if the alerts differ, unless never (default: warn)",
+    )
+    command.add_argument(
+        "--from", dest="from_s", metavar="SECONDS", type=_offset, default=0.0, help="begin this long after the start"
+    )
+    command.add_argument(
+        "--to", dest="to_s", metavar="SECONDS", type=_offset, default=math.inf, help="end this long after the start"
+    )
+    command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the recorded topics")
+    command.add_argument("--use-sim-time", action="store_true", help="take the time from the recorded topic /clock")
+
+
 def _port(text: str) -> int:
     if not (text.isascii() and text.isdigit()) or len(text) > 5 or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"expected a whole number from 0 to 65535, got {text!r}")
@@ -182,4 +215,14 @@ def _seconds(text: str) -> float:
         seconds = 0.0
     if not 0.0 < seconds < 1e9:
         raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, got {text!r}")
+    return seconds
+
+
+def _offset(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 <= seconds < 1e9:
+        raise argparse.ArgumentTypeError(f"expected a number of seconds, 0 or more, got {text!r}")
     return seconds

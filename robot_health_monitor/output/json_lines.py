@@ -71,9 +71,15 @@ class JsonLines:
         return "".join(f"{json_line(entry.event)}\n" for entry in entries if isinstance(entry.event, Transition))
 
 
-def json_line(transition: Transition) -> str:
-    """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only."""
+def json_line(transition: Transition, **further: str) -> str:
+    """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
+
+    Args:
+        transition: what to format.
+        further: fields to add.
+    """
     fields: Dict[str, Any] = {name: getattr(transition, name) for name in FIELDS}
+    fields.update(further)
     return json.dumps({name: _as_json(value) for name, value in fields.items()})
 
 

@@ -58,12 +58,22 @@ class PlainLines:
         return "".join(f"{line}\n" for line in lines)
 
 
-def plain_line(entry: Entry, time_format: str = "%Y-%m-%d %H:%M:%S", *, name_robots: bool = False) -> str:
-    """Formats an event for people, with the local time, without control characters."""
+def plain_line(
+    entry: Entry, time_format: str = "%Y-%m-%d %H:%M:%S", *, name_robots: bool = False, prefix: str = ""
+) -> str:
+    """Formats an event for people, with the local time, without control characters.
+
+    Args:
+        entry: the event.
+        time_format: as for `strftime`.
+        name_robots: put the robot's name before a transition.
+        prefix: text to put before a transition.
+    """
     event = entry.event
     time_text = datetime.fromtimestamp(entry.wall_s).strftime(time_format)
     if isinstance(event, Transition):
-        robot = f"{event.robot}: " if name_robots else ""
+        prefix = prefix or (event.robot if name_robots else "")
+        robot = f"{prefix}: " if prefix else ""
         return printable(f"{time_text} {robot}{event.text}")
     return printable(f"{time_text} [{event.severity.name}] {event.node.rpartition('/')[2]}: {event.text}")
 

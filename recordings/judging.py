@@ -1,0 +1,249 @@
+"""Judges recordings by one or several configurations in one pass.
+
+Each configuration has its own alert_system, and all of them run on one `Player`. Samples are also collected in chunks,
+for the statistics of each signal and for plots.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, SignalConfig, read_monitor
+from robot_health_monitor.core.middleware import resolve_name
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Event
+
+from .middleware import Player, RecordedMiddleware, Subscription
+from .signal_statistics import SignalStatistics, as_numbers
+
+CHUNK = 4096
+"""Samples that are collected before they are processed together."""
+
+
+class JudgedEvent(NamedTuple):
+    """What an alert_system announced."""
+
+    wall_s: float
+    """Log time of the message or tick that caused it, in s since 1970."""
+    file: str
+    """Name of the configuration."""
+    event: Event
+
+
+class SignalSummary(NamedTuple):
+    """How one configuration judged one signal."""
+
+    file: str
+    """Name of the configuration."""
+    config: SignalConfig
+    """Configuration of the signal."""
+    topic: str
+    """Its absolute topic."""
+    recorded: bool
+    """Whether the recordings have its topic; without it the signal was not judged."""
+    statistics: SignalStatistics
+    """Statistics of its samples."""
+    shares: Mapping[Level, float]
+    """Share of time per announced level, 0 to 1, since the first sample or alert; empty without either."""
+    alerts: int
+    """Number of transitions to a level other than OK, without repetitions."""
+
+
+OnEvent = Callable[[JudgedEvent], None]
+OnSamples = Callable[[str, SignalConfig, Any, Any, Any], None]
+"""Receives the name of the configuration, the signal, log times (s since 1970) with values, and times of bad samples.
+
+Arrays of doubles. The values are those that the bounds apply to: of the signal's statistic, in its unit, NaN while it
+is undefined.
+"""
+
+
+class Judge:
+    """Runs an alert_system for each configuration on one player."""
+
+    def __init__(self, player: Player, on_event: OnEvent, on_samples: Optional[OnSamples] = None) -> None:
+        """Prepares to judge.
+
+        Args:
+            player: plays the recordings.
+            on_event: called with every transition and notice, at the time of the recording. It must not raise.
+            on_samples: called with the samples of every signal, in chunks; None: not needed.
+        """
+        self._player = player
+        self._on_event = on_event
+        self._on_samples = on_samples
+        self._tapes: Dict[Tuple[str, str, Optional[str]], _Tape] = {}
+        self._signals: Dict[Tuple[str, str], _JudgedSignal] = {}
+
+    def add(self, file: str, parameters: Mapping[str, Any]) -> None:
+        """Adds a configuration.
+
+        Args:
+            file: its name.
+            parameters: the mapping under `ros__parameters` of alert_system.
+
+        Raises:
+            ConfigError: it cannot be used, or does not match the recorded types. The path of the error begins below
+                `ros__parameters`.
+        """
+        tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
+        config = read_monitor(Section((), tree))
+        node_name = self._player.node_name("alert_system")
+        recorded = {
+            name: self._player.is_recorded(resolve_name(signal.topic, node_name))
+            for name, signal in config.signals.items()
+        }
+        # A topic that was not recorded says nothing about the robot: its signal stays `waiting`.
+        signals = {
+            name: signal if recorded[name] else {**signal, "stale_after_s": 0.0}
+            for name, signal in tree["signals"].items()
+        }
+        node = self._player.node("alert_system", {**tree, "signals": signals})
+        system = AlertSystem(node, {"replay": lambda event: self._note(file, event)}, log_alerts=False)
+        for name, signal in config.signals.items():
+            topic = node.resolve(signal.topic)
+            judged = self._signals[file, name] = _JudgedSignal(file, signal, topic, recorded[name])
+            if recorded[name]:
+                self._collect(node, judged, system)
+
+    def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
+        """Plays the recordings to their end.
+
+        Args:
+            on_progress: called now and then with the fraction that has been played, 0 to 1. It may raise.
+        """
+        self._player.play(on_progress)
+        for tape in self._tapes.values():
+            tape.flush()
+        for signal in self._signals.values():
+            signal.finish(self._player.wall_s)
+
+    @property
+    def summaries(self) -> List[SignalSummary]:
+        """One per configuration and signal, in the order of the configurations; complete after `run`."""
+        return [signal.summary() for signal in self._signals.values()]
+
+    def _note(self, file: str, event: Event) -> None:
+        if isinstance(event, Transition):
+            judged = self._signals.get((file, event.signal))
+            if judged is not None:
+                judged.note(event, self._player.wall_s)
+        self._on_event(JudgedEvent(self._player.wall_s, file, event))
+
+    def _collect(self, node: RecordedMiddleware, judged: _JudgedSignal, system: AlertSystem) -> None:
+        """Collects the samples of a signal; after alert_system's subscription, so that they have been judged."""
+        config, on_samples, statistics = judged.config, self._on_samples, judged.statistics
+        source = (judged.topic, config.type, config.field or None)
+        if source not in self._tapes:
+            self._tapes[source] = self._start_tape(node, judged, None)
+        shows_samples = on_samples is not None and config.statistic == "last"
+
+        def take(times_s: Any, values: Any) -> None:
+            numbers = statistics.add(times_s, values)
+            if on_samples is not None:
+                good = len(times_s) if shows_samples else 0
+                on_samples(judged.file, config, times_s[:good], numbers[:good], times_s[np.isnan(numbers)])
+
+        self._tapes[source].consumers.append(take)
+        if on_samples is not None and not shows_samples:
+            show, nothing = on_samples, np.empty(0)
+            tape = self._start_tape(node, judged, lambda: system.monitor.judged_value(config.name))
+            tape.consumers.append(lambda times_s, values: show(judged.file, config, times_s, values, nothing))
+            self._tapes[judged.file, config.name, ""] = tape
+
+    def _start_tape(
+        self, node: RecordedMiddleware, judged: _JudgedSignal, read: Optional[Callable[[], Optional[float]]]
+    ) -> _Tape:
+        tape = _Tape(self._player, node, judged.topic, read)
+        self._player.subscribe(tape, judged.config.type, judged.config.field or None)
+        return tape
+
+
+class _Tape(Subscription):
+    """Collects the values of one field, and passes them on in chunks."""
+
+    def __init__(
+        self,
+        player: Player,
+        node: RecordedMiddleware,
+        topic: str,
+        read: Optional[Callable[[], Optional[float]]] = None,
+    ) -> None:
+        """Starts empty.
+
+        Args:
+            player: has the time.
+            node: the node in whose name it subscribes.
+            topic: the absolute topic.
+            read: returns the value to collect at each message; None: the value of the message.
+        """
+        super().__init__(node, topic, _ignore)
+        self.consumers: List[Callable[[Any, Any], None]] = []
+        """Each gets the times and values of a chunk, as arrays of doubles."""
+        self._player = player
+        self._read = read
+        self._times: List[float] = []
+        self._values: List[Any] = []
+
+    def deliver(self, value: Any) -> None:
+        self._values.append(value if self._read is None else self._read())
+        self._times.append(self._player.wall_s)
+        if len(self._times) >= CHUNK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Passes on what has been collected."""
+        if not self._times:
+            return
+        times_s, values = np.array(self._times, dtype=np.float64), as_numbers(self._values)
+        self._times, self._values = [], []
+        for consumer in self.consumers:
+            consumer(times_s, values)
+
+
+class _JudgedSignal:
+    """One signal of one configuration: its samples, and the time that it spent on each level."""
+
+    def __init__(self, file: str, config: SignalConfig, topic: str, recorded: bool) -> None:
+        self.file = file
+        self.config = config
+        self.topic = topic
+        self.recorded = recorded
+        self.statistics = SignalStatistics(config)
+        self._alerts = 0
+        self._level = Level.OK
+        self._since_s: Optional[float] = None
+        self._lasted_s = dict.fromkeys(Level, 0.0)
+        self._first_s = math.inf
+
+    def note(self, transition: Transition, wall_s: float) -> None:
+        if transition.repeat:
+            return
+        if self._since_s is None:
+            self._first_s = wall_s
+        else:
+            self._lasted_s[self._level] += wall_s - self._since_s
+        self._level, self._since_s = transition.to_level, wall_s
+        self._alerts += transition.to_level is not Level.OK
+
+    def finish(self, end_s: float) -> None:
+        sampled_s = self.statistics.first_s
+        if self._since_s is not None:
+            self._lasted_s[self._level] += end_s - self._since_s
+            if sampled_s is not None and sampled_s < self._first_s:
+                self._lasted_s[Level.OK] += self._first_s - sampled_s
+        elif sampled_s is not None:
+            self._lasted_s[Level.OK] += end_s - sampled_s
+
+    def summary(self) -> SignalSummary:
+        total_s = sum(self._lasted_s.values())
+        shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()} if total_s > 0.0 else {}
+        return SignalSummary(self.file, self.config, self.topic, self.recorded, self.statistics, shares, self._alerts)
+
+
+def _ignore(value: Any, now_s: float) -> None:
+    """Is not called: `_Tape` overrides `deliver`."""

@@ -1,0 +1,299 @@
+"""`robot-health replay`: the alerts that recordings would have raised."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+from robot_health_monitor.core.config import SignalConfig
+from robot_health_monitor.core.errors import ConfigError, Path
+from robot_health_monitor.core.formatting import duration_text
+from robot_health_monitor.core.local import LogLine
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.version import package_version
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.ops.report import MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render
+from robot_health_monitor.recordings.differences import Differences
+from robot_health_monitor.recordings.judging import Judge, JudgedEvent, SignalSummary
+from robot_health_monitor.recordings.middleware import Player
+from robot_health_monitor.recordings.reading import Recordings
+
+from .embedded import sections_of_nodes
+from .installed_files import find_installed
+from .output.display import OutputError
+from .replay_output import ReplayOutput
+from .replay_table import header, row
+
+_LEAST_SEVERITY = {"warn": Level.WARN.severity, "error": Level.ERROR.severity}
+
+
+def replay(arguments: argparse.Namespace) -> bool:
+    """Judges recordings, and shows the alerts.
+
+    Returns:
+        Whether there were alerts to fail on or, with `--against`, whether the alerts differ.
+
+    Raises:
+        ConfigError: a configuration or an argument cannot be used.
+        RecordingError: a recording cannot be read.
+        OutputError: the report cannot be written.
+    """
+    configurations = _configurations(arguments)
+    if arguments.report:
+        _check_writable(arguments.report)
+    with Recordings(arguments.recordings) as recordings:
+        return _Replay(arguments, configurations, recordings).run()
+
+
+class _Configuration(NamedTuple):
+    """One thresholds file."""
+
+    name: str
+    file: Optional[YamlFile]
+    path: Path
+    parameters: Mapping[str, Any]
+
+    def locate(self, error: ConfigError) -> ConfigError:
+        """Returns an error of the node with file and line."""
+        located = [ConfigError(each.problem, (*self.path, *each.path), each.file, each.line) for each in error.all]
+        first, *others = located
+        first.others = tuple(others)
+        return first if self.file is None else self.file.locate(first)
+
+
+class _Replay:
+    def __init__(
+        self, arguments: argparse.Namespace, configurations: List[_Configuration], recordings: Recordings
+    ) -> None:
+        self._arguments = arguments
+        self._several = len(configurations) > 1
+        self._configurations = configurations
+        self._recordings = recordings
+        self._check_span()
+        self._output = ReplayOutput(arguments.json)
+        self._player = Player(
+            recordings,
+            namespace=arguments.namespace,
+            from_s=arguments.from_s,
+            to_s=arguments.to_s,
+            use_sim_time=arguments.use_sim_time or configurations[0].parameters.get("use_sim_time") is True,
+            on_log=self._on_log,
+        )
+        self._start_s = self._player.wall_s
+        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
+        self._shown: List[ReportedAlert] = []
+        self._transitions = 0
+        self._alerts = 0
+        self._worst = 0
+        self._error: Optional[OSError] = None
+        names = [configuration.name for configuration in configurations]
+        self._differences = Differences(names, self._show) if self._several else None
+        self._judge = Judge(self._player, self._on_event, self._plot if arguments.report else None)
+        for configuration in configurations:
+            try:
+                self._judge.add(configuration.name, configuration.parameters)
+            except ConfigError as error:
+                raise configuration.locate(error) from None
+        self._prepare_plots()
+
+    def run(self) -> bool:
+        with self._output as output:
+            self._judge.run(self._on_progress)
+            if self._differences is not None:
+                self._differences.flush()
+            self._raise_error()
+        summaries = self._judge.summaries
+        for problem in self._problems(summaries):
+            output.warn(f"WARN: {problem}")
+        head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
+        output.table(head, rows, self._verdict())
+        if self._arguments.report:
+            self._write_report(head, rows, self._problems(summaries))
+        if self._arguments.fail_on == "never":
+            return False
+        if self._several:
+            return self._transitions > 0
+        return self._worst >= _LEAST_SEVERITY[self._arguments.fail_on]
+
+    def _check_span(self) -> None:
+        span = self._recordings.span_ns
+        length_s = 0.0 if span is None else (span[1] - span[0]) / 1e9
+        if self._arguments.from_s > length_s:
+            raise ConfigError(
+                f"--from {self._arguments.from_s:g}: expected at most the length of the recordings ({length_s:.3f} s)"
+            )
+        if self._arguments.to_s < self._arguments.from_s:
+            raise ConfigError(f"--to {self._arguments.to_s:g}: expected at least --from {self._arguments.from_s:g}")
+
+    # While the recordings are played. An outlet must not raise: errors wait for the next progress.
+
+    def _on_event(self, judged: JudgedEvent) -> None:
+        try:
+            if not isinstance(judged.event, Transition):
+                if judged.file == self._configurations[0].name:
+                    event = judged.event
+                    self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
+                return
+            plot = self._plots.get((judged.file, judged.event.signal))
+            if plot is not None:
+                plot.add_transition(judged.wall_s, judged.event)
+            if self._differences is not None:
+                self._differences.add(judged)
+            else:
+                self._show(judged)
+        except OSError as error:
+            self._error = self._error or error
+
+    def _show(self, judged: JudgedEvent) -> None:
+        transition = judged.event
+        assert isinstance(transition, Transition)
+        file = judged.file if self._several else ""
+        self._transitions += 1
+        self._alerts += transition.to_level is not Level.OK
+        self._worst = max(self._worst, transition.to_level.severity)
+        if self._arguments.report and len(self._shown) < MOST_ALERTS:
+            self._shown.append(ReportedAlert(judged.wall_s, file, transition))
+        self._output.transition(judged.wall_s, transition, file)
+
+    def _on_log(self, line: LogLine) -> None:
+        try:
+            if line.severity >= Severity.WARN:
+                self._output.log(self._player.wall_s, line)
+        except OSError as error:
+            self._error = self._error or error
+
+    def _on_progress(self, fraction: float) -> None:
+        self._raise_error()
+        self._output.progress(fraction)
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    # The report
+
+    def _prepare_plots(self) -> None:
+        summaries = [summary for summary in self._judge.summaries if summary.recorded] if self._arguments.report else []
+        span_s = self._player.end_s - self._start_s
+        for summary in summaries:
+            file = summary.file if self._several else ""
+            buckets = buckets_of(len(summaries))
+            plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
+            self._plots[summary.file, summary.config.name] = plot
+
+    def _plot(self, file: str, config: SignalConfig, times_s: Any, values: Any, bad_times_s: Any) -> None:
+        self._plots[file, config.name].add_samples(times_s, values, bad_times_s)
+
+    def _write_report(self, head: List[str], rows: List[List[str]], problems: List[str]) -> None:
+        path, end_s = self._arguments.report, self._player.wall_s
+        names = ", ".join(os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings)
+        page = render(
+            Report(
+                title=f"Replay of {names}",
+                facts=[
+                    f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)}), "
+                    f"times in UTC{_utc_offset(self._start_s)}",
+                    f"judged by {' and '.join(each.name for each in self._configurations)}; "
+                    f"robot-health {package_version()}",
+                ],
+                verdict=self._verdict(),
+                problems=problems,
+                start_s=self._start_s,
+                end_s=end_s,
+                utc_offset_s=float(time.localtime(self._start_s).tm_gmtoff),
+                header=head,
+                rows=rows,
+                signals=list(self._plots.values()),
+                alerts=self._shown,
+                all_alerts=self._transitions,
+            )
+        )
+        try:
+            with open(f"{path}.part", "w", encoding="utf-8") as stream:
+                stream.write(page)
+            os.replace(f"{path}.part", path)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+    # The end
+
+    def _verdict(self) -> str:
+        if self._several:
+            return f"{_count(self._transitions, 'alert')} {'differs' if self._transitions == 1 else 'differ'}"
+        return _count(self._alerts, "alert")
+
+    def _problems(self, summaries: List[SignalSummary]) -> List[str]:
+        """Returns everything that makes the verdict less than complete."""
+        problems = list(self._recordings.problems)
+        problems += [
+            f"{topic}: {_count(number, 'message')} could not be decoded and {'was' if number == 1 else 'were'} left out"
+            for topic, number in sorted(self._player.undecodable.items())
+        ]
+        if self._player.late:
+            problems.append(f"{_count(self._player.late, 'message')} out of order, judged late")
+        if not any(summary.recorded for summary in summaries):
+            wanted = list(dict.fromkeys(summary.topic for summary in summaries))
+            there = sorted({channel.topic for channel in self._recordings.channels})
+            problems.append(
+                f"no signal is recorded: expected one of {_some(wanted)}, got {_some(there) or 'no topic'}; "
+                "is a --namespace missing?"
+            )
+        return problems
+
+
+def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
+    first = arguments.thresholds or find_installed("config/thresholds.yaml")
+    found = [_read(arguments, None if first is None else os.fspath(first))]
+    if arguments.against:
+        second = _read(arguments, arguments.against)
+        found.append(second._replace(name=f"{second.name} (2)") if second.name == found[0].name else second)
+    return found
+
+
+def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
+    robot = arguments.namespace.strip("/") or os.path.basename(os.path.abspath(arguments.recordings[0]))
+    if name is None:
+        return _Configuration("the defaults", None, (), {"robot_name": robot})
+    file = read_yaml(name)
+    section = sections_of_nodes(file)["alert_system"]
+    # The host that replays is not the robot.
+    parameters = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
+    return _Configuration(name, file, section.path, parameters)
+
+
+def _check_writable(path: str) -> None:
+    """Finds out before a long replay that its report could not be written.
+
+    Raises:
+        ConfigError: it could not.
+    """
+    folder = os.path.dirname(os.path.abspath(path))
+    problem = ""
+    if not os.path.isdir(folder):
+        problem = "there is no such folder"
+    elif os.path.exists(path) and not os.path.isfile(path):
+        problem = "is not a file"
+    elif not os.access(folder, os.W_OK):
+        problem = "the folder cannot be written"
+    if problem:
+        raise ConfigError(f"--report: {problem}", file=path)
+
+
+def _time(wall_s: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(wall_s))
+
+
+def _utc_offset(wall_s: float) -> str:
+    text = time.strftime("%z", time.localtime(wall_s))
+    return f"{text[:3]}:{text[3:]}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _some(names: List[str]) -> str:
+    return ", ".join(names[:10] + (["..."] if len(names) > 10 else []))

@@ -1,0 +1,74 @@
+"""The table at the end of a replay: one row per signal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, List, Optional, Sequence
+
+from robot_health_monitor.core.formatting import duration_text, number_text, printable, with_unit
+from robot_health_monitor.core.model import Level
+
+if TYPE_CHECKING:
+    from robot_health_monitor.recordings.judging import SignalSummary
+
+_LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
+_NUMBERS = ("samples", "bad", *(level.name for level in _LEVELS), "alerts", "min", "mean", "max", "longest gap")
+
+
+def header(several_files: bool) -> List[str]:
+    """Returns the heads of the columns.
+
+    Args:
+        several_files: whether there is a column for the configuration.
+    """
+    return ["signal", *(["file"] if several_files else []), *_NUMBERS]
+
+
+def row(summary: SignalSummary, several_files: bool) -> List[str]:
+    """Returns the cells of one signal, in the order of `header`."""
+    names = [summary.config.name, *([summary.file] if several_files else [])]
+    if not summary.recorded:
+        return [*names, "not recorded", *[""] * (len(_NUMBERS) - 1)]
+    statistics = summary.statistics
+    shares = [_share_text(summary.shares.get(level, 0.0)) if summary.shares else "-" for level in _LEVELS]
+    range_texts = [
+        "-" if value is None else with_unit(number_text(value), summary.config.unit)
+        for value in (statistics.min, statistics.mean, statistics.max)
+    ]
+    gap = "-" if statistics.longest_gap_s is None else duration_text(statistics.longest_gap_s)
+    return [
+        *names, str(statistics.samples), str(statistics.bad_samples), *shares, str(summary.alerts), *range_texts, gap,
+    ]  # fmt: skip
+
+
+def plain_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
+    """Returns the lines of a table with aligned columns: texts to the left, numbers to the right."""
+    texts = len(head) - len(_NUMBERS)
+    lines = [[printable(cell) for cell in line] for line in (head, *rows)]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
+    aligned = (
+        [cell.ljust(width) if at < texts else cell.rjust(width) for at, (cell, width) in enumerate(zip(line, widths))]
+        for line in lines
+    )
+    return ["  ".join(cells).rstrip() for cells in aligned]
+
+
+def rich_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> object:
+    """Returns a table for rich."""
+    from rich.table import Table
+    from rich.text import Text
+
+    texts = len(head) - len(_NUMBERS)
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+    for at, name in enumerate(head):
+        table.add_column(name, justify="left" if at < texts else "right")
+    for cells in rows:
+        style: Optional[str] = "dim" if "not recorded" in cells else None
+        table.add_row(*(Text(printable(cell)) for cell in cells), style=style)
+    return table
+
+
+def _share_text(share: float) -> str:
+    if share <= 0.0 or share >= 1.0:
+        return "0 %" if share <= 0.0 else "100 %"
+    percent = min(max(share * 100.0, 0.1), 99.9)  # neither 0 nor 100
+    return f"{percent:.1f} %"
