@@ -36,7 +36,8 @@ class Document(NamedTuple):
     value: Any
     """Its value; None for an empty document."""
     lines: Dict[Path, int]
-    """Line of each key, counted from 1; keys below an alias have the lines of its anchor."""
+    """Line of each key, counted from 1; keys below an alias have the lines of its anchor. The path of a list element
+    ends with its number, counted from 0."""
 
 
 def load(text: str, problems: Problems) -> Document:
@@ -196,7 +197,13 @@ def _parts(node: Any, path: Path) -> Iterator[Tuple[Any, Path]]:
 
 
 def _note_lines(node: Any, path: Path, lines: Dict[Path, int]) -> None:
-    """Notes the lines of all keys in the expanded tree of a node, whose size is bounded."""
+    """Notes the lines of all keys and list elements in the expanded tree of a node, whose size is bounded."""
+    if node.id == "sequence":
+        for number, element in enumerate(node.value):
+            below = (*path, str(number))
+            lines.setdefault(below, element.start_mark.line + 1)
+            _note_lines(element, below, lines)
+        return
     if node.id != "mapping":
         return
     merged: List[Any] = []

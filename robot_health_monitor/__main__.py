@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import argparse
 
 FINE, ALERTS_FOUND, WRONG_USAGE, FAILED = 0, 1, 2, 3
-"""Exit codes: success; alerts were found; usage or configuration error; the command itself failed."""
+"""Exit codes: success; alerts were found, or a test failed; usage or configuration error; the command itself failed."""
 
 _LIBRARIES = {
     "yaml": "PyYAML is not installed: it reads configuration files",
@@ -75,6 +75,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         "check": lambda: _check(arguments),
         "sources": lambda: _sources(arguments),
         "replay": lambda: _replay(arguments),
+        "test": lambda: _test(arguments),
     }
     try:
         return commands[arguments.command]()
@@ -122,6 +123,12 @@ def _replay(arguments: argparse.Namespace) -> int:
         return WRONG_USAGE
     except KeyboardInterrupt:  # half a verdict must not look like success
         return _fail("interrupted before the end of the recordings")
+
+
+def _test(arguments: argparse.Namespace) -> int:
+    from .test_command import run_tests
+
+    return run_tests(arguments.files)
 
 
 def _prepare_streams() -> None:

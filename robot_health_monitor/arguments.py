@@ -72,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_sources(commands)
     _add_replay(commands)
+    _add_test(commands)
     return parser
 
 
@@ -200,6 +201,16 @@ def _add_replay(commands: Any) -> None:
     )
     command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the recorded topics")
     command.add_argument("--use-sim-time", action="store_true", help="take the time from the recorded topic /clock")
+
+
+def _add_test(commands: Any) -> None:
+    command = commands.add_parser(
+        "test",
+        help="run unit tests of a thresholds.yaml",
+        description="Runs tests of a thresholds.yaml in virtual time: series of samples in, expected alerts out. "
+        "Ends with code 1 if a test fails, and shows the differences.",
+    )
+    command.add_argument("files", metavar="FILE", nargs="+", help="tests; docs/recordings.md describes the format")
 
 
 def _port(text: str) -> int:

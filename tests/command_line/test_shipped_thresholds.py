@@ -1,0 +1,36 @@
+"""The configurations in config/ do what their tests in tests/thresholds/ say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Callable, Set
+
+import pytest
+from harness.line_process import LineProcess
+
+from robot_health_monitor.core import load_config
+from robot_health_monitor.threshold_tests import read_tests
+
+ROOT = Path(__file__).resolve().parents[2]
+TESTS = sorted((ROOT / "tests" / "thresholds").glob("*.test.yaml"))
+
+
+def test_each_configuration_has_tests() -> None:
+    assert {file.name.replace(".test.yaml", ".yaml") for file in TESTS} == {
+        file.name for file in (ROOT / "config").glob("*.yaml")
+    }
+
+
+@pytest.mark.parametrize("file", TESTS, ids=lambda file: file.name)
+def test_its_tests_pass(robot_health: Callable[..., LineProcess], file: Path) -> None:
+    process = robot_health("test", file)
+    assert process.wait() == 0, process.text
+
+
+@pytest.mark.parametrize("file", TESTS, ids=lambda file: file.name)
+def test_each_of_its_signals_is_in_a_test(file: Path) -> None:
+    config = load_config(ROOT / "config" / file.name.replace(".test.yaml", ".yaml"))
+    tested: Set[str] = set()
+    for test in read_tests(str(file)).tests:
+        tested.update(test.series)
+    assert set(config.signals) <= tested
