@@ -1,18 +1,26 @@
-"""The monitor without any middleware: values, configuration, judgement, and the nodes against a port."""
+"""The monitor without a middleware: values, configuration and judging. `core.nodes` runs it on a middleware."""
 
 from .config import MonitorConfig, SignalConfig, load_config
-from .errors import ConfigError
+from .errors import ConfigError, LinkError, MessageError, ServiceError
 from .model import Changes, Level, Report, Sample, Status, Transition
 from .monitor import Monitor
+from .outlets import Event, Notice, Outlet, Outlets
 
 __all__ = [
     "Changes",
     "ConfigError",
+    "Event",
     "Level",
+    "LinkError",
+    "MessageError",
     "Monitor",
     "MonitorConfig",
+    "Notice",
+    "Outlet",
+    "Outlets",
     "Report",
     "Sample",
+    "ServiceError",
     "SignalConfig",
     "Status",
     "Transition",

@@ -1,6 +1,6 @@
 """The three nodes, written once against the port.
 
-Each reads its parameters and starts in its constructor, or raises ConfigError before it has subscribed to anything.
+Each constructor reads the parameters and starts the node, or raises ConfigError before it subscribes to anything.
 """
 
 from .aggregator import Aggregator

@@ -1,8 +1,7 @@
-"""Simulated sources: a battery, a temperature and a CPU load that look alive.
+"""Simulated sources: a battery, a temperature and a CPU load with realistic courses.
 
-Each value is a pure function of the seed and of the seconds that have passed since the first read: how often a source
-is read changes nothing, and the same seed gives the same day again. Time that goes back does not undo anything; the
-source goes on from where it was.
+Each value is a pure function of the seed and of the seconds since the first read: the same seed gives the same values,
+however often a source is read. If time goes back, the source continues from its last value.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Optional
 
 
 class SimulatedBattery:
-    """A battery that discharges evenly from 100 % and is charged again when it is nearly empty."""
+    """A battery that discharges at a constant rate from 100 % and is charged when it is nearly empty."""
 
     def __init__(self, discharge_rate: float = 1.0, charge_rate: float = 4.0, charge_at: float = 5.0) -> None:
         """Makes a full battery.
@@ -21,7 +20,7 @@ class SimulatedBattery:
         Args:
             discharge_rate: % per second; 0 keeps it full.
             charge_rate: % per second; 0 leaves it empty.
-            charge_at: at how many % it is put on the charger, which it leaves at 100 %.
+            charge_at: level in % at which charging starts; it ends at 100 %.
         """
         self._discharge_rate = discharge_rate
         self._charge_rate = charge_rate
@@ -102,17 +101,17 @@ class SimulatedCpuUsage:
     def read(self, now_s: float) -> float:
         """Returns the CPU load in %."""
         elapsed_s = self._elapsed.at(now_s)
-        tide = _noise(self._seed, "tide", elapsed_s, slot_s=20.0)
-        ripple = _noise(self._seed, "ripple", elapsed_s, slot_s=2.0)
-        return min(max(self._mean + self._spread * (0.7 * tide + 0.3 * ripple), 0.0), 100.0)
+        slow = _noise(self._seed, "tide", elapsed_s, slot_s=20.0)
+        fast = _noise(self._seed, "ripple", elapsed_s, slot_s=2.0)
+        return min(max(self._mean + self._spread * (0.7 * slow + 0.3 * fast), 0.0), 100.0)
 
 
 _SPELL_S = 30.0
-"""How long a hot spell lasts: long enough to see, and slow enough to cross a threshold once on its way up."""
+"""Duration of a hot spell: visible, and slow enough to cross a threshold only once while it rises."""
 
 
 class _Elapsed:
-    """Seconds since the first call, which never run back."""
+    """Seconds since the first call; they never go back."""
 
     def __init__(self) -> None:
         self._start_s: Optional[float] = None
@@ -135,8 +134,8 @@ def _noise(seed: object, stream: str, elapsed_s: float, slot_s: float) -> float:
 
 
 def _draw(seed: object, stream: str, slot: int) -> float:
-    """Returns the same number between -1 and 1 whenever it is asked for the same slot of the same stream.
+    """Returns a random number between -1 and 1, always the same for the same slot of the same stream.
 
-    `random.Random` seeded with a text gives the same first number on every Python from 3.2 on.
+    The first number of a `random.Random` seeded with a text is the same on every Python since 3.2.
     """
     return random.Random(f"{seed}/{stream}/{slot}").uniform(-1.0, 1.0)
