@@ -12,6 +12,7 @@ small messages.
 from __future__ import annotations
 
 import asyncio
+import logging
 import ssl
 import time
 from typing import Any, Awaitable, Callable, Mapping, Optional, Sequence, Set
@@ -44,7 +45,8 @@ _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""
 _CLOSE_HANDSHAKE_S = 0.5
 _CLOSE_S = 1.0
-_PROTOCOLS = "Sec-WebSocket-Protocol"
+# It warns about the subprotocols of every client that offers others than the server's, and quotes them.
+logging.getLogger("aiohttp.websocket").setLevel(logging.ERROR)
 _BUSY = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 18\r\n\r\nToo many clients.\n"
 
 
@@ -272,8 +274,7 @@ class Server:
             heartbeat=self._heartbeat_s,
             max_msg_size=self._limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
             compress=False,
-            # aiohttp logs a warning with the header's text if it contains none of these.
-            protocols=[CBOR_SUBPROTOCOL] if CBOR_SUBPROTOCOL in request.headers.get(_PROTOCOLS, "") else [],
+            protocols=[CBOR_SUBPROTOCOL],
         )
         await socket.prepare(request)
         transport = request.transport

@@ -414,6 +414,8 @@ def read_to_the_end(connection: sockets.socket) -> bytes:
         b"GET / HTTP/1.1\r\n" + b"X: " + b"x" * 100_000 + b"\r\n\r\n",
         HANDSHAKE.replace(b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", b"Sec-WebSocket-Key: x"),
         HANDSHAKE[:-2] + b"Sec-WebSocket-Protocol: \x1b[31mforged\r\n\r\n",
+        HANDSHAKE[:-2] + b"Sec-WebSocket-Protocol: forged\r\n\r\n",
+        HANDSHAKE[:-2] + b"Sec-WebSocket-Protocol: rosbridge.v2.cborx, \xff\r\n\r\n",
     ],
 )
 def test_a_bad_request_is_refused_with_a_limited_number_of_lines(
