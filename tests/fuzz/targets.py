@@ -327,7 +327,7 @@ class Sessions(Target):
         await session.close()
 
     def allowed(self, data: Any) -> Work:
-        return Work(200_000 + 1_000 * size_of(data), 5_000_000 + 2_000 * size_of(data))
+        return Work(30_000 + 500 * size_of(data), 5_000_000 + 2_000 * size_of(data))
 
     def close(self) -> None:
         self._loop.run_until_complete(self._server.close())
@@ -408,7 +408,7 @@ class Core(Target):
             if what == "observe":
                 transitions = monitor.observe(Sample(name, value, time_s))
             elif what == "link":
-                transitions = monitor.set_link(bool(value), name, time_s)
+                transitions = monitor.set_link(bool(value), name[:100], time_s)
             elif what == "tick":
                 transitions = monitor.tick(time_s)
             elif what == "reset":

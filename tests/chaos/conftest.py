@@ -1,0 +1,66 @@
+"""Starts monitors and robots, and ends them after the test."""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List
+
+import pytest
+from harness.chaos import PEERS, THRESHOLDS, Robot, new_seed
+from harness.line_process import LineProcess
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def seed() -> int:
+    return new_seed()
+
+
+@pytest.fixture
+def environment() -> Dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8", "PYTHONUNBUFFERED": "1"}
+
+
+@pytest.fixture
+def thresholds(tmp_path: Path) -> Path:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(THRESHOLDS)
+    return file
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def robot_health(environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
+    started: List[LineProcess] = []
+
+    def start(*arguments: object) -> LineProcess:
+        started.append(LineProcess([sys.executable, "-m", "robot_health_monitor", *map(str, arguments)], environment))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.end()
+
+
+@pytest.fixture
+def robot(environment: Dict[str, str]) -> Iterator[Callable[..., Robot]]:
+    """Starts a robot: (name of the peer, its arguments)."""
+    started: List[Any] = []
+
+    def start(peer: str, *arguments: object) -> Robot:
+        started.append(Robot([sys.executable, str(PEERS / f"{peer}.py"), *map(str, arguments)], environment))
+        return started[-1]
+
+    yield start
+    for each in started:
+        each.end()

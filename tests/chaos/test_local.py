@@ -1,0 +1,186 @@
+"""Chaos around `robot-health run`: the local middleware and its rosbridge server."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List
+
+import cbor2
+import pytest
+from harness.chaos import START_S, Robot, Trial, check_stderr, end
+
+ROUNDS = 4
+HANDSHAKE = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+
+
+def frame(data: bytes, first: int = 0x81) -> bytes:
+    """Returns a client's frame, masked with zeros."""
+    return bytes([first, 0x80 | 127]) + len(data).to_bytes(8, "big") + bytes(4) + data
+
+
+def options(port: int, thresholds: Path) -> List[object]:
+    allowed = ("--allow-publish", "/battery_level")
+    return ["run", "--source", "none", "--port", port, "--thresholds", thresholds, *allowed]
+
+
+class Hostile:
+    """Clients that connect and leave, send garbage, bombs and huge messages, and never read."""
+
+    def __init__(self, port: int, seed: int) -> None:
+        self._port = port
+        self._chance = random.Random(seed)
+        self._ended = threading.Event()
+        self._threads = [threading.Thread(target=self._run, daemon=True) for _ in range(3)]
+
+    def __enter__(self) -> Hostile:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        for thread in self._threads:
+            thread.join(20.0)
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                with socket.create_connection(("127.0.0.1", self._port), 2.0) as connection:
+                    connection.sendall(self._chance.choice(ATTACKS)(self._chance))
+                    if self._chance.random() < 0.3:
+                        connection.settimeout(0.2)
+                        connection.recv(100)
+            except OSError:
+                time.sleep(0.01)
+
+
+def garbage(chance: random.Random) -> bytes:
+    return bytes(chance.randrange(256) for _ in range(500)) + b"\r\n\r\n"
+
+
+def bomb(chance: random.Random) -> bytes:
+    """A list that contains itself by shared references, twice per level."""
+    item: Any = b"\x80"
+    for level in range(25):
+        item = b"\xd8\x1c\x82" + item + b"\xd8\x1d" + cbor2.dumps(level)
+    return HANDSHAKE + frame(b"\xa2\x62op\x67publish\x63msg" + item, 0x82)
+
+
+def huge(chance: random.Random) -> bytes:
+    return HANDSHAKE + frame(b'{"op":"publish","topic":"/battery_level","msg":{"data":"' + b"x" * 1_200_000)
+
+
+def nested(chance: random.Random) -> bytes:
+    return HANDSHAKE + frame(b'{"op":"publish","topic":"/x","msg":' + b"[" * 5_000 + b"]" * 5_000 + b"}")
+
+
+def unread(chance: random.Random) -> bytes:
+    return HANDSHAKE + b"".join(
+        frame(b'{"op":"subscribe","topic":"%s","compression":"png","fragment_size":256}' % topic)
+        for topic in (b"/battery_level", b"/diagnostics", b"/rosout")
+    )
+
+
+ATTACKS = (garbage, bomb, huge, nested, unread, lambda chance: b"", lambda chance: HANDSHAKE)
+
+
+def test_hostile_clients_cost_no_alert(robot_health: Any, robot: Any, thresholds: Path, port: int, seed: int) -> None:
+    process = robot_health(*options(port, thresholds))
+    process.wait_for_text("serving on")
+    peer: Robot = robot("rosbridge_peer", f"http://127.0.0.1:{port}/")
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+    with Hostile(port, seed):
+        for _ in range(ROUNDS * 3):
+            trial.change(trial.pause)
+    trial.finish()
+    end(process)
+
+
+def test_a_monitor_that_is_killed_or_stopped_recovers(
+    robot_health: Any, robot: Any, thresholds: Path, port: int, seed: int
+) -> None:
+    process = robot_health(*options(port, thresholds))
+    process.wait_for_text("serving on")
+    peer: Robot = robot("rosbridge_peer", f"http://127.0.0.1:{port}/")
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+
+    def stop() -> None:
+        trial.pause()
+        process.signal(signal.SIGSTOP)
+        time.sleep(trial.chance.random() * 0.4)  # shorter than the peer's heartbeat: nothing is lost
+        process.signal(signal.SIGCONT)
+
+    for _ in range(ROUNDS):
+        trial.change(trial.pause)
+        trial.change(stop)
+        trial.pause()
+        process.signal(signal.SIGKILL)
+        process.wait()
+        check_stderr(process.errors)
+        time.sleep(0.1)  # what it has sent arrives
+        trial.restarted()
+        process = robot_health(*options(port, thresholds))
+        process.wait_for_text("serving on")
+        trial.wait_for_alert()
+    trial.finish()
+    end(process)
+
+
+@pytest.fixture
+def start_with(environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
+    """Starts `robot-health` with the given streams."""
+    started: List[Any] = []
+
+    def start(arguments: List[object], **streams: Any) -> Any:
+        words = [sys.executable, "-m", "robot_health_monitor", *map(str, arguments)]
+        started.append(subprocess.Popen(words, env=environment, stdin=subprocess.DEVNULL, **streams))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize("stdout", ["/dev/full", "an unread terminal", "an unread pipe"])
+def test_an_output_that_cannot_be_written_costs_no_alert(
+    start_with: Any, robot: Any, thresholds: Path, port: int, seed: int, tmp_path: Path, stdout: str
+) -> None:
+    opened: List[int] = []
+    if stdout == "/dev/full":
+        opened = [os.open("/dev/full", os.O_WRONLY)] * 2
+    else:
+        opened = list(os.openpty() if "terminal" in stdout else os.pipe())
+        os.set_blocking(opened[1], False)
+        try:
+            while True:
+                os.write(opened[1], b"x" * 4096)
+        except BlockingIOError:
+            os.set_blocking(opened[1], True)
+    with open(tmp_path / "stderr", "w+") as errors:
+        process = start_with(options(port, thresholds), stdout=opened[1], stderr=errors)
+        peer: Robot = robot("rosbridge_peer", f"http://127.0.0.1:{port}/")
+        peer.wait_until_connected()
+        trial = Trial(seed, peer.alerts, peer.publish)
+        for _ in range(ROUNDS * 2):
+            trial.change(trial.pause)
+        trial.finish()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(START_S) == 0
+        errors.seek(0)
+        check_stderr(errors.read().splitlines())
+    for file in set(opened):
+        os.close(file)

@@ -1,0 +1,169 @@
+"""Chaos around alert_system on ROS 1: the node, the master and the log fail."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List
+
+import pytest
+from harness.chaos import SIGNALS, START_S, Robot, Trial, check_stderr, end
+from harness.line_process import LineProcess
+
+rospy = pytest.importorskip("rospy", reason="no ROS 1")
+if not shutil.which("roscore"):
+    pytest.skip("no ROS 1: no roscore", allow_module_level=True)
+import rosgraph  # noqa: E402
+
+ROUNDS = 2
+CODE = "import sys; from robot_health_monitor.ros1_executables import alert_system; sys.exit(alert_system())"
+
+
+class Roscore:
+    """A ROS master that can be killed, stopped and started again on its port."""
+
+    def __init__(self, folder: Path, port: int) -> None:
+        self.uri = f"http://127.0.0.1:{port}"
+        self._port = port
+        self._environment = {**os.environ, "ROS_MASTER_URI": self.uri, "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder)}
+        self._environment.pop("ROS_HOSTNAME", None)
+        self.start()
+
+    def start(self) -> None:
+        """Starts it, and sets the parameters of alert_system."""
+        self._process = subprocess.Popen(
+            ["rosmaster", "--core", "-p", str(self._port)],
+            env=self._environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        give_up_s = time.monotonic() + START_S
+        while True:
+            try:
+                rosgraph.Master("/tests", self.uri).setParam("/alert_system/ros__parameters", {"signals": SIGNALS})
+                return
+            except OSError:
+                assert time.monotonic() < give_up_s, "the ROS master does not start"
+                time.sleep(0.05)
+
+    def signal(self, number: int) -> None:
+        self._process.send_signal(number)
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+@pytest.fixture
+def master(tmp_path: Path, port: int) -> Iterator[Roscore]:
+    master = Roscore(tmp_path, port)
+    yield master
+    master.signal(signal.SIGCONT)
+    master.kill()
+
+
+@pytest.fixture
+def environment(environment: Dict[str, str], master: Roscore, tmp_path: Path) -> Dict[str, str]:
+    path = os.pathsep.join(filter(None, [environment["PYTHONPATH"], os.environ.get("PYTHONPATH", "")]))
+    ros = {"ROS_MASTER_URI": master.uri, "ROS_IP": "127.0.0.1", "ROS_HOME": str(tmp_path), "PYTHONPATH": path}
+    variables = {**environment, **ros, "ROS_LOG_DIR": str(tmp_path / "log")}
+    for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):
+        variables.pop(name, None)
+    return variables
+
+
+@pytest.fixture
+def alert_system(environment: Dict[str, str]) -> Iterator[Callable[[], LineProcess]]:
+    started: List[LineProcess] = []
+
+    def start() -> LineProcess:
+        started.append(LineProcess([sys.executable, "-c", CODE], environment))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.signal(signal.SIGCONT)
+        process.end()
+
+
+def test_a_node_that_is_killed_or_stopped_recovers(alert_system: Any, robot: Any, seed: int) -> None:
+    process = alert_system()
+    peer: Robot = robot("ros1_peer")
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+
+    def stop() -> None:
+        trial.pause()
+        process.signal(signal.SIGSTOP)
+        time.sleep(trial.chance.uniform(0.2, 3.0))
+        process.signal(signal.SIGCONT)
+
+    for _ in range(ROUNDS):
+        trial.change(trial.pause)
+        trial.change(stop)
+        trial.pause()
+        process.signal(signal.SIGKILL)
+        process.wait()
+        check_stderr(process.errors)
+        time.sleep(0.2)  # what it has sent arrives
+        # The robot must not feed the new node before it is connected with `alerts`, which is not latched.
+        trial.change_to_ok_unseen()
+        process = alert_system()
+        peer.wait_until_connected()
+        trial.restarted()
+        trial.change()
+    trial.finish()
+    end(process)
+
+
+def test_a_master_that_hangs_or_dies_costs_no_alert(alert_system: Any, robot: Any, master: Roscore, seed: int) -> None:
+    process = alert_system()
+    peer: Robot = robot("ros1_peer")
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+
+    def hang() -> None:
+        master.signal(signal.SIGSTOP)
+        trial.pause(3.0)
+
+    for _ in range(ROUNDS):
+        trial.change(hang)
+        trial.change(trial.pause)
+        master.signal(signal.SIGCONT)
+        trial.change(trial.pause)
+    trial.pause()
+    master.kill()
+    for _ in range(3):
+        trial.change(trial.pause)
+    trial.finish()
+    end(process)
+
+
+def test_a_master_that_is_restarted_ends_the_node_and_a_new_one_works(
+    alert_system: Any, robot: Any, master: Roscore, seed: int
+) -> None:
+    process = alert_system()
+    peer: Robot = robot("ros1_peer")
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+    trial.change(trial.pause)
+    master.kill()
+    trial.pause(1.0)
+    master.start()
+    trial.change(trial.pause)
+    trial.finish()
+    assert process.wait(20.0) == 3
+    check_stderr(process.errors)
+    peer.end()
+    process = alert_system()
+    peer = robot("ros1_peer")
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+    trial.change(trial.pause)
+    trial.finish()
+    end(process)

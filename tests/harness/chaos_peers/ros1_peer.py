@@ -1,0 +1,36 @@
+"""A robot with rospy: publishes the latest number of its stdin, and prints alerts."""
+
+from __future__ import annotations
+
+import sys
+import threading
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import Float32
+
+LEVELS = ("OK", "WARN", "ERROR", "STALE")
+value = 50.0
+
+
+def read_stdin() -> None:
+    global value
+    for line in sys.stdin:
+        value = float(line)
+
+
+def take(status: DiagnosticStatus) -> None:
+    if status.name.endswith(": battery_level"):
+        print(f"alert {LEVELS[status.level]}", flush=True)
+
+
+rospy.init_node("robot", disable_signals=True)
+publisher = rospy.Publisher("battery_level", Float32, queue_size=10, tcp_nodelay=True)
+subscriber = rospy.Subscriber("alerts", DiagnosticStatus, take, tcp_nodelay=True)
+threading.Thread(target=read_stdin, daemon=True).start()
+pause = threading.Event()
+while True:
+    publisher.publish(value)
+    if publisher.get_num_connections() and subscriber.get_num_connections():
+        print("connected", flush=True)
+    pause.wait(0.05)
