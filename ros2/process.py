@@ -31,7 +31,7 @@ _PROBE_TOPIC = "~/_executor_probe"
 _PROBE_S = 2.0
 """How long the EventsExecutor may take to deliver its first message, in s."""
 _IDLE_S = 0.2
-_MAX_IDLE_LOAD = 0.5
+_MAX_IDLE_LOAD = 0.1
 """Share of a core above which an executor that has nothing to do is taken for a busy loop."""
 _SPIN_S = 3600.0
 
