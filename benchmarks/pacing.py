@@ -27,7 +27,7 @@ def serve(connected: Callable[[], bool], publish: Callable[[int], None]) -> None
     """Reads lines `RATE_HZ SECONDS`, publishes accordingly and prints the number of messages, until stdin ends.
 
     Args:
-        connected: says whether everybody listens who is to be fed.
+        connected: returns whether all contestants are subscribed.
         publish: sends a message to each; takes its number.
     """
     for line in sys.stdin:

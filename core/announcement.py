@@ -31,7 +31,7 @@ class Announcer:
         self._repeat_s = config.repeat_s
 
     def configure(self, config: SignalConfig) -> None:
-        """Takes a new configuration."""
+        """Applies a new configuration."""
         self._repeat_s = config.repeat_s
         if not config.flap_detection:
             self.flaps = FlapDetector(config.flap_high, config.flap_low)

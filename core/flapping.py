@@ -54,7 +54,7 @@ class FlapDetector:
         return True not in self._changes
 
     def add(self, level: Level) -> None:
-        """Takes the level after a good sample."""
+        """Processes the level after a good sample."""
         self._changes.append(level is not self._last)
         self._last = level
         percent = 0.0 if self.is_at_rest else self.percent
@@ -63,7 +63,7 @@ class FlapDetector:
             self._worst = None
 
     def note_announced(self, level: Level) -> None:
-        """Takes a level that is being announced: while flapping, only a worse one is news."""
+        """Notes a level that is being announced: while flapping, only a worse one is announced again."""
         if self.flapping:
             self._worst = level if self._worst is None else Level.worst((level, self._worst))
 

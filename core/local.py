@@ -34,7 +34,7 @@ class LocalBus:
         wall_time_s: Optional[Callable[[], float]] = None,
         clock: Optional[Callable[[], float]] = None,
     ) -> None:
-        """Makes a bus without nodes.
+        """Creates a bus without nodes.
 
         Args:
             start_s: the time at the start, in seconds.

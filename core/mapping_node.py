@@ -1,4 +1,4 @@
-"""What the adapters that carry messages as mappings have in common: the in-process one and the rosbridge client.
+"""Code shared by the adapters that carry messages as mappings: the in-process one and the rosbridge client.
 
 `MappingNode` implements the part of the port that needs no transport: names, parameters, clocks, timers, guarded
 callbacks and the reading of fields. A subclass adds publishing, subscribing, services and `log`.
@@ -111,7 +111,7 @@ class MappingNode(abc.ABC):
         clock: Callable[[], float],
         use_sim_time: bool = False,
     ) -> None:
-        """Makes a node that is not connected to anything.
+        """Creates a node that is not connected to anything.
 
         Args:
             name: fully qualified name, `/robot1/alert_system`.
@@ -214,7 +214,7 @@ class MappingNode(abc.ABC):
         self._run_due(self._steady_timers, self.steady_s())
 
     def take_clock(self, message: Message) -> None:
-        """Takes a message of /clock; call for every one of them under `use_sim_time`."""
+        """Processes a message of /clock; call for every one of them under `use_sim_time`."""
         now_s = read_clock(message)
         if now_s is not None:
             self.set_sim_time(now_s)

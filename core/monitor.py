@@ -166,7 +166,7 @@ class Monitor:
         return changes
 
     def configure(self, config: MonitorConfig) -> Changes:
-        """Takes a new configuration; signals whose own configuration is the same are not disturbed.
+        """Applies a new configuration; signals whose own configuration is the same are not disturbed.
 
         Args:
             config: what to watch from now on.
@@ -203,7 +203,7 @@ class Monitor:
         return {name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()}
 
     def _unusual_time(self, now_s: float, changes: Changes) -> float:
-        """Handles the first time, a time that went back, and what is no time; returns the time to use."""
+        """Handles the first time, a time that went back, and an invalid time; returns the time to use."""
         if not -_LARGEST <= now_s <= _LARGEST:
             now_s = 0.0 if math.isnan(self._now_s) else self._now_s
         if math.isnan(self._now_s):

@@ -71,7 +71,7 @@ class Suspicion:
         """Whether every good sample matters; otherwise only those outside the ordinary limits."""
 
     def see_good(self, came: float, number: float) -> None:
-        """Takes a good sample.
+        """Processes a good sample.
 
         Args:
             came: the number as it came.
@@ -82,7 +82,7 @@ class Suspicion:
         self.watching = self._only_zeros or self._fractions > 0 or self.text != ""
 
     def see_bad(self, came: float, number: float) -> None:
-        """Takes a sample that is not valid.
+        """Processes a sample that is not valid.
 
         Args:
             came: the number as it came, NaN if it was none.

@@ -38,7 +38,7 @@ class Quality:
         self.configure(config)
 
     def configure(self, config: SignalConfig) -> None:
-        """Takes a new configuration; the counts stay."""
+        """Applies a new configuration; the counts stay."""
         self._config = config
         self._converts = config.scale != 1.0 or bool(config.placeholders)
         self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
@@ -51,7 +51,7 @@ class Quality:
         return self.good_samples + self.bad_samples > 0
 
     def judge(self, value: object) -> float:
-        """Takes a datum; returns the number in the signal's unit, NaN if it is bad."""
+        """Processes a datum; returns the number in the signal's unit, NaN if it is bad."""
         self.latest = value
         came = value if type(value) is float else as_float(value)
         number = converted(self._config, came) if self._converts else came

@@ -185,12 +185,12 @@ class Rule:
         self.state = State.INACTIVE
 
     def set_condition(self, condition: bool, now_s: float) -> None:
-        """Takes a condition that was judged elsewhere, then advances."""
+        """Applies a condition that was judged elsewhere, then advances."""
         self.condition = condition
         self.advance(now_s)
 
     def advance(self, now_s: float) -> None:
-        """Lets time pass until `now_s`, in seconds."""
+        """Advances the time to `now_s`, in seconds."""
         if self._frozen_since_s is not None:
             return
         state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]

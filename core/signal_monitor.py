@@ -99,7 +99,7 @@ class SignalMonitor:
         return None if unusable else self._window.last()
 
     def observe(self, value: object, now_s: float) -> Optional[Transition]:
-        """Takes a sample that arrived at `now_s` (seconds, not before the previous call)."""
+        """Processes a sample that arrived at `now_s` (seconds, not before the previous call)."""
         if type(value) is float and self._calm_min < value <= self._calm_max:
             staleness = self._staleness
             if now_s - staleness.silent_since_s <= staleness.limit_s:
@@ -114,7 +114,7 @@ class SignalMonitor:
         return self._judge(value, now_s)
 
     def tick(self, now_s: float) -> Optional[Transition]:
-        """Lets time pass until `now_s`, in seconds."""
+        """Advances the time to `now_s`, in seconds."""
         if self._staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
         self._advance(now_s)
@@ -159,7 +159,7 @@ class SignalMonitor:
         else:
             self._window.shift_begin(downtime_s)
         self._freeze_or_thaw(now_s)
-        self._judge_rules(now_s)  # what came while the link was down
+        self._judge_rules(now_s)  # samples that arrived while the link was down
         return self._settle(now_s)
 
     def restart_time(self, now_s: float) -> None:
@@ -180,7 +180,7 @@ class SignalMonitor:
         return self._settle(now_s)
 
     def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
-        """Takes a new configuration of the same signal and judges by it at once; samples and durations stay."""
+        """Applies a new configuration of the same signal and judges by it at once; samples and durations stay."""
         self._announcer.configure(config)
         limits = (config.window_s, config.window_samples, config.window_min_s)
         if limits != (self.config.window_s, self.config.window_samples, self.config.window_min_s):
@@ -314,7 +314,7 @@ class SignalMonitor:
         )
 
     def _fall_silent(self) -> float:
-        """Makes the signal stale as of the moment at which the limit was reached; returns that moment."""
+        """Marks the signal stale as of the moment at which the limit was reached; returns that moment."""
         due_s = self._staleness.fall_silent()
         self._advance(due_s)
         return due_s
@@ -352,7 +352,7 @@ class SignalMonitor:
         return level
 
     def _settle(self, now_s: float) -> Optional[Transition]:
-        """Takes the true level, and announces it unless it is announced already, unknown, or withheld by flapping."""
+        """Announces the true level unless it is announced already, unknown, or withheld by flapping."""
         level = self._true_level()
         if level is not self._level:
             self._level = level

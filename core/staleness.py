@@ -42,7 +42,7 @@ class Staleness:
         return self.stale or self.unreachable_since_s is not None
 
     def configure(self, config: SignalConfig, *, seen: bool) -> None:
-        """Takes the limit that holds after the first sample (`seen`), or before it."""
+        """Applies the limit that holds after the first sample (`seen`), or before it."""
         limit_s = config.stale_after_s if seen else config.startup_grace_s
         self.limit_s = limit_s if config.stale_after_s > 0.0 else math.inf
 
@@ -59,14 +59,14 @@ class Staleness:
         return (now_s if self.unreachable_since_s is None else self.unreachable_since_s) - self.silent_since_s
 
     def arrive(self, now_s: float) -> None:
-        """Takes a sample, good or bad."""
+        """Processes a sample, good or bad."""
         self.last_seen_s = self.silent_since_s = now_s
         self.stale = self.waiting = False
         if self.unreachable_since_s is not None:
             self.unreachable_since_s = now_s  # it was on its way when the link broke
 
     def fall_silent(self) -> float:
-        """Makes the signal stale; returns when the limit was reached, in seconds."""
+        """Marks the signal stale; returns when the limit was reached, in seconds."""
         self.stale, self.waiting = True, False
         return self.silent_since_s + self.limit_s
 

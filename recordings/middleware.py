@@ -27,7 +27,7 @@ class Subscription:
     """A node's subscription to a recorded topic; implements `core.middleware.Subscription`."""
 
     def __init__(self, node: RecordedMiddleware, topic: str, callback: Callback) -> None:
-        """Stores what is delivered to whom."""
+        """Stores where messages are delivered."""
         self.topic = topic
         self.node = node
         self.callback = callback

@@ -169,7 +169,7 @@ class Fleet:
         on_log: Callable[[LogLine], None],
         outlet: Callable[[str], Outlet],
     ) -> None:
-        """Makes the robots; `run` connects to them.
+        """Creates the robots; `run` connects to them.
 
         Args:
             addresses: the robots.

@@ -40,7 +40,7 @@ class Interrupts:
         self._before: List[Any] = []
 
     def __enter__(self) -> Interrupts:
-        """Takes the signals over; does nothing outside the main thread, which signals do not reach."""
+        """Replaces the handlers; does nothing outside the main thread, which signals do not reach."""
         try:
             self._before = [(number, signal.signal(number, self._handle)) for number in _ENDING_SIGNALS]
             if self._patience_s is not None:

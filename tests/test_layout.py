@@ -53,7 +53,7 @@ def expected_test_file(module: Path) -> Path:
 
 
 @pytest.mark.parametrize("module", modules(), ids=str)
-def test_a_module_has_a_test_file_of_its_own(module: Path) -> None:
+def test_each_module_has_its_own_test_file(module: Path) -> None:
     exempt = TESTED_ELSEWHERE.keys() | MISSING
     assert module.as_posix() in exempt or (ROOT / expected_test_file(module)).exists(), expected_test_file(module)
 

@@ -163,7 +163,7 @@ class AlertSystem:
         return callback
 
     def _note_unavailable(self, metrics: Any, now_s: float) -> None:
-        """Takes the list of battery_sensor: signals that no sensor will ever publish are not watched."""
+        """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""
         names = [name.strip() for name in str(metrics)[:_MAX_LIST].split(",")]
         topics = {resolve_name(name, self._middleware.name) for name in names if name}
         signals = {source[0] for source, subscription in self._subscriptions.items() if subscription.topic in topics}

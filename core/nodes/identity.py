@@ -1,4 +1,4 @@
-"""What the nodes have in common: topic names and types, base names, parameters that are fixed at the start."""
+"""Code shared by the nodes: topic names and types, base names, parameters that are fixed at the start."""
 
 from __future__ import annotations
 

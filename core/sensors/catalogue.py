@@ -27,7 +27,7 @@ class HostSource(NamedTuple):
     description: str
     """Its meaning, in a few words."""
     make: Callable[..., Source]
-    """Makes the source; takes the option by its name, and `paths`."""
+    """Creates the source; takes the option by its name, and `paths`."""
     option: Optional[Parameter] = None
     """Selects one where a machine may have several."""
     available: Callable[[HostPaths], Iterable[Any]] = _no_options

@@ -70,7 +70,7 @@ _HOST: Mapping[str, Callable[[HostPaths], Source]] = {
 
 
 def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HOST_PATHS) -> Dict[str, Source]:
-    """Makes the sources of a node's configuration.
+    """Creates the sources of a node's configuration.
 
     Args:
         tree: the node's whole configuration; only `seed` and the sections are read.

@@ -15,7 +15,7 @@ class SimulatedBattery:
     """A battery that discharges at a constant rate from 100 % and is charged when it is nearly empty."""
 
     def __init__(self, discharge_rate: float = 1.0, charge_rate: float = 4.0, charge_at: float = 5.0) -> None:
-        """Makes a full battery.
+        """Creates a full battery.
 
         Args:
             discharge_rate: % per second; 0 keeps it full.
@@ -51,7 +51,7 @@ class SimulatedTemperature:
         spike_every_s: float = 120.0,
         seed: object = 0,
     ) -> None:
-        """Makes a temperature source.
+        """Creates a temperature source.
 
         Args:
             mean: degrees C.
@@ -86,7 +86,7 @@ class SimulatedCpuUsage:
     """A CPU load from 0 to 100 %: a slow and a fast variation around its mean."""
 
     def __init__(self, mean: float = 35.0, spread: float = 30.0, seed: object = 0) -> None:
-        """Makes a CPU load.
+        """Creates a CPU load.
 
         Args:
             mean: %.

@@ -214,7 +214,7 @@ class Workspace:
         Args:
             name: prefix of the pictures.
             launch: command that starts the nodes.
-            looks: commands that are run beside them.
+            looks: commands that inspect the running nodes.
             first: beginning of the first line of the launched nodes to draw; empty: the first of all.
         """
         launched = Terminal(launch, self._variables, 200, 48)

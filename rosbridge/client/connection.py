@@ -70,7 +70,7 @@ class ServerConnection:
         on_log: Callable[[Severity, str], None],
         clock: Callable[[], float],
     ) -> None:
-        """Makes a connection that is down; `run` connects.
+        """Creates a connection that is down; `run` connects.
 
         Args:
             url: `ws://host:port` or `wss://host:port`.
@@ -175,7 +175,7 @@ class ServerConnection:
                 held_s = None
                 try:
                     held_s = await self._connect_once()
-                except Exception as error:  # this robot's connection must come back, whatever happened
+                except Exception as error:  # any failure: the connection must be re-established
                     text = printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]
                     self._on_log(Severity.ERROR, f"internal error in the connection to {self.address}: {text}")
                     self._report(False, Cause(f"internal error: {type(error).__name__}"))

@@ -43,7 +43,7 @@ class RosbridgeClient:
         on_log: Optional[Callable[[LogLine], None]] = None,
         on_link: Optional[Callable[[bool, Cause], None]] = None,
     ) -> None:
-        """Makes a client that is not connected; `run` connects.
+        """Creates a client that is not connected; `run` connects.
 
         Args:
             url: `ws://host:port` or `wss://host:port`.

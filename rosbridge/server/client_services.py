@@ -65,7 +65,7 @@ class ClientServices:
             del self._pending[id]
 
     def respond(self, response: ServiceResponse, provider: Provider) -> None:
-        """Takes a response. Ignores one that is not expected, or not from this client."""
+        """Processes a response. Ignores one that is not expected, or not from this client."""
         pending = self._pending.get(response.id)
         if pending is None or pending[1] is not provider or pending[2].done():
             return

@@ -78,7 +78,7 @@ class Session:
         self._calls: Set[asyncio.Task[None]] = set()
 
     def authenticate(self, data: Wire) -> None:
-        """Takes the first message of a client that has not presented the token in its request.
+        """Processes the first message of a client that has not presented the token in its request.
 
         Raises:
             AuthenticationError: it is not an `auth` operation that proves the token.

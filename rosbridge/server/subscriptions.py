@@ -72,7 +72,7 @@ class Pacer(Generic[T]):
         self._next_s = float("-inf")
 
     def offer(self, message: T, size: int, now_s: float) -> Optional[T]:
-        """Takes a message; returns the one to send now, None if it is too early.
+        """Processes a message; returns the one to send now, None if it is too early.
 
         If the queue or the budget is full, the oldest messages of the queue are dropped.
 

@@ -159,9 +159,7 @@ def test_log_level_hides_the_log_but_no_alert(robot_health: Start, restless: Pat
     assert "battery_level WARN: " in process.text
 
 
-def test_it_ends_when_whoever_reads_has_seen_enough(
-    command: List[str], environment: Dict[str, str], restless: Path
-) -> None:
+def test_it_ends_when_its_reader_exits(command: List[str], environment: Dict[str, str], restless: Path) -> None:
     run = [*command, "run", "--thresholds", str(restless)]
     with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
         assert process.stdout is not None and process.stderr is not None

@@ -52,7 +52,7 @@ def test_a_low_battery_on_the_charger_is_silent() -> None:
     assert robot.message(1.0) == "15 % is below 20 %, which counts only if charging is 0"
 
 
-def test_a_low_battery_alerts_when_it_leaves_the_charger_without_another_sample_of_its_own() -> None:
+def test_a_low_battery_alerts_when_it_leaves_the_charger_without_another_sample() -> None:
     robot = Robot({"only_if": NOT_CHARGING})
     robot.see(0.0, charging=1.0, battery=15.0)
     robot.see(3.0, charging=0.0)
@@ -187,7 +187,7 @@ def test_both_levels_are_held_back() -> None:
     assert robot.transitions[-1].bound == 10.0
 
 
-def test_invalid_data_and_silence_are_told_whatever_the_condition_says() -> None:
+def test_invalid_data_and_silence_are_announced_whatever_the_condition() -> None:
     robot = Robot({"only_if": NOT_CHARGING, "stale_after_s": 5.0})
     robot.see(0.0, charging=1.0, battery=float("nan"))
     assert robot.battery == [(0.0, "ERROR")]
@@ -346,7 +346,7 @@ def test_a_negative_scale_turns_the_sign() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.0, float("nan"), float("inf"), "100", True])
-def test_a_scale_that_is_no_number_or_0_is_refused(scale: object) -> None:
+def test_a_scale_of_0_or_not_a_number_is_refused(scale: object) -> None:
     with pytest.raises(ConfigError, match=r"^signals\.battery\.scale: expected "):
         load_config({"signals": {"battery": {"scale": scale}}})
 

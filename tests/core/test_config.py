@@ -1,4 +1,4 @@
-"""Configurations that load, and the one line that each of the others is refused with."""
+"""Valid configurations, and the error line of each invalid one."""
 
 from __future__ import annotations
 
@@ -324,7 +324,7 @@ def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, prob
         (5, "expected a mapping of keys to values, got 5"),
     ],
 )
-def test_what_is_no_configuration_at_all_is_refused(source: Any, problem: str) -> None:
+def test_anything_but_a_configuration_is_refused(source: Any, problem: str) -> None:
     with pytest.raises(ConfigError) as raised:
         load_config(source)
     assert str(raised.value).startswith(problem)

@@ -1,4 +1,4 @@
-"""The ready examples in config/: each is loaded as it stands and run on the robot that it is for."""
+"""The ready examples in config/: each is loaded unchanged and run with a robot of its kind."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_a_healthy_differential_drive_robot_is_ok() -> None:
         (2, {"motor_temperature": 91.5}, [("motor_left_temperature", "WARN")]),
     ],
 )
-def test_what_goes_wrong_on_a_differential_drive_robot_is_told(
+def test_problems_of_a_differential_drive_robot_are_announced(
     seconds: int, values: Dict[str, Any], expected: List[Tuple[str, str]]
 ) -> None:
     robot = Robot("differential_drive.yaml")

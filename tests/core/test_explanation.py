@@ -82,7 +82,7 @@ def test_before_the_first_sample_there_is_no_value_and_no_age() -> None:
     assert (values["good_samples"], values["bad_samples"]) == ("0", "0")
 
 
-def test_state_change_is_told_where_flapping_is_looked_for() -> None:
+def test_state_change_is_shown_where_flap_detection_is_enabled() -> None:
     assert "state_change_percent" not in status(watch(), 0.0).values
     assert status(watch(flap_detection=True), 0.0).values["state_change_percent"] == "0"
 
@@ -109,9 +109,7 @@ def last_text(transitions: List[Optional[Transition]]) -> str:
         ({}, [math.nan, 50.0], "OK: 50 (was ERROR for 1 s)"),
     ],
 )
-def test_a_line_says_which_value_which_bound_and_since_when(
-    settings: Dict[str, Any], samples: List[float], text: str
-) -> None:
+def test_a_line_contains_value_bound_and_duration(settings: Dict[str, Any], samples: List[float], text: str) -> None:
     signal = watch(**settings)
     transitions = [signal.observe(value, second) for second, value in enumerate(samples, 1)]
     assert last_text(transitions) == f"battery_level {text}"
@@ -152,7 +150,7 @@ def test_a_healthy_signal_says_its_value() -> None:
     assert message(watch(), 1.0) == "waiting for the first sample"
 
 
-def test_the_silence_in_a_message_goes_on_with_the_time_of_the_report() -> None:
+def test_the_silence_in_a_message_grows_with_the_time_of_the_report() -> None:
     signal = watch(stale_after_s=5.0)
     signal.observe(50.0, 0.0)
     signal.tick(6.0)

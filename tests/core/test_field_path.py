@@ -1,4 +1,4 @@
-"""Paths of fields: what is one, what is none, and what a keyed step compares."""
+"""Field paths: valid ones, invalid ones, and keyed steps."""
 
 from __future__ import annotations
 

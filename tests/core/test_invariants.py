@@ -22,7 +22,7 @@ Call = Tuple[Any, ...]
 
 
 class Mute:
-    """A datum that answers no question."""
+    """A datum whose methods raise."""
 
     def __repr__(self) -> str:
         raise RuntimeError("no repr")
@@ -37,7 +37,7 @@ class Mute:
 
 
 class Dice(float):
-    """A number that cannot be had."""
+    """A number whose conversion raises."""
 
     def __float__(self) -> float:
         raise RuntimeError("rolled off the table")
@@ -143,7 +143,7 @@ def loaded(tree: Mapping[str, Any]) -> Optional[MonitorConfig]:
 
 
 def loadable(names: Sequence[str], trees: Sequence[Mapping[str, Any]], robot: str) -> Optional[MonitorConfig]:
-    """Leaves out of each signal what does not go together, so that most of what is drawn is tried."""
+    """Removes contradictory keys from each signal, so that most drawn configurations load."""
     signals: Dict[str, Dict[str, Any]] = {name: {} for name in names}
     for name, tree in zip(names, trees):
         for key, value in tree.items():
@@ -188,7 +188,7 @@ calls: st.SearchStrategy[Call] = st.one_of(
 
 
 class Player:
-    """Makes the calls on a monitor and checks after each what must always hold."""
+    """Performs the calls on a monitor and checks the invariants after each."""
 
     def __init__(self, config: MonitorConfig) -> None:
         self.monitor = Monitor(config)
@@ -383,7 +383,7 @@ plain_trees = st.fixed_dictionaries(
 def test_a_whole_number_is_judged_alike_as_int_and_as_float(
     trees: List[Mapping[str, Any]], sequence: List[Call]
 ) -> None:
-    """Floats take a short way through the code where nothing can follow from them; nothing else does."""
+    """Only ordinary floats take the fast path."""
     config = loadable(("a", "b"), trees, "atlas")
     assert config is not None
     players = {kind: Player(config) for kind in (int, float)}

@@ -27,7 +27,7 @@ class TestEquivalence(Equivalence):
     def harness(self) -> LocalHarness:
         return LocalHarness()
 
-    def test_the_reference_says_what_was_expected_by_hand(self, harness: LocalHarness) -> None:
+    def test_the_reference_gives_the_values_worked_out_by_hand(self, harness: LocalHarness) -> None:
         assert [str(line) for line in self.replay(harness)] == EXPECTED
 
 
@@ -62,7 +62,7 @@ EXPECTED = [
     "125.500 battery_level WARN: 15 % is below 20 % (was STALE for 0.5 s)",
     "53.000 battery_level OK: 30 % is no longer below 20 % (was WARN for 2 s)",
 ]
-"""What AlertSystem says to tests/data/timeline.csv."""
+"""The transitions of AlertSystem for tests/data/timeline.csv."""
 
 
 def test_log_lines_name_their_node_and_time() -> None:
@@ -115,7 +115,7 @@ def test_a_number_too_large_for_32_bits_becomes_infinity() -> None:
     assert heard.values == [float("inf"), float("-inf")]
 
 
-def test_a_service_that_nobody_offers_says_which_there_are() -> None:
+def test_calling_a_missing_service_lists_the_available_ones() -> None:
     bus = LocalBus()
     with pytest.raises(ServiceError, match="available: none"):
         bus.call_service("/reset")

@@ -1,4 +1,4 @@
-"""What the in-process middleware and the rosbridge client have in common; the rest is in the conformance suite."""
+"""Code shared by the in-process middleware and the rosbridge client, beyond the conformance suite."""
 
 from __future__ import annotations
 

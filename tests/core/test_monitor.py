@@ -70,7 +70,7 @@ class Watched:
 # --- the example of DESIGN.md ---------------------------------------------------------------------------------------
 
 
-def test_the_readmes_library_example_does_what_it_says() -> None:
+def test_the_library_example_of_the_readme_works() -> None:
     monitor = Monitor(load_config({"signals": {"battery_level": {"warn_below": 20.0, "for_s": 3.0}}}))
     seen = []
     for now_s, percent in enumerate([25.0, 19.0, 18.0, 18.0, 18.0]):
@@ -301,7 +301,7 @@ def test_a_bad_sample_proves_that_the_source_is_alive() -> None:
     assert watched.transitions == []
 
 
-def test_bad_data_is_what_the_status_tells_of_even_while_an_error_bound_is_crossed() -> None:
+def test_the_status_shows_bad_data_even_while_an_error_bound_is_crossed() -> None:
     watched = Watched(error_below=10.0)
     watched.each_second(5.0, math.nan)
     assert watched.level is ERROR
@@ -321,7 +321,7 @@ def test_whole_numbers_and_flags_are_numbers(value: object) -> None:
     assert watched.each_second(value) == [(0.0, WARN)]
 
 
-def test_bad_data_that_is_all_there_has_been_is_what_a_status_tells_of_while_it_is_not_yet_an_error() -> None:
+def test_a_status_shows_bad_data_before_it_is_an_error_if_there_was_no_good_sample() -> None:
     watched = Watched(invalid_for_s=10.0)
     watched.observe(None, 0.0)
     assert (watched.level, watched.status().message) == (OK, "no valid sample yet: None")
@@ -467,7 +467,7 @@ def test_bad_samples_add_nothing_to_the_flapping_history() -> None:
     assert watched.status().values["state_change_percent"] == "0"
 
 
-def test_flapping_that_no_transition_reached_is_told_with_the_next_one() -> None:
+def test_flapping_that_no_transition_reached_is_announced_with_the_next_one() -> None:
     """A tick changes the level; the sample after it brings the history to the limit, and announces nothing itself."""
     watched = Watched(**FLAPPING, for_s=1.0, flap_high=6.0, flap_low=5.0)
     watched.observe(LOW, 0.0)
@@ -894,7 +894,7 @@ def test_latched_alerts_stay_when_time_goes_back() -> None:
     assert watched.level is WARN
 
 
-def test_a_firing_rule_goes_on_when_time_goes_back() -> None:
+def test_a_firing_rule_keeps_firing_when_time_goes_back() -> None:
     watched = Watched(warn_below=20.0, for_s=5.0)
     watched.each_second(*[15.0] * 7, start_s=100.0)
     assert watched.each_second(15.0, 15.0) == []
@@ -921,7 +921,7 @@ def test_a_time_that_is_none_counts_as_the_time_of_the_last_call(odd: float) -> 
 # --- repeating ------------------------------------------------------------------------------------------------------
 
 
-def test_repeat_s_announces_a_level_again_that_goes_on() -> None:
+def test_repeat_s_announces_a_lasting_level_again() -> None:
     watched = Watched(warn_below=20.0, unit="%", repeat_s=10.0, stale_after_s=0.0)
     watched.observe(15.0, 0.0)
     for now_s in range(1, 25):

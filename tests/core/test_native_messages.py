@@ -169,7 +169,7 @@ def test_a_type_that_is_not_here_is_an_error(find: Callable[[str], Any], type_na
 
 
 @pytest.mark.parametrize("type_name", ["Status", "", "a/b/c", "demo/Status[]"])
-def test_what_is_no_name_of_a_type_is_an_error(type_name: str) -> None:
+def test_an_invalid_type_name_is_an_error(type_name: str) -> None:
     with pytest.raises(ConfigError) as caught:
         messages.message_class(type_name)
     assert str(caught.value) == (f"expected a type such as std_msgs/Float32, got {type_name!r}")
@@ -338,7 +338,7 @@ def test_bytes_may_also_be_given_as_they_are_or_as_a_list() -> None:
         ({"bytes": "no base64!"}, "Arrays.bytes: expected base64 text: "),
     ],
 )
-def test_what_does_not_fit_is_refused_with_the_field(mapping: Dict[str, Any], reason: str) -> None:
+def test_values_that_do_not_fit_are_refused_with_the_field(mapping: Dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError) as caught:
         messages.to_native(Arrays, mapping)
     assert str(caught.value).startswith(reason)
@@ -396,7 +396,7 @@ def test_the_empty_path_reads_the_whole_message_as_a_mapping() -> None:
         ("demo/Arrays", 'numbers["a"]', "the elements of numbers have no name and no key"),
     ],
 )
-def test_a_path_to_nowhere_is_refused_with_what_is_there(type_name: str, field: str, reason: str) -> None:
+def test_an_invalid_path_is_refused_with_the_available_fields(type_name: str, field: str, reason: str) -> None:
     with pytest.raises(ConfigError) as caught:
         messages.field_getter("/in", type_name, field)
     assert str(caught.value) == f"/in: {type_name} has no field {field}; {reason}"

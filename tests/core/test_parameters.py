@@ -93,7 +93,7 @@ def test_what_is_allowed_is_taken_as_its_kind(parameter: Parameter, found: objec
         (TEXTS, {"battery_level": 1}, "expected a list of texts, got a mapping"),
     ],
 )
-def test_what_is_not_allowed_is_refused_with_what_was_found(parameter: Parameter, found: object, problem: str) -> None:
+def test_invalid_values_are_refused_with_the_value(parameter: Parameter, found: object, problem: str) -> None:
     with pytest.raises(ConfigError) as raised:
         parameter.read(found, ("signals", "a", parameter.name))
     assert str(raised.value) == f"signals.a.{parameter.name}: {problem}"

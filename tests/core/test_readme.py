@@ -1,4 +1,4 @@
-"""The README says what the code does: its example runs."""
+"""The example in the README runs."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ def test_infinite_waits_of_huge_times_raise_nothing() -> None:
     assert not math.isnan(waiting.since_s)
 
 
-def test_new_bounds_are_judged_by_the_next_value_and_a_firing_rule_goes_on() -> None:
+def test_new_bounds_apply_to_the_next_value_and_a_firing_rule_keeps_firing() -> None:
     under_test = rule(below=20.0, for_s=5.0)
     under_test.judge(19.0, 0.0)
     under_test.judge(19.0, 5.0)

@@ -1,4 +1,4 @@
-"""One signal: its state in a word, and the value that other signals may use."""
+"""One signal: its state, and the value that other signals may use."""
 
 from __future__ import annotations
 

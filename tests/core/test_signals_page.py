@@ -1,4 +1,4 @@
-"""docs/signals.md says what the code does: its examples load, and its table names every source of the host."""
+"""docs/signals.md is up to date: its examples load, and its table lists every source of the host."""
 
 from __future__ import annotations
 

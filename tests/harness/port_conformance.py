@@ -111,7 +111,7 @@ class Harness(Protocol):
         """Returns what the nodes of this test have logged until now."""
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        """Lets the nodes work until `predicate()` is true.
+        """Runs the nodes until `predicate()` is true.
 
         Raises:
             AssertionError: it is still false after 10 s.
@@ -370,7 +370,7 @@ class PortConformance:
         harness.wait_until(lambda: len(heard.values) >= 1)
         assert heard.values == [2]
 
-    def test_arrivals_can_be_heard_without_reading_the_messages(self, harness: Harness) -> None:
+    def test_arrivals_are_received_without_reading_the_messages(self, harness: Harness) -> None:
         node, typed, untyped, read = harness.node("alert_system"), Recorder(), Recorder(), Recorder()
         node.subscribe("in", FLOAT32, typed, field=None)
         node.subscribe("in", "", untyped, field=None)
@@ -487,7 +487,7 @@ class PortConformance:
         }
 
     @pytest.mark.parametrize("type_name", ["Float32", "std_msgs/", "a/b/c/d"])
-    def test_a_type_that_is_no_type_name_is_refused(self, harness: Harness, type_name: str) -> None:
+    def test_an_invalid_type_name_is_refused(self, harness: Harness, type_name: str) -> None:
         node = harness.node("alert_system")
         with pytest.raises(ConfigError):
             node.advertise("out", type_name)
@@ -544,7 +544,7 @@ class PortConformance:
         with pytest.raises(MessageError, match="value"):
             node.publish("out", {"value": 1.0})
 
-    def test_a_topic_has_listeners_while_somebody_listens(self, harness: Harness) -> None:
+    def test_a_topic_has_listeners_while_there_are_subscribers(self, harness: Harness) -> None:
         node = harness.node("source")
         with pytest.raises(MessageError, match="/level"):
             node.has_listeners("level")
@@ -899,7 +899,7 @@ class PortConformance:
         assert len(errors) == 2
         assert all("RuntimeError" in line.text and "\n" not in line.text for line in errors)
 
-    def test_a_timer_that_raises_goes_on(self, harness: Harness) -> None:
+    def test_a_timer_that_raises_keeps_running(self, harness: Harness) -> None:
         times_s: List[float] = []
 
         def fail(now_s: float) -> None:

@@ -16,7 +16,7 @@ DEADLINE_S = 20.0
 
 
 async def until(predicate: Callable[[], bool]) -> None:
-    """Lets the loop work until `predicate()` is true."""
+    """Runs the loop until `predicate()` is true."""
     deadline_s = asyncio.get_event_loop().time() + DEADLINE_S
     while not predicate():
         assert asyncio.get_event_loop().time() < deadline_s, f"still not true after {DEADLINE_S:g} s"
@@ -24,7 +24,7 @@ async def until(predicate: Callable[[], bool]) -> None:
 
 
 def scenario(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
-    """Makes a test of a coroutine without arguments."""
+    """Turns a coroutine function without arguments into a test."""
 
     def run() -> None:
         asyncio.run(asyncio.wait_for(test(), 60.0))

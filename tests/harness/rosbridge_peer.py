@@ -94,7 +94,7 @@ class Robot:
             yield Peer(socket)
 
     async def until(self, predicate: Callable[[], bool]) -> None:
-        """Lets the loop work until `predicate()` is true."""
+        """Runs the loop until `predicate()` is true."""
         deadline_s = asyncio.get_event_loop().time() + DEADLINE_S
         while not predicate():
             assert asyncio.get_event_loop().time() < deadline_s, f"still not true after {DEADLINE_S:g} s"
@@ -102,7 +102,7 @@ class Robot:
 
 
 def with_robot(access: Optional[Access] = None, **options: Any) -> Callable[[Any], Callable[[Any], None]]:
-    """Makes a test of `async def test(self_or_nothing, robot)`: started before, closed after."""
+    """Turns `async def test(self_or_nothing, robot)` into a test; the robot is started before and closed after it."""
 
     def decorate(scenario: Callable[[Robot], Awaitable[None]]) -> Callable[[], None]:
         async def run(arguments: Dict[str, Any]) -> None:

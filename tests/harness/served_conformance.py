@@ -25,7 +25,7 @@ class ServedConformance:
         served.close()
         harness.close()
 
-    def test_the_graph_tells_who_talks_to_whom(self, harness: Harness, served: ServedMiddleware) -> None:
+    def test_the_graph_lists_nodes_topics_and_services(self, harness: Harness, served: ServedMiddleware) -> None:
         node = harness.node("alert_system")
         node.advertise("alerts", FLOAT32)
         node.subscribe("battery_level", FLOAT32, lambda value, now_s: None, field="data")

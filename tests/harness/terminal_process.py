@@ -20,7 +20,7 @@ DEADLINE_S = 30.0
 _TAKE_TERMINAL = (
     "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); os.execvp(sys.argv[1], sys.argv[1:])"
 )
-"""Makes the terminal the controlling one, so that Ctrl-C and SIGWINCH reach the program, and executes it."""
+"""Makes the terminal the controlling one, so that Ctrl-C and SIGWINCH reach the program, and executes the program."""
 
 
 class TerminalProcess:

@@ -74,7 +74,9 @@ def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping:
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_with_the_field(type_name: str, mapping: Dict[str, Any], reason: str) -> None:
+def test_values_that_do_not_fit_are_refused_with_the_field(
+    type_name: str, mapping: Dict[str, Any], reason: str
+) -> None:
     with pytest.raises(ValueError, match=reason):
         to_native(message_class(type_name), mapping)
 
@@ -116,7 +118,7 @@ def test_a_type_name_imports_nothing_but_messages(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize(
     "type_name", ["this/Zen", "std_msgs/__init__", "std_msgs/_Float32", "os/path", "std_msgs/float32"]
 )
-def test_what_is_no_message_is_an_unknown_type(type_name: str) -> None:
+def test_a_class_that_is_not_a_message_is_an_unknown_type(type_name: str) -> None:
     with pytest.raises(ConfigError):
         message_class(type_name)
 

@@ -138,7 +138,7 @@ def test_an_unknown_parameter_is_refused(ros: Any) -> None:
 @pytest.mark.parametrize(
     ("given", "key"), [({"executor": "many"}, "executor"), ({"use_sim_time": "perhaps"}, "use_sim_time")]
 )
-def test_what_the_adapter_itself_is_told_is_checked(ros: Any, given: Mapping[str, Any], key: str) -> None:
+def test_the_arguments_of_the_adapter_are_checked(ros: Any, given: Mapping[str, Any], key: str) -> None:
     with pytest.raises(ConfigError, match=key):
         ros.node("alert_system", parameters=given, sim_time=None).given_parameters()
 
@@ -154,7 +154,7 @@ def test_the_log_level_can_be_changed(ros: Any) -> None:
     assert not any(line.text == "not this one" for line in ros.log_lines())
 
 
-def test_a_name_that_is_no_topic_is_a_configuration_error(ros: Any) -> None:
+def test_an_invalid_topic_name_is_a_configuration_error(ros: Any) -> None:
     node = ros.node("alert_system")
     with pytest.raises(ConfigError, match="'battery level'"):
         node.subscribe("battery level", FLOAT32, Recorder(), field="data")
@@ -170,7 +170,7 @@ def best_effort_publisher(ros: Any, topic: str) -> Any:
 
 
 @pytest.mark.parametrize("is_early", [True, False])
-def test_sensor_data_qos_is_heard_and_so_are_reliable_publishers(ros: Any, is_early: bool) -> None:
+def test_best_effort_and_reliable_publishers_are_both_received(ros: Any, is_early: bool) -> None:
     from std_msgs.msg import Float32
 
     heard = Recorder()

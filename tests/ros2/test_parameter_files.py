@@ -36,7 +36,7 @@ def test_a_section_applies_in_any_namespace(thresholds: Path) -> None:
     assert thresholds.read_text(encoding="utf-8") == THRESHOLDS
 
 
-def test_an_absolute_name_stays_as_it_is(tmp_path: Path) -> None:
+def test_an_absolute_name_is_not_changed(tmp_path: Path) -> None:
     file = tmp_path / "absolute.yaml"
     file.write_text(THRESHOLDS.replace("alert_system:", "/robot1/alert_system:"), encoding="utf-8")
     with ParameterFiles(arguments(file)).arguments_for_any_namespace() as changed:

@@ -1,4 +1,4 @@
-"""Other people's clients, unchanged, against the server: roslibpy from PyPI and roslib from npm.
+"""Third-party clients, unchanged, against the server: roslibpy from PyPI and roslib from npm.
 
 roslib is installed under `.venv/` if Node.js is available.
 """

@@ -103,7 +103,7 @@ async def test_a_stalled_client_loses_its_own_messages_and_is_then_cut_off(robot
 
 
 @with_robot(limits=Limits(queue_bytes=50_000))
-async def test_a_client_that_catches_up_is_told_what_it_lost_and_stays(robot: Robot) -> None:
+async def test_a_client_that_catches_up_receives_the_number_of_lost_messages_and_stays(robot: Robot) -> None:
     robot.node.advertise("/big", "std_msgs/String")
     async with robot.peer(max_msg_size=0) as peer:
         await peer.send("set_level", level="warning")
@@ -145,7 +145,7 @@ async def test_a_thousand_connections_are_opened_and_dropped(robot: Robot) -> No
 
 @with_robot(heartbeat_s=0.4, auth_timeout_s=0.4)
 async def test_half_open_sockets_are_closed(robot: Robot) -> None:
-    """One never says a word, one stops in the middle of its request, one does not answer pings any more."""
+    """One sends nothing, one stops in the middle of its request, one stops answering pings."""
     loop = asyncio.get_event_loop()
     silent, half, dead = [await loop.run_in_executor(None, raw_socket, robot) for _ in range(3)]
     half.sendall(HANDSHAKE[:40])
@@ -178,7 +178,7 @@ async def test_half_open_sockets_are_closed(robot: Robot) -> None:
         os.urandom(4096),
     ],
 )
-def test_garbage_frames_hurt_nobody_else(garbage: bytes) -> None:
+def test_garbage_frames_affect_no_other_client(garbage: bytes) -> None:
     @with_robot()
     async def scenario(robot: Robot) -> None:
         async with well_behaved(robot):
@@ -347,7 +347,7 @@ async def test_a_message_above_the_limit_is_not_sent_and_logged(robot: Robot) ->
 
 
 @with_robot(max_clients=40, auth_timeout_s=60.0)
-async def test_idle_connections_lock_nobody_out_and_are_reported_once(robot: Robot) -> None:
+async def test_idle_connections_lock_no_client_out_and_are_reported_once(robot: Robot) -> None:
     loop = asyncio.get_event_loop()
     async with well_behaved(robot):
         idle = [await loop.run_in_executor(None, raw_socket, robot) for _ in range(200)]
@@ -360,7 +360,7 @@ async def test_idle_connections_lock_nobody_out_and_are_reported_once(robot: Rob
 
 
 @with_robot(Access(token="s3cret"), max_clients=20, auth_timeout_s=60.0)
-async def test_websockets_without_a_token_lock_nobody_out(robot: Robot) -> None:
+async def test_websockets_without_a_token_lock_no_client_out(robot: Robot) -> None:
     loop = asyncio.get_event_loop()
     idle = []
     for _ in range(60):

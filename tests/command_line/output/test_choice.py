@@ -1,4 +1,4 @@
-"""Which output stdout gets."""
+"""The choice of the output for stdout."""
 
 from __future__ import annotations
 

@@ -184,7 +184,7 @@ def test_battery_that_holds_more_than_its_nominal_charge_is_full(machine: Machin
 
 
 @pytest.mark.parametrize("tree", [pytest.param({}, id="none"), pytest.param(GAMEPAD_BATTERY, id="a gamepad's")])
-def test_a_machine_without_a_battery_of_its_own_says_so(machine: Machine, tree: Any) -> None:
+def test_a_machine_without_its_own_battery_reports_it(machine: Machine, tree: Any) -> None:
     machine(tree)
     with pytest.raises(SensorError, match=r"^no battery in .*/sys/class/power_supply; set"):
         HostBattery(paths=machine.paths).read(0.0)

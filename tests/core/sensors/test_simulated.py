@@ -1,4 +1,4 @@
-"""Simulated sources look alive, repeat themselves for a seed, and bear any clock."""
+"""Simulated sources vary plausibly, are reproducible by seed, and tolerate any clock."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ async def test_with_a_foreign_server_it_is_plain_json_with_ros_1s_names() -> Non
 
 
 @scenario
-async def test_the_type_of_a_topic_is_asked_for_until_somebody_publishes_it() -> None:
+async def test_the_type_of_a_topic_is_requested_until_it_is_published() -> None:
     foreign = ForeignServer()
     watched = Watched(await foreign.start())
     try:
@@ -79,7 +79,7 @@ async def test_without_rosapi_a_subscription_without_a_type_is_tried_until_messa
 
 
 @scenario
-async def test_a_type_that_is_no_type_does_not_end_the_search() -> None:
+async def test_an_invalid_type_does_not_end_the_search() -> None:
     foreign = ForeignServer()
     answers: Any = foreign.types
     answers["/odom"] = ["nav_msgs/Odometry"]

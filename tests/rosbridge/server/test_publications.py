@@ -47,7 +47,7 @@ async def test_a_relative_name_is_the_same_topic(robot: Robot) -> None:
 
 
 @with_robot(OPEN)
-async def test_while_the_master_is_down_publishing_is_refused_and_the_connection_goes_on(robot: Robot) -> None:
+async def test_while_the_master_is_down_publishing_is_refused_and_the_connection_continues(robot: Robot) -> None:
     def fail() -> Any:
         raise ServiceError("the ROS master does not respond")
 

@@ -47,7 +47,7 @@ class TestSubscribing:
 
     @staticmethod
     @with_robot()
-    async def test_a_message_is_what_the_protocol_says(robot: Robot) -> None:
+    async def test_messages_have_the_form_of_the_protocol(robot: Robot) -> None:
         async with robot.peer() as peer:
             await peer.subscribe("/battery_level", type="std_msgs/msg/Float32")
             robot.publish(19.5)
@@ -80,7 +80,7 @@ class TestSubscribing:
 
     @staticmethod
     @with_robot()
-    async def test_an_unsubscribed_topic_is_silent_and_nobody_on_the_robot_serves_it(robot: Robot) -> None:
+    async def test_an_unsubscribed_topic_is_silent_and_the_robot_no_longer_serves_it(robot: Robot) -> None:
         async with robot.peer() as peer:
             await peer.subscribe("/battery_level", id="one")
             await peer.subscribe("/battery_level", id="two")

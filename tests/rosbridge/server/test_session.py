@@ -13,7 +13,7 @@ EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 
 
 @with_robot()
-async def test_an_unexpected_error_is_one_line_and_the_session_goes_on(robot: Robot) -> None:
+async def test_an_unexpected_error_is_one_line_and_the_session_continues(robot: Robot) -> None:
     def fail(*arguments: Any, **options: Any) -> Any:
         raise RuntimeError("unexpected\ntraceback")
 

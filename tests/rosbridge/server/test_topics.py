@@ -27,7 +27,7 @@ async def test_a_topic_is_subscribed_to_once_whatever_the_number_of_clients(robo
 
 
 @with_robot()
-async def test_a_wrong_type_is_refused_and_the_connection_goes_on(robot: Robot) -> None:
+async def test_a_wrong_type_is_refused_and_the_connection_continues(robot: Robot) -> None:
     async with robot.peer() as peer:
         await peer.send("set_level", level="error")
         await peer.send("subscribe", topic="/battery_level", type="std_msgs/String", id="s1")
@@ -45,7 +45,7 @@ async def test_a_wrong_type_is_refused_and_the_connection_goes_on(robot: Robot) 
 
 
 @with_robot()
-async def test_while_the_master_is_down_subscribing_is_refused_and_nobody_is_disconnected(robot: Robot) -> None:
+async def test_while_the_master_is_down_subscribing_is_refused_and_no_client_is_disconnected(robot: Robot) -> None:
     served = robot.server._middleware
     graph = served.graph
 
