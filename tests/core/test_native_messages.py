@@ -338,7 +338,7 @@ def test_bytes_may_also_be_given_as_they_are_or_as_a_list() -> None:
         ({"bytes": "no base64!"}, "Arrays.bytes: expected base64 text: "),
     ],
 )
-def test_values_that_do_not_fit_are_refused_with_the_field(mapping: Dict[str, Any], reason: str) -> None:
+def test_wrong_values_are_refused_with_the_field(mapping: Dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError) as caught:
         messages.to_native(Arrays, mapping)
     assert str(caught.value).startswith(reason)

@@ -74,9 +74,7 @@ def test_what_is_written_can_be_sent_and_reads_the_same(type_name: str, mapping:
         ),
     ],
 )
-def test_values_that_do_not_fit_are_refused_with_the_field(
-    type_name: str, mapping: Dict[str, Any], reason: str
-) -> None:
+def test_wrong_values_are_refused_with_the_field(type_name: str, mapping: Dict[str, Any], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         to_native(message_class(type_name), mapping)
 
