@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from typing import TYPE_CHECKING, Any, Callable, List, Tuple
@@ -19,6 +20,7 @@ from std_msgs.msg import Empty
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.model import Level
 
 from .introspection import Ros2ServedMiddleware
 from .middleware import Ros2Middleware
@@ -47,6 +49,7 @@ class Ros2Process:
         """
         self.middlewares: List[Ros2Middleware] = []
         self._interrupts = interrupts
+        self._log_problem = ""
 
     def start(self) -> None:
         """Reads the command line and the parameter files."""
@@ -57,6 +60,9 @@ class Ros2Process:
         set_logger_level("rcl", LoggingSeverity.FATAL)  # rcl would print a less helpful line as well
         try:
             with self._files.arguments_for_any_namespace() as arguments:
+                self._log_problem = log_folder_problem()
+                if self._log_problem:  # rcl would refuse to start
+                    arguments = [*arguments, "--ros-args", "--disable-external-lib-logs"]
                 rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         except (RuntimeError, ValueError) as error:
             raise self._files.explained(str(error)) from None
@@ -66,6 +72,8 @@ class Ros2Process:
     def create_node(self, name: str) -> Ros2Middleware:
         """Creates the middleware of one node."""
         self.middlewares.append(Ros2Middleware(name))
+        if self._log_problem:
+            self.middlewares[-1].faults.report("log file", self._log_problem, Level.WARN)
         return self.middlewares[-1]
 
     def create_served_node(self, alert_system: Ros2Middleware) -> Ros2ServedMiddleware:
@@ -172,3 +180,14 @@ def _probe(executor: Any, nodes: List[Any]) -> str:
         node.destroy_publisher(publisher)
         node.destroy_subscription(subscription)
     return "" if delivered.done() else f"it delivers no message within {_PROBE_S:g} s"
+
+
+def log_folder_problem() -> str:
+    """Creates the folder of rcl's log files, as rcl does; returns why it cannot be written to, empty if it can."""
+    home = os.environ.get("ROS_HOME") or os.path.join("~", ".ros")
+    folder = os.path.expanduser(os.environ.get("ROS_LOG_DIR") or os.path.join(home, "log"))
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        return f"no log file: {folder} cannot be created: {error.strerror}"
+    return "" if os.access(folder, os.W_OK) else f"no log file: {folder} is read-only"

@@ -8,7 +8,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Dict, Iterator, List, Sequence
 
 import pytest
 from harness.chaos import THRESHOLDS, Robot, Trial, check_stderr, end
@@ -78,8 +78,13 @@ def test_a_node_that_is_killed_or_stopped_recovers(alert_system: Any, robot: Any
     end(process)
 
 
-def test_a_read_only_temporary_folder_costs_no_alert(alert_system: Any, robot: Any, seed: int, tmp_path: Path) -> None:
-    process = alert_system(**dict.fromkeys(("TMPDIR", "TEMP", "TMP"), "/proc/none"))
+NOWHERE = "/proc/none"
+
+
+@pytest.mark.parametrize("variables", [("TMPDIR", "TEMP", "TMP"), ("ROS_HOME", "ROS_LOG_DIR")])
+def test_a_read_only_folder_costs_no_alert(alert_system: Any, robot: Any, seed: int, variables: Sequence[str]) -> None:
+    process = alert_system(**dict.fromkeys(variables, NOWHERE))
+    process.wait_for_text("watching battery_level")
     peer: Robot = robot("ros2_peer")
     peer.wait_until_connected()
     trial = Trial(seed, peer.alerts, peer.publish)
@@ -87,3 +92,4 @@ def test_a_read_only_temporary_folder_costs_no_alert(alert_system: Any, robot: A
         trial.change(trial.pause)
     trial.finish()
     end(process)
+    assert ("ROS_LOG_DIR" in variables) == (f"no log file: {NOWHERE} cannot be created" in process.text)
