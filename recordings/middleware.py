@@ -1,8 +1,8 @@
 """The port over recordings: messages and time come from files.
 
-A `Player` reads recordings once and delivers each message to its nodes at the message's log time. Timers run in
-between, at their own periods, so that a node decides what it would have decided live. A recording that ends is not
-silence: time ends with it.
+A `Player` reads recordings once and delivers each message to its nodes at its log time. Timers run in between, at
+their own periods, so that a node decides as it would have decided live. Time ends with the recording: its end is not
+silence. Everything runs in the thread that calls `play`.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import Any, Callable, Dict, List, Mapping, Optional
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
+from robot_health_monitor.core.mapping_node import CLOCK, Delivery, MappingNode, require_type_name
 from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.timers import ClockTimer
 
 from .decoding import types_of
 from .reading import Recordings
@@ -22,12 +23,16 @@ from .recording import Channel, canonical_type
 
 Callback = Callable[[Any, float], None]
 
+_LONGEST_SILENCE_S = 86_400.0
+"""Timers run through a gap of this length; the rest of a longer one is skipped. One message with a damaged time would
+otherwise ask for the ticks of centuries."""
+
 
 class Subscription:
     """A node's subscription to a recorded topic; implements `core.middleware.Subscription`."""
 
     def __init__(self, node: RecordedMiddleware, topic: str, callback: Callback) -> None:
-        """Stores where messages are delivered."""
+        """Binds a callback of a node to a topic."""
         self.topic = topic
         self.node = node
         self.callback = callback
@@ -40,7 +45,7 @@ class Subscription:
 
 
 class _ClockSubscription(Subscription):
-    """Passes simulated time to a node, which waits for it before anything else."""
+    """Passes simulated time to a node."""
 
     def deliver(self, value: Any) -> None:
         self.node.take_clock(value)
@@ -49,16 +54,28 @@ class _ClockSubscription(Subscription):
 class _Reader:
     """One field of one channel: read once per message, delivered to every subscription."""
 
-    def __init__(self, channel: Channel, field: Optional[str]) -> None:
-        self.topic = channel.topic
-        self.get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
+    def __init__(self, channel: Channel, field: Optional[str], on_undecodable: Callable[[str], None]) -> None:
         self.subscriptions: List[Subscription] = []
+        self._topic = channel.topic
+        self._get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
+        self._on_undecodable = on_undecodable
+
+    def deliver(self, data: bytes) -> None:
+        """Reads the field from a serialized message and passes it on."""
+        try:
+            value = self._get(data)
+        except ValueError:
+            self._on_undecodable(self._topic)
+            return
+        if value is not ABSENT:
+            for subscription in self.subscriptions:
+                subscription.deliver(value)
 
 
 class RecordedMiddleware(MappingNode):
     """One node that receives recorded messages; implements `core.middleware.Middleware`.
 
-    What it publishes has no listeners, and its services have no callers.
+    Its publications have no listeners, and its services have no callers.
     """
 
     def __init__(self, player: Player, name: str, parameters: Mapping[str, Any], use_sim_time: bool) -> None:
@@ -66,7 +83,23 @@ class RecordedMiddleware(MappingNode):
         super().__init__(name, parameters, {}, clock=lambda: player.wall_s, use_sim_time=use_sim_time)
         self._player = player
 
+    def call_back(self, subscription: Delivery, value: Any) -> None:
+        """Does what `MappingNode.call_back` does, without locks: this is the cost of a replay."""
+        if self._sim_time_s is not None:
+            super().call_back(subscription, value)
+        elif subscription.active and not self.closed:
+            try:
+                subscription.callback(value, self._player.wall_s)
+            except Exception as error:
+                self.log_failure(error)
+
+    def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
+        timer = super().create_timer(period_s, callback, steady=steady)
+        self._player.note_timer(timer)
+        return timer
+
     def advertise(self, topic: str, type_name: str) -> None:
+        require_type_name(type_name)
         self._advertised[self.resolve(topic)] = type_name
 
     def publish(self, topic: str, message: Message) -> None:
@@ -77,16 +110,18 @@ class RecordedMiddleware(MappingNode):
         return False
 
     def subscribe(self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "") -> Subscription:
+        if type_name:
+            require_type_name(type_name)
         return self._player.subscribe(Subscription(self, self.resolve(topic), callback), type_name, field)
 
     def unsubscribe(self, subscription: Any) -> None:
         subscription.active = False
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        """Does nothing: a recording calls no services."""
+        require_type_name(type_name)
 
     def log(self, severity: Severity, text: str) -> None:
-        self._player.on_log(LogLine(self.now_s(), self.name, severity, text))
+        self.faults.guard("log", self._player.on_log, LogLine(self.now_s(), self.name, severity, text))
 
     def close(self) -> None:
         self.closed = True
@@ -126,15 +161,17 @@ class Player:
         self._end_ns = min(span[1], span[0] + round(to_s * 1e9)) if to_s < math.inf else span[1]
         self._use_sim_time = use_sim_time
         self.wall_s = self._start_ns / 1e9
-        """Log time of the message that is being played, in seconds since 1970."""
+        """Log time of the current message, in seconds since 1970."""
         self.late = 0
-        """How many messages came out of the order of their log times; they were delivered late."""
+        """Messages that came out of the order of their log times and were delivered late."""
         self.undecodable: Dict[str, int] = {}
-        """How many messages of a topic did not match its type."""
+        """Per topic, the messages that did not match its type."""
+        self._outside = 0
+        self._skipped_s = 0.0
         self.on_log: Callable[[LogLine], None] = on_log or _ignore
         self._nodes: List[RecordedMiddleware] = []
-        self._due_s = -math.inf
-        """When the next timer of a node is due."""
+        self._due_s = math.inf
+        """When the next timer of a node is due; may be too early, never too late."""
         self._channels: Dict[str, List[Channel]] = {}
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)
@@ -146,6 +183,22 @@ class Player:
     def end_s(self) -> float:
         """Log time at which playing ends, in seconds since 1970."""
         return self._end_ns / 1e9
+
+    @property
+    def problems(self) -> List[str]:
+        """One line for each thing that was not read, or not as it was recorded, until now."""
+        lines = self._recordings.problems
+        for topic, number in sorted(self.undecodable.items()):
+            lines.append(f"{topic}: {_messages(number)} could not be decoded and {_were(number)} left out")
+        if self._outside:
+            lines.append(
+                f"{_messages(self._outside)} outside of the recording's time span {_were(self._outside)} left out"
+            )
+        if self.late:
+            lines.append(f"{_messages(self.late)} out of order, judged late")
+        if self._skipped_s:
+            lines.append(f"no messages for more than {_LONGEST_SILENCE_S / 3600:g} h: {self._skipped_s:.0f} s skipped")
+        return lines
 
     def is_recorded(self, topic: str) -> bool:
         """Returns whether the recordings have a topic of this absolute name."""
@@ -167,7 +220,7 @@ class Player:
         return f"/{self._namespace}/{name}" if self._namespace else f"/{name}"
 
     def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> Subscription:
-        """Has a field of every message of a topic delivered; use `RecordedMiddleware.subscribe`.
+        """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
 
         A topic that is not recorded delivers nothing.
 
@@ -186,10 +239,13 @@ class Player:
         return subscription
 
     def play(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
-        """Plays the recordings to their end.
+        """Plays the recordings to their end. Subscriptions must exist before.
 
         Args:
-            on_progress: called now and then with the fraction that has been played, 0 to 1.
+            on_progress: called about a thousand times with the fraction that has been played, 0 to 1.
+
+        Raises:
+            RecordingError: a library that the recording needs is not installed.
         """
         if self._use_sim_time:
             self._follow_clock()
@@ -197,38 +253,47 @@ class Player:
         start_ns, end_ns = self._start_ns, self._end_ns
         step_ns = max(1, (end_ns - start_ns) // 1000)
         last_ns = progress_ns = start_ns
-        readers = {channel: tuple(of_field.values()) for channel, of_field in self._readers.items()}
-        for time_ns, of_channel, data in self._recordings.messages(readers):
+        first_ns, past_ns = self._recordings.span_ns or (0, 0)
+        deliveries = {
+            channel: tuple(reader.deliver for reader in readers.values()) for channel, readers in self._readers.items()
+        }
+        for time_ns, of_channel, data in self._recordings.messages(deliveries):
             if not start_ns <= time_ns <= end_ns:
+                self._outside += not first_ns <= time_ns <= past_ns
                 continue
-            if time_ns < last_ns:
-                self.late += 1
-            else:
+            if time_ns > last_ns:
                 last_ns = time_ns
-                self._advance(time_ns / 1e9)
+                now_s = time_ns / 1e9
+                if self._due_s < now_s:
+                    self._run_timers(now_s)
+                self.wall_s = now_s
                 if time_ns >= progress_ns:
                     progress_ns = time_ns + step_ns
-                    report((time_ns - start_ns) / max(1, end_ns - start_ns))
-            for reader in of_channel:
-                self._deliver(reader, data)
-        self._advance(max(self.wall_s, end_ns / 1e9))
+                    report((time_ns - start_ns) / (end_ns - start_ns))
+            elif time_ns < last_ns:
+                self.late += 1
+            for deliver in of_channel:
+                deliver(data)
+        # A damaged recording may have ended before the time that its index gives: the rest is not silence.
+        _, read_ns = self._recordings.span_ns or (0, 0)
+        end_s = max(self.wall_s, min(end_ns, read_ns) / 1e9)
+        self._run_timers(end_s)
+        if self._due_s == end_s:
+            self._run_due(end_s)
+        self.wall_s = end_s
         report(1.0)
 
-    def _deliver(self, reader: _Reader, data: bytes) -> None:
-        try:
-            value = reader.get(data)
-        except ValueError:
-            self.undecodable[reader.topic] = self.undecodable.get(reader.topic, 0) + 1
-            return
-        if value is ABSENT:
-            return
-        for subscription in reader.subscriptions:
-            subscription.deliver(value)
+    def note_timer(self, timer: ClockTimer) -> None:
+        """Notes a new timer of a node."""
+        self._due_s = min(self._due_s, timer.due_s)
+
+    def _note_undecodable(self, topic: str) -> None:
+        self.undecodable[topic] = self.undecodable.get(topic, 0) + 1
 
     def _reader(self, channel: Channel, field: Optional[str]) -> _Reader:
         readers = self._readers.setdefault(channel, {})
         if field not in readers:
-            readers[field] = _Reader(channel, field)
+            readers[field] = _Reader(channel, field, self._note_undecodable)
         return readers[field]
 
     def _follow_clock(self) -> None:
@@ -236,14 +301,29 @@ class Player:
             reader = self._reader(channel, "")
             reader.subscriptions[:0] = [_ClockSubscription(node, CLOCK, _ignore_value) for node in self._nodes]
 
-    def _advance(self, now_s: float) -> None:
-        """Runs the timers that are due before `now_s`; those due at that instant come after its samples."""
-        while self._due_s < now_s:
-            self.wall_s = max(self.wall_s, self._due_s)
-            for node in self._nodes:
-                node.run_steady_timers()
-            self._due_s = min((node.next_steady_s() or math.inf for node in self._nodes), default=math.inf)
+    def _run_timers(self, before_s: float) -> None:
+        """Runs the timers that are due before a time; those due at that instant come after its samples."""
+        stop_s = self.wall_s + _LONGEST_SILENCE_S
+        while self._due_s < before_s:
+            if self._due_s > stop_s:
+                self._skipped_s += before_s - self._due_s
+                self._due_s = before_s
+            self._run_due(max(self.wall_s, self._due_s))
+
+    def _run_due(self, now_s: float) -> None:
         self.wall_s = now_s
+        for node in self._nodes:
+            node.run_steady_timers()
+        due_s = (node.next_steady_s() for node in self._nodes)
+        self._due_s = min((time_s for time_s in due_s if time_s is not None), default=math.inf)
+
+
+def _messages(number: int) -> str:
+    return f"{number} message" if number == 1 else f"{number} messages"
+
+
+def _were(number: int) -> str:
+    return "was" if number == 1 else "were"
 
 
 def _arrival(data: bytes) -> float:

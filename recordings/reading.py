@@ -7,16 +7,19 @@ import os
 import re
 import shutil
 import tempfile
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from .recording import Channel, RawMessage, RecordedFile, RecordingError, Target
+from .recording import Channel, RawMessage, RecordedFile, RecordingError, Target, libraries
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
 _METADATA = "metadata.yaml"
-_LARGEST_METADATA = 10_000_000
+_LARGEST_METADATA = 2_000_000
 _MOST_FILES = 10_000
 _LARGEST_MESSAGE = 1 << 30
+_LARGEST_UNPACKED = 1 << 30
+_LARGEST_RATIO = 100
+"""A file that is packed as a whole unpacks to at most 1 GB or to this many times its size."""
 _EXPECTED = "expected a .bag file, an .mcap file, a .db3 file or a folder that rosbag2 recorded"
 
 
@@ -90,35 +93,41 @@ class Recordings:
             raise RecordingError(f"{path}: is not a file; {_EXPECTED}")
         return [self._open_file(path)]
 
-    def _open_file(self, path: str, unpack: Optional[Callable[[bytes], bytes]] = None) -> RecordedFile:
-        name = path
-        if path.endswith(".zstd"):
-            path = self._unpack_file(path)
-        if path.endswith((".bag", ".bag.active")):
-            return Ros1Bag(path)
-        if path.endswith((".mcap", ".mcap.active")):
-            return _mcap_file(path)
-        if path.endswith(".db3"):
-            return SqliteFile(path, unpack, name)
-        raise RecordingError(f"{name}: {_EXPECTED}")
+    def _open_file(self, name: str) -> RecordedFile:
+        kind = name[: -len(".zstd")] if name.endswith(".zstd") else name
+        if not kind.endswith((".bag", ".bag.active", ".mcap", ".mcap.active", ".db3")):
+            raise RecordingError(f"{name}: {_EXPECTED}")
+        path = name if kind == name else self._unpack_file(name)
+        if kind.endswith((".bag", ".bag.active")):
+            return Ros1Bag(path, name)
+        if kind.endswith(".db3"):
+            return SqliteFile(path, name)
+        with libraries():
+            from .mcap_file import McapFile
+        return McapFile(path, name)
 
     def _open_folder(self, path: str) -> List[RecordedFile]:
         metadata = self._read_metadata(path)
         names = metadata.get("relative_file_paths")
-        present = sorted(
-            (name for name in os.listdir(path) if re.search(r"\.(mcap|db3)(\.zstd)?\Z", name)), key=_natural
-        )
+        try:
+            files = os.listdir(path)
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+        present = sorted((name for name in files if re.search(r"\.(mcap|db3)(\.zstd)?\Z", name)), key=_natural)
         if isinstance(names, list) and names:
             listed = [os.path.basename(str(name)) for name in names[:_MOST_FILES]]
             for name in listed:
                 if name not in present:
-                    self._notes.append(f"{os.path.join(path, name)}: is missing: its part of the recording is left out")
+                    self._notes.append(f"{os.path.join(path, name)}: cannot be found: left out")
             present = [name for name in listed if name in present] or present
         if not present:
-            raise RecordingError(f"{path}: holds no .mcap or .db3 file; {_EXPECTED}")
+            raise RecordingError(f"{path}: has no .mcap or .db3 file; {_EXPECTED}")
         mode = str(metadata.get("compression_mode") or "").lower()
-        unpack = _message_unpacker() if mode == "message" else None
-        return [self._open_file(os.path.join(path, name), unpack) for name in present]
+        compression = str(metadata.get("compression_format") or "").lower()
+        if mode in ("file", "message") and compression != "zstd":
+            raise RecordingError(f"{path}: expected compression zstd, got {compression[:40]!r}")
+        opened = [self._open_file(os.path.join(path, name)) for name in present]
+        return [_PackedMessages(file) for file in opened] if mode == "message" else opened
 
     def _read_metadata(self, path: str) -> Mapping[str, Any]:
         import yaml
@@ -131,47 +140,83 @@ class Recordings:
             if not isinstance(found, dict):
                 raise TypeError
         except FileNotFoundError:
-            problem = "is missing (the recorder was stopped early)"
+            problem = "does not exist (the recorder was stopped early)"
         except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
             problem = "cannot be read"
         else:
             return found
-        self._notes.append(f"{file}: {problem}: every .mcap and .db3 file of the folder is read")
+        self._notes.append(f"{file}: {problem}: all .mcap and .db3 files of the folder are read")
         return {}
 
     def _unpack_file(self, path: str) -> str:
         """Unpacks a file that is compressed as a whole; returns the path of the unpacked one."""
-        import zstandard
+        with libraries():
+            import zstandard
 
-        if self._folder is None:
-            self._folder = tempfile.mkdtemp(prefix="robot-health-")
-        unpacked = os.path.join(self._folder, f"{len(os.listdir(self._folder))}-{os.path.basename(path)[:-5]}")
+        unpacked = ""
         try:
-            with open(path, "rb") as packed, open(unpacked, "wb") as target:
-                shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed), target, 1 << 20)
+            if self._folder is None:
+                self._folder = tempfile.mkdtemp(prefix="robot-health-")
+            unpacked = os.path.join(self._folder, f"{len(os.listdir(self._folder))}")
+            limit = max(_LARGEST_UNPACKED, _LARGEST_RATIO * os.path.getsize(path))
+            with open(unpacked, "wb") as target, open(path, "rb") as packed:
+                stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+                while True:
+                    block = stream.read(1 << 20)
+                    target.write(block[:limit])
+                    limit -= len(block)
+                    if not block:
+                        break
+                    if limit < 0:
+                        self._notes.append(f"{path}: unpacks to an implausible size: read only its beginning")
+                        break
         except (OSError, zstandard.ZstdError) as error:
-            self._notes.append(f"{path}: damaged ({error}): unpacked as far as possible")
+            if not os.path.isfile(unpacked):
+                raise RecordingError(f"{path}: cannot be read: {error}") from None
+            self._notes.append(f"{path}: damaged ({error}): read as far as possible")
         return unpacked
 
 
-def _mcap_file(path: str) -> RecordedFile:
-    from .mcap_file import McapFile  # needs the library mcap, which other formats do not
+class _PackedMessages:
+    """A file of messages that are each packed with zstd; implements `recording.RecordedFile`."""
 
-    return McapFile(path)
+    def __init__(self, file: RecordedFile) -> None:
+        with libraries():
+            import zstandard
 
+        self._file = file
+        self._decompressor = zstandard.ZstdDecompressor()
+        self._errors = zstandard.ZstdError
+        self._size_of = zstandard.frame_content_size
+        self._damaged = 0
 
-def _message_unpacker() -> Callable[[bytes], bytes]:
-    import zstandard
+    @property
+    def name(self) -> str:
+        return self._file.name
 
-    decompressor = zstandard.ZstdDecompressor()
+    @property
+    def channels(self) -> Sequence[Channel]:
+        return self._file.channels
 
-    def unpack(data: bytes) -> bytes:
-        try:
-            return bytes(decompressor.decompress(data, max_output_size=_LARGEST_MESSAGE))
-        except zstandard.ZstdError as error:
-            raise ValueError(f"a message cannot be unpacked: {error}") from None
+    @property
+    def span_ns(self) -> Optional[Tuple[int, int]]:
+        return self._file.span_ns
 
-    return unpack
+    @property
+    def problem(self) -> str:
+        damaged = f"{self.name}: {self._damaged} messages cannot be unpacked: left out" if self._damaged else ""
+        return self._file.problem or damaged
+
+    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
+        for time_ns, target, data in self._file.messages(targets):
+            try:
+                if self._size_of(data) > _LARGEST_MESSAGE:
+                    raise ValueError
+                unpacked = self._decompressor.decompress(data, max_output_size=_LARGEST_MESSAGE)
+            except (self._errors, ValueError):
+                self._damaged += 1
+            else:
+                yield time_ns, target, unpacked
 
 
 def _log_time(message: RawMessage[Any]) -> int:

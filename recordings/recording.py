@@ -6,11 +6,22 @@ early or is damaged is read as far as possible; `problem` then says how far.
 
 from __future__ import annotations
 
+import contextlib
 from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
 
 class RecordingError(Exception):
     """A recording that cannot be read at all. `str()` is one line: which file, what is wrong, what is expected."""
+
+
+@contextlib.contextmanager
+def libraries() -> Iterator[None]:
+    """Turns a failed import of a library of the extra `[recordings]` into a RecordingError that names the command."""
+    try:
+        yield
+    except ImportError as error:
+        install = "pip install 'robot_health_monitor[recordings]'"
+        raise RecordingError(f"reading this recording needs the library {error.name}: {install}") from None
 
 
 class Channel(NamedTuple):
@@ -29,7 +40,7 @@ class Channel(NamedTuple):
 
 
 Target = TypeVar("Target")
-"""What the reader of a recording wants to get with each message of a channel."""
+"""A value that a reader attaches to a channel and gets with each of its messages."""
 
 RawMessage = Tuple[int, Target, bytes]
 """Log time in nanoseconds since 1970, the channel's target, the message as it was serialized."""
@@ -48,11 +59,14 @@ class RecordedFile(Protocol):
 
     @property
     def span_ns(self) -> Optional[Tuple[int, int]]:
-        """Log times of the first and the last message; None without messages."""
+        """Log times of the first and the last message; None without messages.
+
+        When reading stops at damage, the end becomes the last message that was read.
+        """
 
     @property
     def problem(self) -> str:
-        """One line that says what could not be read, empty if there was nothing so far."""
+        """One line that says what could not be read; empty if everything could so far."""
 
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels in the order of their log times, as far as the file can be read.
@@ -62,17 +76,13 @@ class RecordedFile(Protocol):
         """
 
 
-Entry = Tuple[int, int, bytes]
-"""Log time in ns, number of the channel in its file, serialized message."""
+def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMessage[Target]]:
+    """Yields the messages of chunks in the order of their times, holding back one chunk at most.
 
-
-def in_time_order(chunks: Iterable[List[Entry]]) -> Iterator[Entry]:
-    """Yields the entries of chunks in the order of their times, holding back one chunk at most.
-
-    Recorders write chunk after chunk, and messages of neighbouring chunks may overlap by a little. What overlaps by
-    more than a chunk is yielded late, out of order: memory stays bounded.
+    Recorders write chunk after chunk, and neighbouring chunks may overlap in time. A message that is late by more than
+    a chunk is yielded late: memory stays bounded.
     """
-    held: List[Entry] = []
+    held: List[RawMessage[Target]] = []
     for chunk in chunks:
         if not chunk:
             continue
@@ -88,11 +98,16 @@ def in_time_order(chunks: Iterable[List[Entry]]) -> Iterator[Entry]:
     yield from held
 
 
-def _time(entry: Entry) -> int:
-    return entry[0]
+def _time(message: RawMessage[Target]) -> int:
+    return message[0]
 
 
 def canonical_type(name: str) -> str:
     """Returns `package/Type` for `package/msg/Type` and `package/Type`."""
     package, _, rest = name.partition("/")
     return f"{package}/{rest.rpartition('/')[2]}"
+
+
+def until(span_ns: Optional[Tuple[int, int]], last_ns: int) -> Optional[Tuple[int, int]]:
+    """Returns a time span that ends with the last message that was read; `last_ns` 0: with the first."""
+    return None if span_ns is None else (span_ns[0], max(span_ns[0], min(span_ns[1], last_ns)))

@@ -10,9 +10,18 @@ from __future__ import annotations
 import bz2
 import os
 import struct
-from typing import BinaryIO, Collection, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, BinaryIO, Dict, Iterator, List, Mapping, Optional, Tuple
 
-from .recording import Channel, Entry, RawMessage, RecordingError, Target, canonical_type, in_time_order
+from .recording import (
+    Channel,
+    RawMessage,
+    RecordingError,
+    Target,
+    canonical_type,
+    in_time_order,
+    libraries,
+    until,
+)
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
@@ -20,6 +29,8 @@ _LARGEST_HEADER = 10_000_000
 """Bytes of a record's header; the header of a connection holds a definition's text."""
 _LARGEST_CHUNK = 1 << 30
 """Bytes of a chunk, packed and unpacked. rosbag writes chunks of 0.75 MB unless one message is larger."""
+_BATCH = 4096
+"""Messages outside of chunks that are sorted together."""
 
 _uint32 = struct.Struct("<I").unpack_from
 _uint64 = struct.Struct("<Q").unpack_from
@@ -27,33 +38,39 @@ _time = struct.Struct("<II").unpack_from
 
 
 class _Damaged(Exception):
-    """The file cannot be read beyond this point."""
+    """A part of the file that cannot be read."""
+
+
+_DAMAGE = (_Damaged, KeyError, ValueError, EOFError, OSError, struct.error, IndexError)
+"""What reading damaged bytes raises."""
 
 
 class Ros1Bag:
     """A `.bag` file; implements `recording.RecordedFile`."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, name: str = "") -> None:
         """Reads the index, or the whole file if there is none.
 
         Args:
             path: the file.
+            name: path to show, if it differs.
 
         Raises:
             RecordingError: it cannot be opened or is no ROS 1 bag.
         """
-        self.name = path
+        self.name = name or path
+        self._path = path
         self.problem = ""
         self.span_ns: Optional[Tuple[int, int]] = None
         self._channels: Dict[int, Channel] = {}
         try:
             with open(path, "rb") as file:
                 if file.read(len(_MAGIC)) != _MAGIC:
-                    raise RecordingError(f"{path}: expected a ROS 1 bag of format 2.0, which starts with #ROSBAG V2.0")
+                    raise RecordingError(f"{self.name}: expected a ROS 1 bag, which starts with #ROSBAG V2.0")
                 if not self._read_index(file):
                     self._scan()
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+            raise RecordingError(f"{self.name}: cannot be read: {error.strerror or error}") from None
 
     @property
     def channels(self) -> List[Channel]:
@@ -63,13 +80,12 @@ class Ros1Bag:
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels; see `recording.RecordedFile`."""
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
-        for time_ns, number, data in in_time_order(self._chunks(wanted)):
-            yield time_ns, wanted[number], data
+        return in_time_order(self._chunks(wanted))
 
     def _read_index(self, file: BinaryIO) -> bool:
         """Reads connections and time span from the index at the end; returns False if it is missing or damaged."""
         try:
-            header, _ = _read_record(file)
+            header, _, _ = _read_record(file)
             if header.get(b"op") != bytes([_BAG_HEADER]):
                 return False
             start = _uint64(header[b"index_pos"])[0]
@@ -79,16 +95,21 @@ class Ros1Bag:
             times: List[int] = []
             count = _uint32(header[b"conn_count"])[0] + _uint32(header[b"chunk_count"])[0]
             for _ in range(count):
-                record, data = _read_record(file)
+                record, data, complete = _read_record(file)
+                if not complete:
+                    return self._forget()
                 if record[b"op"] == bytes([_CONNECTION]):
                     self._note_connection(record, data)
                 elif record[b"op"] == bytes([_CHUNK_INFO]) and _uint32(record[b"count"])[0]:
                     times += (_nanoseconds(record[b"start_time"]), _nanoseconds(record[b"end_time"]))
-        except (_Damaged, KeyError, struct.error, UnicodeDecodeError):
-            self._channels.clear()
-            return False
+        except _DAMAGE:
+            return self._forget()
         self.span_ns = (min(times), max(times)) if times else None
         return True
+
+    def _forget(self) -> bool:
+        self._channels.clear()
+        return False
 
     def _scan(self) -> None:
         """Finds connections and time span by reading the whole file."""
@@ -101,45 +122,81 @@ class Ros1Bag:
             self.problem = f"{self.name}: has no index (the recorder was stopped early): read to its end"
         self.span_ns = None if first is None else (first, last)
 
-    def _chunks(self, wanted: Optional[Collection[int]]) -> Iterator[List[Entry]]:
+    def _chunks(self, wanted: Optional[Mapping[int, Any]]) -> Iterator[List[RawMessage[Any]]]:
         """Yields the messages of each chunk whose connection is in `wanted`; None: of all, without their data."""
-        with open(self.name, "rb") as file:
+        with open(self._path, "rb") as file:
             file.seek(len(_MAGIC))
             size = os.fstat(file.fileno()).st_size
+            last_ns = 0
+            # A recorder that was killed has not written the size of its last chunk: the messages follow as records.
+            loose: List[RawMessage[Any]] = []
             while file.tell() < size:
                 position = file.tell()
+                entries: List[RawMessage[Any]] = []
+                complete = False
                 try:
-                    header, data = _read_record(file)
-                    op = header.get(b"op")
-                    if op == bytes([_CHUNK]):
-                        yield self._read_chunk(_unpacked(header, data), wanted)
-                    elif op == bytes([_CONNECTION]):
-                        self._note_connection(header, data)
-                except (_Damaged, KeyError, ValueError, EOFError, OSError, struct.error, IndexError) as error:
-                    self.problem = f"{self.name}: damaged at byte {position} of {size} ({error}): read up to there"
-                    return
+                    header, data, complete = _read_record(file)
+                    op = header[b"op"][0]
+                    if op == _CHUNK:
+                        self._read_chunk(header, data, wanted, entries)
+                    elif op in (_MESSAGE, _CONNECTION) and complete:
+                        self._take_record(header, data, wanted, loose)
+                    if not complete:
+                        raise _Damaged("the file ends within a record")
+                except _DAMAGE as error:
+                    problem = f"{self.name}: damaged at byte {position} of {size} ({error})"
+                    if not complete:
+                        self.problem = f"{problem}: read up to there"
+                        self.span_ns = until(self.span_ns, _last_time(entries, _last_time(loose, last_ns)))
+                        yield loose
+                        yield entries
+                        return
+                    self.problem = self.problem or f"{problem}: a part of it is left out"
+                last_ns = _last_time(entries, last_ns)
+                if entries:
+                    yield entries
+                elif len(loose) >= _BATCH:
+                    last_ns = _last_time(loose, last_ns)
+                    yield loose
+                    loose = []
+            yield loose
 
-    def _read_chunk(self, chunk: bytes, wanted: Optional[Collection[int]]) -> List[Entry]:
-        entries: List[Entry] = []
+    def _read_chunk(
+        self,
+        header: Dict[bytes, bytes],
+        data: bytes,
+        wanted: Optional[Mapping[int, Any]],
+        into: List[RawMessage[Any]],
+    ) -> None:
+        chunk = _unpacked(header, data)
         position, end = 0, len(chunk)
         while position < end:
             header_start = position + 4
             data_start = header_start + _uint32(chunk, position)[0] + 4
-            data_end = data_start + _uint32(chunk, data_start - 4)[0]
-            if data_end > end:
+            position = data_start + _uint32(chunk, data_start - 4)[0]
+            if position > end:
                 raise _Damaged("a record goes beyond its chunk")
-            header = _fields(chunk[header_start : data_start - 4])
-            op = header[b"op"][0]
-            if op == _MESSAGE:
-                number = _uint32(header[b"conn"])[0]
-                if wanted is None:
-                    entries.append((_nanoseconds(header[b"time"]), number, b""))
-                elif number in wanted:
-                    entries.append((_nanoseconds(header[b"time"]), number, chunk[data_start:data_end]))
-            elif op == _CONNECTION:
-                self._note_connection(header, chunk[data_start:data_end])
-            position = data_end
-        return entries
+            fields = _fields(chunk[header_start : data_start - 4])
+            self._take_record(fields, chunk[data_start:position], wanted, into)
+        if end != _uint32(header[b"size"])[0]:
+            raise _Damaged(f"a chunk unpacks to {end} bytes, expected {_uint32(header[b'size'])[0]}")
+
+    def _take_record(
+        self,
+        header: Dict[bytes, bytes],
+        data: bytes,
+        wanted: Optional[Mapping[int, Any]],
+        into: List[RawMessage[Any]],
+    ) -> None:
+        op = header[b"op"][0]
+        if op == _MESSAGE:
+            number = _uint32(header[b"conn"])[0]
+            if wanted is None:
+                into.append((_nanoseconds(header[b"time"]), number, b""))
+            elif number in wanted:
+                into.append((_nanoseconds(header[b"time"]), wanted[number], data))
+        elif op == _CONNECTION:
+            self._note_connection(header, data)
 
     def _note_connection(self, header: Dict[bytes, bytes], data: bytes) -> None:
         number = _uint32(header[b"conn"])[0]
@@ -153,12 +210,18 @@ class Ros1Bag:
             )
 
 
-def _read_record(file: BinaryIO) -> Tuple[Dict[bytes, bytes], bytes]:
-    header = _fields(_read_sized(file, _LARGEST_HEADER))
-    return header, _read_sized(file, _LARGEST_CHUNK)
+def _read_record(file: BinaryIO) -> Tuple[Dict[bytes, bytes], bytes, bool]:
+    """Returns header and data of the next record, and whether the data is complete."""
+    header, complete = _read_sized(file, _LARGEST_HEADER)
+    if not complete:
+        raise _Damaged("the file ends within a record")
+    fields = _fields(header)
+    if len(fields.get(b"op", b"")) != 1:
+        raise _Damaged("a record without a type")
+    return (fields, *_read_sized(file, _LARGEST_CHUNK))
 
 
-def _read_sized(file: BinaryIO, largest: int) -> bytes:
+def _read_sized(file: BinaryIO, largest: int) -> Tuple[bytes, bool]:
     length_bytes = file.read(4)
     if len(length_bytes) < 4:
         raise _Damaged("the file ends within a record")
@@ -166,9 +229,11 @@ def _read_sized(file: BinaryIO, largest: int) -> bytes:
     if length > largest:
         raise _Damaged(f"a record of {length} bytes, expected at most {largest}")
     data = file.read(length)
-    if len(data) < length:
-        raise _Damaged("the file ends within a record")
-    return data
+    return data, len(data) == length
+
+
+def _last_time(entries: List[RawMessage[Any]], last_ns: int) -> int:
+    return max(last_ns, entries[-1][0]) if entries else last_ns
 
 
 def _fields(header: bytes) -> Dict[bytes, bytes]:
@@ -187,6 +252,7 @@ def _fields(header: bytes) -> Dict[bytes, bytes]:
 
 
 def _unpacked(header: Dict[bytes, bytes], data: bytes) -> bytes:
+    """Returns a chunk as far as it can be unpacked."""
     compression = header[b"compression"]
     size = _uint32(header[b"size"])[0]
     if size > _LARGEST_CHUNK:
@@ -194,18 +260,15 @@ def _unpacked(header: Dict[bytes, bytes], data: bytes) -> bytes:
     if compression == b"none":
         return data
     if compression == b"bz2":
-        unpacked = bz2.BZ2Decompressor().decompress(data, size)
-    elif compression == b"lz4":
-        unpacked = _unpack_lz4(data, size)
-    else:
-        raise _Damaged(f"compression {compression.decode('ascii', 'replace')!r}, expected none, bz2 or lz4")
-    if len(unpacked) != size:
-        raise _Damaged(f"a chunk unpacks to {len(unpacked)} bytes, expected {size}")
-    return unpacked
+        return bz2.BZ2Decompressor().decompress(data, size)
+    if compression == b"lz4":
+        return _unpack_lz4(data, size)
+    raise _Damaged(f"compression {compression.decode('ascii', 'replace')!r}, expected none, bz2 or lz4")
 
 
 def _unpack_lz4(data: bytes, size: int) -> bytes:
-    import lz4.frame  # only bags that are packed with it need it
+    with libraries():
+        import lz4.frame  # only bags that are packed with it need it
 
     try:
         unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, size)

@@ -5,24 +5,27 @@ from __future__ import annotations
 import os
 import sqlite3
 from pathlib import Path
-from typing import Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
-from .recording import Channel, RawMessage, RecordingError, Target, canonical_type
+from .recording import Channel, RawMessage, RecordingError, Target, canonical_type, in_time_order, until
 
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _MAGIC = b"SQLite format 3\0"
+_BATCH = 4096
+"""Messages of a damaged file that are sorted together."""
+_DAMAGE = (sqlite3.Error, ValueError, OverflowError)
+"""What reading a damaged file raises."""
 
 
 class SqliteFile:
     """A `.db3` file; implements `recording.RecordedFile`."""
 
-    def __init__(self, path: str, unpack: Optional[Callable[[bytes], bytes]] = None, name: str = "") -> None:
+    def __init__(self, path: str, name: str = "") -> None:
         """Reads topics, definitions and time span.
 
         Args:
             path: the file.
-            unpack: unpacks each message, for recordings that are compressed per message.
-            name: path to show to people, if it differs.
+            name: path to show, if it differs.
 
         Raises:
             RecordingError: it cannot be opened or is not a recording of rosbag2.
@@ -30,7 +33,6 @@ class SqliteFile:
         self.name = name or path
         self.problem = ""
         self._path = path
-        self._unpack = unpack
         self._channels: Dict[int, Channel] = {}
         self.span_ns: Optional[Tuple[int, int]] = None
         try:
@@ -45,9 +47,9 @@ class SqliteFile:
             try:
                 first, last = database.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
                 self.span_ns = None if first is None else (int(first), int(last))
-            except (sqlite3.Error, TypeError, ValueError):
+            except (*_DAMAGE, TypeError):
                 self._scan(database)
-        except sqlite3.Error as error:
+        except _DAMAGE as error:
             raise RecordingError(f"{self.name}: cannot be read as a recording of rosbag2: {error}") from None
         finally:
             database.close()
@@ -60,21 +62,47 @@ class SqliteFile:
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels; see `recording.RecordedFile`."""
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
+        last_ns = 0
+        try:
+            for number, time_ns, data in self._rows(wanted, "WHERE {} ORDER BY timestamp, id"):
+                last_ns = time_ns
+                yield time_ns, wanted[number], data
+        except _DAMAGE as error:
+            self._note_damage(error)
+            for message in in_time_order(self._remaining(wanted, last_ns)):
+                last_ns = message[0]
+                yield message
+            self.span_ns = until(self.span_ns, last_ns)
+
+    def _remaining(self, wanted: Mapping[int, Target], last_ns: int) -> Iterator[List[RawMessage[Target]]]:
+        """Yields the messages after a time in the order of recording, which needs no index."""
+        batch: List[RawMessage[Target]] = []
+        try:
+            for number, time_ns, data in self._rows(wanted, "NOT INDEXED WHERE {} ORDER BY id"):
+                if time_ns > last_ns:
+                    batch.append((time_ns, wanted[number], data))
+                if len(batch) >= _BATCH:
+                    yield batch
+                    batch = []
+        except _DAMAGE as error:
+            self._note_damage(error)
+        yield batch
+
+    def _rows(self, wanted: Mapping[int, Any], condition: str) -> Iterator[Tuple[int, int, bytes]]:
         places = ",".join("?" * len(wanted))
-        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp, id"
+        query = "SELECT topic_id, timestamp, data FROM messages " + condition.format(f"topic_id IN ({places})")
         database = self._open()
         try:
-            for number, time_ns, data in database.execute(query, list(wanted)):
-                if not isinstance(time_ns, int) or not isinstance(data, bytes):
-                    self.problem = f"{self.name}: a row without a time or data was left out"
-                    continue
-                if self._unpack is not None:
-                    data = self._unpack(data)
-                yield time_ns, wanted[number], data
-        except (sqlite3.Error, ValueError) as error:
-            self.problem = f"{self.name}: damaged ({error}): read up to there"
+            for row in database.execute(query, list(wanted)):
+                if type(row[1]) is int and type(row[2]) is bytes:
+                    yield row
+                else:
+                    self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
         finally:
             database.close()
+
+    def _note_damage(self, error: Exception) -> None:
+        self.problem = f"{self.name}: damaged ({error}): read as far as possible"
 
     def _open(self) -> sqlite3.Connection:
         # A recording is never written here. `immutable` reads it where no journal can be written; a journal that a
@@ -89,11 +117,11 @@ class SqliteFile:
         """Finds the time span of a file that is damaged, as far as it can be read."""
         times: List[int] = []
         try:
-            for (time_ns,) in database.execute("SELECT timestamp FROM messages"):
-                if isinstance(time_ns, int):
+            for (time_ns,) in database.execute("SELECT timestamp FROM messages NOT INDEXED"):
+                if type(time_ns) is int:
                     times = [min(times[0], time_ns), max(times[1], time_ns)] if times else [time_ns, time_ns]
-        except sqlite3.Error as error:
-            self.problem = f"{self.name}: damaged ({error}): read as far as possible"
+        except _DAMAGE as error:
+            self._note_damage(error)
         self.span_ns = (times[0], times[1]) if times else None
 
 

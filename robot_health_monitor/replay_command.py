@@ -227,13 +227,7 @@ class _Replay:
 
     def _problems(self, summaries: List[SignalSummary]) -> List[str]:
         """Returns everything that makes the verdict less than complete."""
-        problems = list(self._recordings.problems)
-        problems += [
-            f"{topic}: {_count(number, 'message')} could not be decoded and {'was' if number == 1 else 'were'} left out"
-            for topic, number in sorted(self._player.undecodable.items())
-        ]
-        if self._player.late:
-            problems.append(f"{_count(self._player.late, 'message')} out of order, judged late")
+        problems = self._player.problems
         if not any(summary.recorded for summary in summaries):
             wanted = list(dict.fromkeys(summary.topic for summary in summaries))
             there = sorted({channel.topic for channel in self._recordings.channels})

@@ -1,0 +1,187 @@
+"""Values of fields: compared with what rosbags deserializes, for every field of the standard messages."""
+
+from __future__ import annotations
+
+import random
+import struct
+from typing import Any, Iterator, Tuple
+
+import numpy as np
+import pytest
+from harness.recorded import ROS1, ROS2, definition, serialized
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.recordings.decoding import Types
+from robot_health_monitor.recordings.recording import Channel
+
+TYPES = [
+    "std_msgs/Float32",
+    "std_msgs/Bool",
+    "std_msgs/Int64",
+    "std_msgs/String",
+    "std_msgs/Header",
+    "sensor_msgs/BatteryState",
+    "sensor_msgs/CameraInfo",
+    "sensor_msgs/FluidPressure",
+    "sensor_msgs/Imu",
+    "sensor_msgs/JointState",
+    "sensor_msgs/LaserScan",
+    "sensor_msgs/MagneticField",
+    "sensor_msgs/NavSatFix",
+    "sensor_msgs/Range",
+    "sensor_msgs/Temperature",
+    "diagnostic_msgs/DiagnosticStatus",
+    "geometry_msgs/PoseWithCovarianceStamped",
+    "nav_msgs/Odometry",
+]
+BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
+
+
+def channel(encoding: str, type_name: str, text: str = "", form: str = "msg") -> Channel:
+    return Channel("/topic", type_name, encoding, text, form if text else "")
+
+
+def fields_of(store: Any, name: str) -> Any:
+    return (getattr(store, "fielddefs", None) or store.FIELDDEFS)[name][1]
+
+
+def random_message(chance: random.Random, store: Any, name: str) -> Any:
+    """Returns a message with random values and strings of random length."""
+
+    def value(kind: Any, what: Any) -> Any:
+        if kind == NAME:
+            return random_message(chance, store, what)
+        if kind in (ARRAY, SEQUENCE):
+            (element, of), size = what
+            count = size if kind == ARRAY else chance.randrange(4)
+            items = [value(element, of) for _ in range(count)]
+            if element == NAME or of[0] == "string":
+                return items
+            return np.array(items, dtype=of[0] if of[0] not in ("byte", "char", "octet") else "uint8")
+        if what[0] == "string":
+            return "x" * chance.randrange(9)
+        if what[0].startswith("float"):
+            return struct.unpack("<f", struct.pack("<f", chance.uniform(-1e6, 1e6)))[0]
+        return bool(chance.randrange(2)) if what[0] == "bool" else chance.randrange(100)
+
+    return store.types[name](**{field: value(kind, what) for field, (kind, what) in fields_of(store, name)})
+
+
+def numbers_in(message: Any, store: Any, prefix: str = "") -> Iterator[Tuple[str, Any]]:
+    """Yields the path and the value of every number and string that is not in an array."""
+    for field, (kind, _) in fields_of(store, message.__msgtype__):
+        value = getattr(message, field)
+        if kind == NAME:
+            yield from numbers_in(value, store, f"{prefix}{field}.")
+        elif kind == BASE:
+            yield prefix + field, value
+
+
+@pytest.mark.parametrize("type_name", TYPES)
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_every_number_is_the_one_that_was_serialized(encoding: str, type_name: str) -> None:
+    store = ROS1 if encoding == "ros1" else ROS2
+    name = type_name.replace("/", "/msg/")
+    types = Types(channel(encoding, type_name, definition(store, name)))
+    chance = random.Random(1)
+    for _ in range(20):
+        message = random_message(chance, store, name)
+        data = serialized(message, encoding)
+        for path, value in numbers_in(message, store):
+            assert types.field_getter(path)(data) == value, path
+
+
+def test_big_endian_messages_are_read() -> None:
+    get = Types(channel("cdr", "std_msgs/Float32", "float32 data")).field_getter("data")
+    assert get(b"\0\0\0\0" + struct.pack(">f", 19.5)) == 19.5
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", b"\0\1\0\0", b"\0\1\0\0\1\2\3", b"\0\x07\0\0" + bytes(4)])
+def test_a_message_that_does_not_match_its_type_is_a_value_error(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"too short|not CDR"):
+        Types(channel("cdr", "std_msgs/Float32", "float32 data")).field_getter("data")(data)
+
+
+def test_a_string_that_is_longer_than_its_message_is_a_value_error() -> None:
+    get = Types(channel("ros1", "p/T", "string name\nfloat32 data")).field_getter("data")
+    with pytest.raises(ValueError, match="too short"):
+        get(struct.pack("<I", 2**32 - 1) + b"name")
+
+
+def test_a_deserializer_that_fails_is_a_value_error() -> None:
+    get = Types(channel("ros1", "p/T", "float32[] data")).field_getter("data[0]")
+    with pytest.raises(ValueError, match="not a p/T"):
+        get(struct.pack("<I", 100))
+
+
+def test_a_type_of_the_robot_is_read_by_the_definition_in_the_recording() -> None:
+    text = (
+        "Cell[] cells\nCell first\nfloat64[2] pair\nuint8 state\n" + "=" * 80 + "\nMSG: my_robot/Cell\nfloat32 volts\n"
+    )
+    types = Types(channel("ros1", "my_robot/Pack", text))
+    data = struct.pack("<I2ffddB", 2, 3.5, 3.75, 4.0, 1.0, 2.0, 7)
+    assert types.field_getter("cells[1].volts")(data) == 3.75
+    assert types.field_getter("first.volts")(data) == 4.0
+    assert types.field_getter("pair[1]")(data) == 2.0
+    assert types.field_getter("state")(data) == 7
+    assert types.field_getter("")(data) == {
+        "cells": [{"volts": 3.5}, {"volts": 3.75}], "first": {"volts": 4.0}, "pair": [1.0, 2.0], "state": 7
+    }  # fmt: skip
+
+
+def test_an_array_of_one_number_is_an_array() -> None:
+    types = Types(channel("ros1", "p/T", "float64[1] data\nint8 after"))
+    data = struct.pack("<db", 1.5, -3)
+    assert types.field_getter("data[0]")(data) == 1.5
+    assert types.field_getter("after")(data) == -3
+
+
+def test_a_byte_of_ros1_is_signed_as_in_rospy() -> None:
+    assert Types(channel("ros1", "std_msgs/Byte", "byte data")).field_getter("data")(b"\xff") == -1
+
+
+def test_time_stamps_have_the_spellings_of_both_middlewares() -> None:
+    types = Types(channel("ros1", "std_msgs/Header", "uint32 seq\ntime stamp\nstring frame_id"))
+    data = struct.pack("<IIII", 1, 100, 5, 0)
+    assert types.field_getter("stamp.secs")(data) == 100
+    assert types.field_getter("stamp.nanosec")(data) == 5
+
+
+def test_idl_definitions_are_parsed() -> None:
+    text = (
+        "=" * 80 + "\nIDL: my_robot/msg/Load\n"
+        "module my_robot { module msg { struct Load { double watts; my_robot::msg::Cell cell; }; }; };\n"
+        + "=" * 80 + "\nIDL: my_robot/msg/Cell\nmodule my_robot { module msg { struct Cell { float volts; }; }; };\n"
+    )  # fmt: skip
+    types = Types(channel("cdr", "my_robot/Load", text, "idl"))
+    data = b"\0\1\0\0" + struct.pack("<df", 12.5, 3.5)
+    assert types.field_getter("watts")(data) == 12.5
+    assert types.field_getter("cell.volts")(data) == 3.5
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_a_recording_without_definitions_has_the_standard_types(encoding: str) -> None:
+    store = ROS1 if encoding == "ros1" else ROS2
+    data = serialized(random_message(random.Random(2), store, "sensor_msgs/msg/Temperature"), encoding)
+    assert Types(channel(encoding, "sensor_msgs/Temperature")).field_getter("temperature")(data) != 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "form", "problem"),
+    [
+        ("", "", "no definition of it"),
+        ("float32", "msg", "cannot use the definition of my_robot/Odd"),
+        ("Cell cell", "msg", "cannot use the definition of my_robot/Odd"),
+        ("module x {", "idl", "cannot use the definition of my_robot/Odd"),
+    ],
+)
+def test_a_definition_that_is_missing_or_wrong_is_one_line(text: str, form: str, problem: str) -> None:
+    with pytest.raises(ConfigError) as raised:
+        Types(channel("cdr", "my_robot/Odd", text, form)).field_getter("x")
+    assert problem in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_field_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    with pytest.raises(ConfigError, match="data"):
+        Types(channel("cdr", "std_msgs/Float32", "float32 data")).field_getter("value")
