@@ -13,8 +13,9 @@ from typing import Any, Callable, Dict, List, Mapping, Optional
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.mapping_node import CLOCK, Delivery, MappingNode, require_type_name
+from robot_health_monitor.core.mapping_node import CLOCK, Delivery, MappingNode
 from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
 
 from .decoding import types_of
@@ -99,7 +100,7 @@ class RecordedMiddleware(MappingNode):
         return timer
 
     def advertise(self, topic: str, type_name: str) -> None:
-        require_type_name(type_name)
+        check_type(type_name)
         self._advertised[self.resolve(topic)] = type_name
 
     def publish(self, topic: str, message: Message) -> None:
@@ -110,15 +111,13 @@ class RecordedMiddleware(MappingNode):
         return False
 
     def subscribe(self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "") -> Subscription:
-        if type_name:
-            require_type_name(type_name)
         return self._player.subscribe(Subscription(self, self.resolve(topic), callback), type_name, field)
 
     def unsubscribe(self, subscription: Any) -> None:
         subscription.active = False
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
-        require_type_name(type_name)
+        """Does nothing: a recording calls no services."""
 
     def log(self, severity: Severity, text: str) -> None:
         self.faults.guard("log", self._player.on_log, LogLine(self.now_s(), self.name, severity, text))
@@ -191,9 +190,7 @@ class Player:
         for topic, number in sorted(self.undecodable.items()):
             lines.append(f"{topic}: {_messages(number)} could not be decoded and {_were(number)} left out")
         if self._outside:
-            lines.append(
-                f"{_messages(self._outside)} outside of the recording's time span {_were(self._outside)} left out"
-            )
+            lines.append(f"{_messages(self._outside)} outside of the time span {_were(self._outside)} left out")
         if self.late:
             lines.append(f"{_messages(self.late)} out of order, judged late")
         if self._skipped_s:
