@@ -29,9 +29,6 @@ MISSING = {
     "robot_health_monitor/replay_command.py",
     "robot_health_monitor/replay_output.py",
     "robot_health_monitor/replay_table.py",
-    "recordings/mcap_file.py",
-    "recordings/reading.py",
-    "recordings/sqlite_file.py",
 }
 """Modules whose test file is still to be written."""
 

@@ -103,7 +103,8 @@ def write_folder(
         options["storage_plugin"] = rosbag2.StoragePlugin[storage.upper()]
     writer = rosbag2.Writer(path, **options)
     if compression:
-        writer.set_compression(writer.CompressionMode[compression.upper()], writer.CompressionFormat.ZSTD)
+        enums: Any = rosbag2 if hasattr(rosbag2, "CompressionMode") else writer
+        writer.set_compression(enums.CompressionMode[compression.upper()], enums.CompressionFormat.ZSTD)
     with writer:
         connections: Any = {}
         for time_s, topic, message in messages:

@@ -1,0 +1,117 @@
+"""rosbag2's SQLite files, written by rosbags, of every schema, and cut off anywhere."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+from harness.recorded import read, values, write_folder
+
+from robot_health_monitor.recordings.recording import RecordingError
+from robot_health_monitor.recordings.sqlite_file import SqliteFile
+
+MESSAGES = sorted([*values("/battery_level", range(300)), *values("/temperature", range(300), start_s=0.25)])
+
+
+def database(folder: Path) -> Path:
+    """Writes a recording and returns its file."""
+    (found,) = Path(write_folder(folder, MESSAGES)).glob("*.db3")
+    return found
+
+
+def test_all_messages_are_read(tmp_path: Path) -> None:
+    found = read(str(database(tmp_path / "bag")))
+    assert found.messages == MESSAGES
+    assert found.problems == []
+
+
+def test_the_schema_before_definitions_is_read_with_the_standard_types(tmp_path: Path) -> None:
+    path = database(tmp_path / "bag")
+    connection = sqlite3.connect(path)
+    connection.executescript(
+        "DROP TABLE IF EXISTS message_definitions; DROP TABLE IF EXISTS schema; DROP TABLE IF EXISTS metadata;"
+        "CREATE TABLE t(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);"
+        "INSERT INTO t SELECT id, name, type, serialization_format FROM topics;"
+        "DROP TABLE topics; ALTER TABLE t RENAME TO topics;"
+    )
+    connection.close()
+    assert read(str(path)).messages == MESSAGES
+
+
+def test_messages_of_another_serialization_are_left_out(tmp_path: Path) -> None:
+    path = database(tmp_path / "bag")
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE topics SET serialization_format = 'protobuf' WHERE name = '/temperature'")
+    connection.commit()
+    connection.close()
+    assert {message.topic for message in read(str(path)).messages} == {"/battery_level"}
+
+
+def test_the_journal_of_a_recorder_that_was_killed_is_applied(tmp_path: Path) -> None:
+    path = database(tmp_path / "bag")
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA journal_mode=WAL")
+    connection.execute("DELETE FROM messages WHERE id > 10")
+    connection.commit()
+    copy = tmp_path / "copy.db3"
+    for ending in ("", "-wal"):
+        Path(f"{copy}{ending}").write_bytes(Path(f"{path}{ending}").read_bytes())
+    connection.close()
+    assert len(read(str(copy)).messages) == 10
+
+
+def test_a_file_that_is_cut_off_anywhere_is_read_as_far_as_possible(tmp_path: Path) -> None:
+    data = database(tmp_path / "bag").read_bytes()
+    cut = tmp_path / "cut.db3"
+    read_at_all = 0
+    for size in range(512, len(data), 1777):
+        cut.write_bytes(data[:size])
+        try:
+            found = read(str(cut))
+        except RecordingError as error:
+            assert str(error).startswith(f"{cut}: ")  # noqa: PT017
+            assert "\n" not in str(error)  # noqa: PT017
+            continue
+        assert set(found.messages) <= set(MESSAGES)
+        assert found.messages == sorted(found.messages)
+        assert len(found.messages) == len(MESSAGES) or found.problems
+        read_at_all += 1
+    assert read_at_all > 0
+
+
+@pytest.mark.parametrize("content", [b"", b"SQLite format 2\0", b"SQLite format 3\0" + bytes(5000)])
+def test_another_file_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.db3"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError) as raised:
+        SqliteFile(str(path))
+    assert str(raised.value).startswith(f"{path}: ")
+
+
+def test_another_database_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.db3"
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE songs(title)")
+    connection.commit()
+    connection.close()
+    with pytest.raises(RecordingError, match="cannot be read as a recording of rosbag2: no such table"):
+        SqliteFile(str(path))
+
+
+def test_rows_without_a_time_or_data_are_left_out_with_a_message(tmp_path: Path) -> None:
+    path = database(tmp_path / "bag")
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE messages SET data = 'text' WHERE id = 5")
+    connection.commit()
+    connection.close()
+    found = read(str(path))
+    assert len(found.messages) == len(MESSAGES) - 1
+    assert found.problems == [f"{path}: a row without a time or data is left out"]
+
+
+def test_a_file_is_never_written(tmp_path: Path) -> None:
+    path = database(tmp_path / "bag")
+    before = path.read_bytes(), sorted(path.parent.iterdir())
+    read(str(path))
+    assert (path.read_bytes(), sorted(path.parent.iterdir())) == before
