@@ -118,8 +118,8 @@ if hasattr(nox.options, "allow_parallel"):  # nox for Python 3.8 and 3.9 has no 
 
 @nox.session(venv_backend="none")
 def apt(session: nox.Session) -> None:
-    """Installs Debian's packages that the tests use, if this user may: ROS 1, and promtool as a reference."""
-    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"]):
+    """Installs Debian's packages that the tests use, if this user may: ROS 1, promtool as a reference, a browser."""
+    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"], ["chromium"]):
         missing = missing_packages(packages)
         if missing and os.geteuid() == 0 and shutil.which("apt-get"):
             options = {"silent": True, "external": True, "success_codes": range(256)}
@@ -127,7 +127,7 @@ def apt(session: nox.Session) -> None:
             session.run_install(*apt_get, "update", **options)
             session.env["DEBIAN_FRONTEND"] = "noninteractive"
             session.run_install(*apt_get, "install", "-y", "--no-install-recommends", *missing, **options)
-    missing = missing_packages([*([] if NOETIC else ROS1_PACKAGES), "prometheus"])
+    missing = missing_packages([*([] if NOETIC else ROS1_PACKAGES), "prometheus", "chromium"])
     if missing:
         session.skip(f"not installed; as root: apt-get install {' '.join(missing)}")
 

@@ -71,9 +71,10 @@ class Envelope:
         """Returns the bucket of each time; widens the buckets until there is one."""
         if not len(times_s):
             return np.empty(0, dtype=np.int64)
-        while float(times_s.max()) >= self._start_s + self._width_s * len(self._low):
+        since_s = times_s - self._start_s
+        while float(since_s.max()) >= self._width_s * len(self._low):
             self._double()
-        return np.clip(((times_s - self._start_s) / self._width_s).astype(np.int64), 0, len(self._low) - 1)
+        return np.clip((since_s / self._width_s).astype(np.int64), 0, len(self._low) - 1)
 
     def _double(self) -> None:
         half = len(self._low) // 2

@@ -131,7 +131,7 @@ const HealthPlot = (() => {
       view.onChange.push(() => this.draw());
       if (typeof ResizeObserver === "function") {
         new ResizeObserver(() => {
-          if (element.clientWidth && Math.abs(element.clientWidth - this.width) > 1) this.draw();
+          if (element.clientWidth && Math.abs(element.clientWidth - this.width) > 1) requestAnimationFrame(() => this.draw());
         }).observe(element);
       }
       this.update(signal);
@@ -393,7 +393,7 @@ const HealthPlot = (() => {
       const x = pixel(this.x(t));
       add(this.overlay, "line",
         {class: "cursor", x1: x, x2: x, y1: HEIGHT.top, y2: HEIGHT.top + HEIGHT.plot + HEIGHT.gap + HEIGHT.strip});
-      const precision = Math.min(signal.width, (view.to - view.from) / 1000) < 0.5 ? 0.1 : 1;
+      const precision = Math.max(signal.width, (view.to - view.from) / 1000) < 0.5 ? 0.1 : 1;
       const parts = [timeText(t, view.utcOffset, precision, true)];
       if (near) {
         const low = signal.low[at], high = signal.high[at];

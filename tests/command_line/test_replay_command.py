@@ -1,0 +1,271 @@
+"""`robot-health replay`: what it prints, writes and returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+from typing import Any, Dict, List
+
+import pytest
+from harness.recorded import Recorded, values, write_bag
+
+from robot_health_monitor.__main__ import main
+
+THRESHOLDS = """
+alert_system:
+  ros__parameters:
+    signals:
+      battery: {type: std_msgs/Float32, unit: "%", warn_below: 20.0, error_below: 10.0}
+      gps: {type: std_msgs/Float32, warn_below: 1.0}
+"""
+FALLING = [50.0] * 10 + [15.0] * 10 + [50.0] * 10
+"""OK, at 10 s WARN, at 20 s OK."""
+
+
+@pytest.fixture(autouse=True)
+def utc(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes local time UTC."""
+    monkeypatch.setenv("TZ", "UTC")
+    import time
+
+    time.tzset()
+
+
+@pytest.fixture
+def thresholds(tmp_path: Path) -> str:
+    """Returns the path of a configuration."""
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(THRESHOLDS, encoding="utf-8")
+    return str(file)
+
+
+def bag(folder: Path, numbers: List[float], name: str = "test.bag") -> str:
+    """Returns the path of a recording of a battery, one sample per second."""
+    return write_bag(folder / name, values("/battery", numbers))
+
+
+def test_alerts_have_the_wall_time_of_the_recording(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", bag(tmp_path, FALLING), "--thresholds", thresholds]) == 1
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == [
+        "2023-11-14 22:13:30 battery WARN: 15 % is below 20 % (was OK for 10 s)",
+        "2023-11-14 22:13:40 battery OK: 50 % is no longer below 20 % (was WARN for 10 s)",
+        "",
+        "signal        samples  bad      OK    WARN  ERROR  STALE  alerts   min     mean   max  longest gap",
+        "battery            30    0  65.5 %  34.5 %    0 %    0 %       1  15 %  38.33 %  50 %          1 s",
+        "gps      not recorded",
+        "1 alert",
+    ]
+    assert printed.err == ""
+
+
+@pytest.mark.parametrize(
+    ("lowest", "fail_on", "code"),
+    [
+        (50.0, "warn", 0),
+        (15.0, "warn", 1),
+        (15.0, "error", 0),
+        (5.0, "error", 1),
+        (5.0, "never", 0),
+    ],
+)
+def test_the_code_follows_the_worst_level(
+    tmp_path: Path, thresholds: str, lowest: float, fail_on: str, code: int
+) -> None:
+    recording = bag(tmp_path, [50.0, 50.0, lowest, 50.0])
+    assert main(["replay", recording, "--thresholds", thresholds, "--fail-on", fail_on]) == code
+
+
+@pytest.mark.parametrize(("fail_on", "code"), [("warn", 1), ("error", 0)])
+def test_stale_is_below_error(tmp_path: Path, thresholds: str, fail_on: str, code: int) -> None:
+    messages = [*values("/battery", [50.0]), *values("/other", [0.0] * 20)]
+    recording = write_bag(tmp_path / "test.bag", messages)
+    assert main(["replay", recording, "--thresholds", thresholds, "--fail-on", fail_on]) == code
+
+
+def test_json_is_one_object_per_transition(tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", bag(tmp_path, FALLING), "--thresholds", thresholds, "--json"]) == 1
+    printed = capsys.readouterr()
+    first, second = map(json.loads, printed.out.splitlines())
+    assert (first["signal"], first["from_level"], first["to_level"], first["bound"]) == ("battery", "OK", "WARN", 20.0)
+    assert first["now_s"] == 1_700_000_010.0
+    assert second["to_level"] == "OK"
+    assert "file" not in first
+    assert "gps      not recorded" in printed.err
+
+
+def test_against_shows_only_what_differs(tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(THRESHOLDS.replace("error_below: 10.0", "error_below: 18.0"), encoding="utf-8")
+    # 19 is a WARN for both, 15 an ERROR for the other only.
+    recording = bag(tmp_path, [50.0, 19.0, 19.0, 15.0, 50.0])
+    command = ["replay", recording, "--thresholds", thresholds, "--against", str(other)]
+    assert main([*command, "--json"]) == 1
+    found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(each["file"], each["from_level"], each["to_level"]) for each in found] == [
+        (str(other), "WARN", "ERROR"),
+        (thresholds, "WARN", "OK"),
+        (str(other), "ERROR", "OK"),
+    ]
+    assert main(command) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == (f"2023-11-14 22:13:23 {other}: battery ERROR: 15 % is below 18 % (was WARN for 2 s)")
+    assert lines[-1] == "3 alerts differ"
+    assert main([*command, "--fail-on", "never"]) == 0
+
+
+def test_against_the_same_rules_nothing_differs(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = bag(tmp_path, FALLING)
+    assert main(["replay", recording, "--thresholds", thresholds, "--against", thresholds]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("\nsignal ")
+    assert printed.endswith("no alerts differ\n")
+
+
+def test_from_and_to_are_seconds_since_the_start(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["replay", bag(tmp_path, FALLING), "--thresholds", thresholds, "--json"]
+    assert main([*command, "--from", "12", "--to", "18"]) == 1
+    (only,) = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (only["to_level"], only["now_s"]) == ("WARN", 1_700_000_012.0)
+    assert main([*command, "--to", "9"]) == 0
+    assert main([*command, "--from", "21"]) == 0
+
+
+def test_several_recordings_are_one_timeline(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    later = write_bag(tmp_path / "later.bag", values("/battery", [50.0], start_s=4.0))
+    earlier = bag(tmp_path, [50.0, 15.0, 15.0, 15.0])
+    assert main(["replay", later, earlier, "--thresholds", thresholds, "--json"]) == 1
+    levels = [json.loads(line)["to_level"] for line in capsys.readouterr().out.splitlines()]
+    assert levels == ["WARN", "OK"]
+
+
+def test_a_namespace_is_where_the_topics_are(tmp_path: Path, thresholds: str) -> None:
+    recording = write_bag(tmp_path / "test.bag", values("/robot1/battery", [5.0]))
+    assert main(["replay", recording, "--thresholds", thresholds, "--namespace", "robot1"]) == 1
+
+
+def test_a_recording_without_any_signal_is_named(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = write_bag(tmp_path / "test.bag", values("/robot1/battery", [5.0]))
+    assert main(["replay", recording, "--thresholds", thresholds]) == 0
+    assert capsys.readouterr().err == (
+        "WARN: no signal is recorded: expected one of /battery, /gps, got /robot1/battery; is a --namespace missing?\n"
+    )
+
+
+def test_messages_that_cannot_be_decoded_are_reported(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = Path(bag(tmp_path, [50.0] * 3))
+    data = recording.read_bytes()
+    recording.write_bytes(data[: len(data) - 20])
+    main(["replay", str(recording), "--thresholds", thresholds])
+    assert capsys.readouterr().err.startswith("WARN: ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["missing.bag"], "missing.bag"),
+        (["{bag}", "--from", "100"], "--from 100: expected at most the length of the recordings (3.000 s)"),
+        (["{bag}", "--from", "2", "--to", "1"], "--to 1: expected at least --from 2"),
+        (["{bag}", "--from", "soon"], "expected a number of seconds, 0 or more, got 'soon'"),
+        (["{bag}", "--report", "/nowhere/report.html"], "there is no such folder"),
+        (["{bag}", "--report", "/dev/null"], "is not a file"),
+        (["{bag}", "--thresholds", "missing.yaml"], "missing.yaml"),
+        (["{bag}", "--use-sim-time"], "/clock"),
+    ],
+)
+def test_wrong_usage_is_one_line(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str], arguments: List[str], expected: str
+) -> None:
+    recording = bag(tmp_path, [50.0] * 4)
+    given = [argument.replace("{bag}", recording) for argument in arguments]
+    if "--thresholds" not in given:
+        given += ["--thresholds", thresholds]
+    assert main(["replay", *given]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    assert expected in printed.err
+
+
+def test_an_error_in_the_second_file_names_file_and_line(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(THRESHOLDS.replace("Float32, warn_below: 1.0", "Float64"), encoding="utf-8")
+    recording = write_bag(tmp_path / "test.bag", values("/gps", [5.0]))
+    assert main(["replay", recording, "--thresholds", thresholds, "--against", str(other)]) == 2
+    assert capsys.readouterr().err.startswith(f"{other}:6: alert_system.ros__parameters.signals.gps: ")
+
+
+def test_the_report_is_one_file_and_readable_by_others(tmp_path: Path, thresholds: str) -> None:
+    report = tmp_path / "report.html"
+    main(["replay", bag(tmp_path, FALLING), "--thresholds", thresholds, "--report", str(report)])
+    page = report.read_text(encoding="utf-8")
+    assert "<h1>Replay of test.bag</h1>" in page
+    assert "battery WARN: 15 % is below 20 % (was OK for 10 s)" in page
+    assert [file.name for file in tmp_path.iterdir() if ".html" in file.name] == ["report.html"]
+    assert os.stat(report).st_mode & 0o044 == 0o044 & ~_umask()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def test_simulated_time_is_that_of_the_recorded_clock(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from harness.recorded import ROS1
+
+    clock, stamp = ROS1.types["rosgraph_msgs/msg/Clock"], ROS1.types["builtin_interfaces/msg/Time"]
+    # Simulated time runs at half speed: 100 s at the start.
+    ticks = [
+        Recorded(second - 0.5, "/clock", clock(clock=stamp(sec=100 + second // 2, nanosec=0))) for second in range(30)
+    ]
+    recording = write_bag(tmp_path / "test.bag", [*ticks, *values("/battery", FALLING)])
+    main(["replay", recording, "--thresholds", thresholds, "--use-sim-time", "--json"])
+    first, _ = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (first["now_s"], first["since_s"]) == (105.0, 100.0)
+
+
+def test_an_interrupt_is_no_success(
+    tmp_path: Path, thresholds: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    recording = bag(tmp_path, FALLING)
+    monkeypatch.setattr("robot_health_monitor.recordings.judging.Judge.run", interrupt)
+    assert main(["replay", recording, "--thresholds", thresholds]) == 3
+    assert capsys.readouterr().err == "robot-health: interrupted before the end of the recordings\n"
+
+
+def test_output_that_cannot_be_written_is_a_failure(
+    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str]
+) -> None:
+    recording = bag(tmp_path, [50.0, 5.0] * 2000)
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        ended = subprocess.run(
+            [*command, "replay", recording, "--thresholds", thresholds],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            env=environment,
+            text=True,
+            timeout=60,
+        )
+    assert ended.returncode == 3
+    assert ended.stderr == "robot-health: the output cannot be written: No space left on device\n"

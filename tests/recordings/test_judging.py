@@ -1,0 +1,148 @@
+"""Judging recordings: transitions, shares of time and samples per signal; expected values by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Tuple
+
+import pytest
+from harness.recorded import START_NS, Recorded, values, write_bag
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.recordings.judging import Judge, JudgedEvent, SignalSummary
+from robot_health_monitor.recordings.middleware import Player
+from robot_health_monitor.recordings.reading import Recordings
+
+START_S = START_NS / 1e9
+BATTERY: Mapping[str, Any] = {"signals": {"battery": {"type": "std_msgs/Float32", "warn_below": 20.0}}}
+
+
+class Result(NamedTuple):
+    """What a judge found."""
+
+    transitions: List[Tuple[float, str, str, str]]
+    """Seconds since the start, configuration, signal, level."""
+    summaries: Dict[Tuple[str, str], SignalSummary]
+    samples: Dict[Tuple[str, str], List[Tuple[float, float]]]
+    """Per configuration and signal: seconds since the start, and the value that the bounds apply to."""
+    bad_times: List[float]
+
+
+def judge(folder: Path, messages: Iterable[Recorded], *configurations: Mapping[str, Any], **options: Any) -> Result:
+    """Judges messages by configurations, which are named a, b and so on."""
+    bag = write_bag(folder / "test.bag", messages)
+    result = Result([], {}, {}, [])
+
+    def on_event(judged: JudgedEvent) -> None:
+        event = judged.event
+        if isinstance(event, Transition):
+            at_s = round(judged.wall_s - START_S, 3)
+            result.transitions.append((at_s, judged.file, event.signal, event.to_level.name))
+
+    def on_samples(file: str, config: Any, times_s: Any, numbers: Any, bad_times_s: Any) -> None:
+        found = result.samples.setdefault((file, config.name), [])
+        found += [(round(at_s - START_S, 3), number) for at_s, number in zip(times_s.tolist(), numbers.tolist())]
+        result.bad_times.extend(round(at_s - START_S, 3) for at_s in bad_times_s.tolist())
+
+    with Recordings([bag]) as recordings:
+        found = Judge(Player(recordings, **options), on_event, on_samples)
+        for name, configuration in zip("abc", configurations):
+            found.add(name, configuration)
+        found.run()
+        for summary in found.summaries:
+            result.summaries[summary.file, summary.config.name] = summary
+    return result
+
+
+def test_a_battery_that_falls_and_recovers(tmp_path: Path) -> None:
+    messages = values("/battery", [50.0] * 10 + [10.0] * 10 + [50.0] * 21)
+    result = judge(tmp_path, messages, BATTERY)
+    assert result.transitions == [(10.0, "a", "battery", "WARN"), (20.0, "a", "battery", "OK")]
+    summary = result.summaries["a", "battery"]
+    assert (summary.recorded, summary.topic, summary.alerts) == (True, "/battery", 1)
+    assert summary.shares == pytest.approx({Level.OK: 0.75, Level.WARN: 0.25, Level.ERROR: 0.0, Level.STALE: 0.0})
+    statistics = summary.statistics
+    assert (statistics.samples, statistics.min, statistics.max, statistics.longest_gap_s) == (41, 10.0, 50.0, 1.0)
+    assert statistics.mean == pytest.approx((31 * 50.0 + 10 * 10.0) / 41)
+
+
+def test_silence_is_stale_but_the_end_of_the_recording_is_not(tmp_path: Path) -> None:
+    messages = [*values("/battery", [50.0] * 3), *values("/battery", [50.0], start_s=20.0)]
+    result = judge(tmp_path, messages, BATTERY)
+    # No sample for more than 5 s after 2.0: noticed by a tick, which runs every second.
+    assert [level for _, _, _, level in result.transitions] == ["STALE", "OK"]
+    stale_s, ok_s = (transition[0] for transition in result.transitions)
+    assert 7.0 < stale_s <= 8.0
+    assert ok_s == 20.0
+
+
+def test_time_before_the_first_sample_belongs_to_no_level(tmp_path: Path) -> None:
+    messages = [Recorded(0.0, "/other", 0.0), *values("/battery", [10.0, 10.0, 50.0, 50.0, 50.0], start_s=6.0)]
+    summary = judge(tmp_path, messages, BATTERY).summaries["a", "battery"]
+    assert summary.shares == pytest.approx({Level.OK: 0.5, Level.WARN: 0.5, Level.ERROR: 0.0, Level.STALE: 0.0})
+
+
+def test_a_topic_that_is_not_recorded_raises_no_alert(tmp_path: Path) -> None:
+    both = {"signals": {**BATTERY["signals"], "gps": {"type": "std_msgs/Float32", "warn_below": 1.0}}}
+    result = judge(tmp_path, values("/battery", [50.0] * 60), both)
+    assert result.transitions == []
+    summary = result.summaries["a", "gps"]
+    assert (summary.recorded, summary.alerts, summary.shares, summary.statistics.samples) == (False, 0, {}, 0)
+
+
+def test_a_topic_that_is_recorded_without_messages_in_the_range_is_stale(tmp_path: Path) -> None:
+    messages = [*values("/battery", [50.0]), *values("/other", [0.0] * 60, start_s=1.0)]
+    result = judge(tmp_path, messages, BATTERY, from_s=5.0)
+    # 10 s of startup grace from the beginning of the range, give or take a tick.
+    assert [(name, level) for _, _, name, level in result.transitions] == [("battery", "STALE")]
+    assert 15.0 <= result.transitions[0][0] <= 17.0
+
+
+def test_two_configurations_are_judged_in_one_pass(tmp_path: Path) -> None:
+    strict = {"signals": {"battery": {"type": "std_msgs/Float32", "warn_below": 40.0}}}
+    result = judge(tmp_path, values("/battery", [50.0, 30.0, 10.0]), BATTERY, strict)
+    assert result.transitions == [(1.0, "b", "battery", "WARN"), (2.0, "a", "battery", "WARN")]
+    assert [result.summaries[file, "battery"].statistics.samples for file in "ab"] == [3, 3]
+
+
+def test_samples_are_those_of_the_signal_in_its_unit(tmp_path: Path) -> None:
+    config = {"signals": {"battery": {"scale": 100.0, "valid_max": 100.0, "type": "std_msgs/Float32"}}}
+    result = judge(tmp_path, values("/battery", [0.5, 2.0, 0.25]), config)
+    assert result.samples["a", "battery"][0] == (0.0, 50.0)
+    assert result.samples["a", "battery"][2] == (2.0, 25.0)
+    assert result.bad_times == [1.0]
+
+
+def test_samples_are_those_of_the_statistic_that_is_judged(tmp_path: Path) -> None:
+    config = {"signals": {"battery": {"statistic": "mean", "window_s": 2.0, "window_min_s": 1.0}}}
+    result = judge(tmp_path, values("/battery", [2.0, 4.0, 6.0, 8.0]), config)
+    shown = [pair for pair in result.samples["a", "battery"] if pair[1] == pair[1]]
+    # The mean of the last 2 s, bounds included; undefined until samples have come for 1 s.
+    assert shown == [(1.0, 3.0), (2.0, 4.0), (3.0, 6.0)]
+    assert result.summaries["a", "battery"].statistics.max == 8.0
+
+
+def test_arrivals_are_counted_where_no_field_is_read(tmp_path: Path) -> None:
+    config = {"signals": {"battery": {"field": "", "type": "std_msgs/Float32"}}}
+    statistics = judge(tmp_path, values("/battery", [7.0, 8.0, 9.0]), config).summaries["a", "battery"].statistics
+    assert (statistics.samples, statistics.min, statistics.max) == (3, 1.0, 1.0)
+
+
+def test_more_samples_than_one_chunk(tmp_path: Path) -> None:
+    result = judge(tmp_path, values("/battery", [50.0] * 10_000, period_s=0.01), BATTERY)
+    assert result.summaries["a", "battery"].statistics.samples == 10_000
+    assert len(result.samples["a", "battery"]) == 10_000
+
+
+def test_topics_are_those_of_the_namespace(tmp_path: Path) -> None:
+    result = judge(tmp_path, values("/robot1/battery", [10.0]), BATTERY, namespace="robot1")
+    assert result.summaries["a", "battery"].topic == "/robot1/battery"
+    assert result.transitions == [(0.0, "a", "battery", "WARN")]
+
+
+def test_a_type_that_differs_from_the_recorded_one_is_refused(tmp_path: Path) -> None:
+    config = {"signals": {"battery": {"type": "std_msgs/Float64"}}}
+    with pytest.raises(ConfigError, match=r"std_msgs/Float64.*std_msgs/Float32") as caught:
+        judge(tmp_path, values("/battery", [10.0]), config)
+    assert caught.value.path == ("signals", "battery")
