@@ -12,6 +12,7 @@ import functools
 import math
 import operator
 import struct
+from array import array
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .errors import ConfigError, MessageError
@@ -66,8 +67,8 @@ class Dialect(NamedTuple):
     """Returns the type of every field of a message class, by name."""
     other_names: Mapping[str, str]
     """Names of fields in other middlewares to their names here."""
-    byte_array: Callable[[List[int]], Any]
-    """Converts a list of uint8 to the value of a field."""
+    byte_array: Callable[[Sequence[int]], Any]
+    """Converts uint8 numbers, as a list or bytes, to the value of a field."""
     plain: Callable[[Any], Any]
     """Converts an array of a message, or one of its elements, to plain Python."""
     new: Callable[[Any], Any] = _instance
@@ -211,8 +212,8 @@ class NativeMessages:
         read = self._reader(found)
         return steps if read is as_it_is else [*steps, read]
 
-    def _element_getter(self, above: str, array: FieldType, key: str) -> Getter:
-        field = key_field(self._dialect.field_types(array.message)) if array.message else None
+    def _element_getter(self, above: str, found: FieldType, key: str) -> Getter:
+        field = key_field(self._dialect.field_types(found.message)) if found.message else None
         if field is None:
             raise ValueError(f"the elements of {above} have no name and no key")
         name_of = operator.attrgetter(field)
@@ -253,7 +254,9 @@ class NativeMessages:
             values = _bytes_from(found) if field_type.kind in _BYTES else found
             if isinstance(values, (str, Mapping)) or not hasattr(values, "__iter__"):
                 raise MessageError(f"expected a list, got {describe(found)}")
-            elements = [write_one(value) for value in values]
+            elements = _plain_elements(field_type.kind, values)
+            if elements is None:
+                elements = [write_one(value) for value in values]
             if field_type.size is not None and len(elements) != field_type.size:
                 raise MessageError(f"expected {field_type.size} elements, got {len(elements)}")
             if field_type.most is not None and len(elements) > field_type.most:
@@ -282,6 +285,27 @@ def _plain_writer(kind: str) -> Getter:
     if kind in _INTEGER_RANGES:
         return lambda found: _integer(found, kind)
     return {"bool": _bool, "float32": _float32, "float64": _float}.get(kind, _text)
+
+
+def _plain_elements(kind: str, values: Any) -> Optional[Sequence[Any]]:
+    """Returns the elements of a large array without a call per element: a picture has a million.
+
+    Returns:
+        The elements; None if each of them has to be checked and converted.
+    """
+    if kind == "uint8" and isinstance(values, bytes):
+        return values
+    if not isinstance(values, (list, tuple)):
+        return None
+    types = set(map(type, values))
+    if kind in _INTEGER_RANGES and kind != "octet" and types == {int}:
+        low, high = _INTEGER_RANGES[kind]
+        return list(values) if low <= min(values) and max(values) <= high else None
+    if kind == "float64" and types == {float}:
+        return list(values)
+    if kind == "float32" and types == {float}:
+        return array("f", values).tolist()
+    return None
 
 
 def _integer(found: Any, kind: str) -> int:

@@ -10,7 +10,7 @@ import base64
 import functools
 import operator
 import re
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, Mapping, Sequence, Tuple
 
 from .errors import ConfigError
 from .middleware import Message, split_type_name
@@ -475,7 +475,7 @@ def _is_ros2(type_name: str, field: str) -> bool:
     return f" {field}\n" in ROS2_FIELDS.get(type_name, "")
 
 
-def _base64(data: List[int]) -> str:
+def _base64(data: Sequence[int]) -> str:
     return base64.b64encode(bytes(data)).decode("ascii")
 
 

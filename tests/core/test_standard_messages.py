@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+import base64
+import sys
+from typing import Any, List
 
 import pytest
 
@@ -114,3 +116,45 @@ def test_a_definition_contains_each_type_once() -> None:
     heads = [line for line in text.splitlines() if line.startswith("MSG: ")]
     assert heads == ["MSG: std_msgs/Header", "MSG: diagnostic_msgs/DiagnosticStatus", "MSG: diagnostic_msgs/KeyValue"]
     assert definition("nav_msgs/Odometry") == definition("nonsense") == ""
+
+
+@pytest.mark.parametrize(
+    ("type_name", "message"),
+    [
+        ("sensor_msgs/Image", {"data": base64.b64encode(bytes(range(256)) * 10).decode("ascii")}),
+        ("std_msgs/Int16MultiArray", {"data": list(range(-1000, 1000))}),
+        ("std_msgs/UInt8MultiArray", {"data": base64.b64encode(bytes(1000)).decode("ascii")}),
+        ("sensor_msgs/LaserScan", {"ranges": [0.5 * number for number in range(1000)]}),
+        ("std_msgs/Float64MultiArray", {"data": [0.1 * number for number in range(1000)]}),
+    ],
+)
+def test_a_large_array_is_checked_without_a_call_per_element(type_name: str, message: Any) -> None:
+    complete(type_name, message)  # caches
+    calls: List[str] = []
+    sys.setprofile(lambda frame, event, argument: calls.append(event))
+    try:
+        completed = complete(type_name, message)
+    finally:
+        sys.setprofile(None)
+    assert len(calls) < 500
+    assert {name: completed[name] for name in message} == message
+
+
+@pytest.mark.parametrize(
+    ("type_name", "field", "values"),
+    [
+        ("std_msgs/Int16MultiArray", "data", [1, 40_000]),
+        ("std_msgs/Int16MultiArray", "data", [1, True]),
+        ("std_msgs/Float64MultiArray", "data", [1.0, "2.0"]),
+        ("std_msgs/Float32MultiArray", "data", [1.0, True]),
+        ("sensor_msgs/Imu", "orientation_covariance", [1.0] * 8),
+    ],
+)
+def test_one_wrong_element_of_an_array_is_refused(type_name: str, field: str, values: Any) -> None:
+    with pytest.raises(MessageError):
+        complete(type_name, {field: values})
+
+
+def test_numbers_of_an_array_are_rounded_to_32_bits() -> None:
+    completed = complete("std_msgs/Float32MultiArray", {"data": [0.1, 1e39, -1e39]})
+    assert completed["data"] == [0.10000000149011612, float("inf"), float("-inf")]
