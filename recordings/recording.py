@@ -14,14 +14,18 @@ class RecordingError(Exception):
     """A recording that cannot be read at all. `str()` is one line: which file, what is wrong, what is expected."""
 
 
+class MissingLibraryError(RecordingError):
+    """A library that reads recordings is not installed. `str()` names the command that installs it."""
+
+
 @contextlib.contextmanager
 def libraries() -> Iterator[None]:
-    """Turns a failed import of a library of the extra `[recordings]` into a RecordingError that names the command."""
+    """Turns a failed import of a library of the extra `[recordings]` into an error that names the command."""
     try:
         yield
     except ImportError as error:
         install = "pip install 'robot_health_monitor[recordings]'"
-        raise RecordingError(f"reading this recording needs the library {error.name}: {install}") from None
+        raise MissingLibraryError(f"reading this recording needs the library {error.name}: {install}") from None
 
 
 class Channel(NamedTuple):

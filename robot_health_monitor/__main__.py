@@ -112,12 +112,14 @@ def _sources(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from robot_health_monitor.recordings.recording import RecordingError
-
-    from .replay_command import replay
+    from robot_health_monitor.recordings.recording import MissingLibraryError, RecordingError
 
     try:
+        from .replay_command import replay
+
         return ALERTS_FOUND if replay(arguments) else FINE
+    except MissingLibraryError as error:
+        return _fail(str(error))
     except RecordingError as error:
         _write_error(str(error))
         return WRONG_USAGE

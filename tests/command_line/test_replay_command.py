@@ -242,6 +242,20 @@ def test_simulated_time_is_that_of_the_recorded_clock(
     assert (first["now_s"], first["since_s"]) == (105.0, 100.0)
 
 
+@pytest.mark.parametrize("library", ["rosbags", "numpy"])
+def test_a_missing_library_is_named_with_the_command_that_installs_it(
+    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str], library: str
+) -> None:
+    code = (
+        f"import sys; sys.modules[{library!r}] = None; from robot_health_monitor.__main__ import main; "
+        f"sys.exit(main(['replay', {bag(tmp_path, [50.0])!r}, '--thresholds', {thresholds!r}]))"
+    )
+    ended = subprocess.run([command[0], "-c", code], env=environment, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr.count("\n")) == (3, 1)
+    assert library in ended.stderr
+    assert "pip install 'robot_health_monitor[recordings]'" in ended.stderr
+
+
 def test_an_interrupt_is_no_success(
     tmp_path: Path, thresholds: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
