@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
@@ -112,7 +113,7 @@ async def serve(monitor: EmbeddedMonitor, settings: ServerSettings, *, required:
         return None
     except OSError as error:
         node.close()
-        problem = f"port {settings.port} of {settings.address} cannot be opened: {error.strerror or error}"
+        problem = f"port {settings.port} of {settings.address} cannot be opened: {_cause(error)}"
         if required:
             raise ConfigError(f"{problem}; --port 0 picks a free one") from None
         monitor.faults.report(_FAULT, f"not served: {problem}; --port chooses another")
@@ -156,7 +157,7 @@ def serve_in_thread(
         problem = str(error)
     except OSError as error:
         address = config.rosbridge_address
-        problem = f"port {config.rosbridge_port} of {address} cannot be opened: {error.strerror or error}"
+        problem = f"port {config.rosbridge_port} of {address} cannot be opened: {_cause(error)}"
     else:
         _report_server(alert_system, server)
         node.log(Severity.INFO, f"rosbridge: serving on ws://{settings.address}:{server.port}")
@@ -165,6 +166,11 @@ def serve_in_thread(
         node.close()
     middleware.faults.report(_FAULT, f"not served: {problem}")
     return None
+
+
+def _cause(error: OSError) -> str:
+    """Returns what the operating system says; asyncio puts the address before it."""
+    return os.strerror(error.errno) if error.errno else str(error)
 
 
 def _settings_of(config: MonitorConfig, middleware: Middleware) -> ServerSettings:

@@ -12,14 +12,12 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.middleware import split_type_name
-
-from .errors import shown
+from robot_health_monitor.core.standard_messages import MESSAGES, SERVICES
 
 __all__ = [
     "Definition",
     "Field",
     "canonical",
-    "check_message",
     "full_text",
     "null_reader",
     "parse",
@@ -31,38 +29,12 @@ _MOST_TYPES = 200
 """Most types in the definition of a message that is serialized; each may contain the next."""
 _LARGEST_ARRAY = 100_000
 """Longest array of fixed length in a message that is serialized."""
-_HEADER = "uint32 seq\ntime stamp\nstring frame_id\n"
-_KEY_VALUE = "string key\nstring value\n"
-_STATUS = (
-    "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\n"
-    "byte level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values\n"
-)
 _LOG = (
     "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\n"
     "std_msgs/Header header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n"
     "string[] topics\n"
 )
-
-_TEXTS: Dict[str, str] = {
-    "std_msgs/Float32": "float32 data\n",
-    "std_msgs/Float64": "float64 data\n",
-    "std_msgs/Int32": "int32 data\n",
-    "std_msgs/Bool": "bool data\n",
-    "std_msgs/String": "string data\n",
-    "std_msgs/Header": _HEADER,
-    "diagnostic_msgs/KeyValue": _KEY_VALUE,
-    "diagnostic_msgs/DiagnosticStatus": _STATUS,
-    "diagnostic_msgs/DiagnosticArray": "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n",
-    "rosgraph_msgs/Log": _LOG,
-    "rosgraph_msgs/Clock": "time clock\n",
-}
-
-_SERVICES: Dict[str, Tuple[str, str]] = {
-    "std_srvs/Empty": ("", ""),
-    "std_srvs/Trigger": ("", "bool success\nstring message\n"),
-    "std_srvs/SetBool": ("bool data\n", "bool success\nstring message\n"),
-}
-
+_TEXTS: Mapping[str, str] = {**MESSAGES, "rosgraph_msgs/Log": _LOG, "rosgraph_msgs/Clock": "time clock\n"}
 _SEPARATOR = "=" * 80
 _NAN = float("nan")
 _PRIMITIVES = {
@@ -141,7 +113,7 @@ def parse(type_name: str, text: str) -> Dict[str, Definition]:
 
 def service_definition(type_name: str, response: bool) -> Dict[str, Definition]:
     """Returns the definition of the request of a known service, or of its response; empty for an unknown service."""
-    texts = _SERVICES.get(canonical(type_name))
+    texts = SERVICES.get(canonical(type_name))
     if texts is None:
         return {}
     name = canonical(type_name) + ("Response" if response else "Request")
@@ -167,25 +139,6 @@ def serializer(type_name: str, text: str = "") -> Optional[Callable[[Mapping[str
         return b"".join(parts)
 
     return serialize
-
-
-def check_message(type_name: str, message: Mapping[str, Any]) -> None:
-    """Checks the fields of a message whose type is known here.
-
-    Raises:
-        MessageError: a value is of the wrong kind.
-    """
-    text = _TEXTS.get(canonical(type_name))
-    if text is None:
-        return
-    for field in _definition(canonical(type_name), text.splitlines()).fields:
-        if field.name not in message or field.length >= 0:
-            continue
-        value = message[field.name]
-        fits = isinstance(value, str) if field.type == "string" else isinstance(value, (int, float))
-        if not fits and (field.type == "string" or field.type in _PRIMITIVES):
-            expected = "a string" if field.type == "string" else "a number"
-            raise MessageError(f"{type_name}: {field.name}: expected {expected}, got {shown(value)}")
 
 
 def null_reader(type_name: str, text: str = "") -> Callable[[Mapping[str, Any]], Mapping[str, Any]]:

@@ -17,6 +17,7 @@ CALM = """
 alert_system:
   ros__parameters:
     robot_name: atlas
+    rosbridge_port: PORT
     signals:
       battery_level: {unit: "%", warn_below: 20.0}
       temperature: {unit: degC}
@@ -32,6 +33,7 @@ RESTLESS = """
 alert_system:
   ros__parameters:
     robot_name: atlas
+    rosbridge_port: PORT
     signals:
       battery_level: {unit: "%", valid_min: 0.0, valid_max: 100.0, warn_below: 80.0, error_below: 30.0}
 battery_sensor:
@@ -101,16 +103,16 @@ def free_port() -> int:
 
 
 @pytest.fixture
-def calm(tmp_path: Path) -> Path:
+def calm(tmp_path: Path, free_port: int) -> Path:
     """Returns a configuration that gives no alert within a minute."""
     file = tmp_path / "calm.yaml"
-    file.write_text(CALM)
+    file.write_text(CALM.replace("PORT", str(free_port)))
     return file
 
 
 @pytest.fixture
-def restless(tmp_path: Path) -> Path:
+def restless(tmp_path: Path, free_port: int) -> Path:
     """Returns a configuration that gives several alerts in every second."""
     file = tmp_path / "restless.yaml"
-    file.write_text(RESTLESS)
+    file.write_text(RESTLESS.replace("PORT", str(free_port)))
     return file

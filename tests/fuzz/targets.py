@@ -29,7 +29,7 @@ from robot_health_monitor.rosbridge.client.address import host_and_port, shown_a
 from robot_health_monitor.rosbridge.client.connection import ServerConnection
 from robot_health_monitor.rosbridge.client.topic_of_message import topic_of_message
 from robot_health_monitor.rosbridge.protocol import COMPRESSIONS, Connection, Limits, ProtocolError, Wire
-from robot_health_monitor.rosbridge.protocol.definitions import check_message, null_reader, parse, serializer
+from robot_health_monitor.rosbridge.protocol.definitions import null_reader, parse, serializer
 from robot_health_monitor.rosbridge.server.access import Access, is_loopback
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.session import AuthenticationError, Session
@@ -531,7 +531,6 @@ class Messages(Target):
         type_name, text, message, path = data
         for try_it in (
             lambda: parse(type_name, text),
-            lambda: check_message(type_name, message),
             lambda: null_reader(type_name, text)(message),
             lambda: (serializer(type_name) or (lambda message: b""))(message),
             lambda: (serializer(type_name, text) or (lambda message: b""))(message),
