@@ -115,6 +115,18 @@ class Types:
         text = f"{self._channel.topic}: cannot use the definition of {self._channel.type_name}: {error}"
         return ConfigError(printable(" ".join(text.split()))[:_LONGEST_PROBLEM])
 
+    def numbers(self) -> List[Tuple[str, str]]:
+        """Returns path and struct's letter of each field that is one number or bool.
+
+        Raises:
+            ConfigError: the definition lacks a type.
+        """
+        try:
+            places = list(self._places(self._native_name, "", 0))
+        except KeyError as error:
+            raise self._unusable(error) from None
+        return [(path, place[0]) for path, place in places if place and place[0] != _STRING and path[-2:] != "[]"]
+
     def _parse(self, channel: Channel) -> Mapping[str, Definition]:
         if not channel.definition:
             ros2 = getattr(Stores, "ROS2_JAZZY", Stores.ROS2_HUMBLE)  # rosbags for Python 3.8 does not know Jazzy

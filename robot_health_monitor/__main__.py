@@ -75,6 +75,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         "check": lambda: _check(arguments),
         "sources": lambda: _sources(arguments),
         "replay": lambda: _replay(arguments),
+        "suggest": lambda: _suggest(arguments),
         "test": lambda: _test(arguments),
     }
     try:
@@ -125,6 +126,21 @@ def _replay(arguments: argparse.Namespace) -> int:
         return WRONG_USAGE
     except KeyboardInterrupt:  # half a verdict must not look like success
         return _fail("interrupted before the end of the recordings")
+
+
+def _suggest(arguments: argparse.Namespace) -> int:
+    from robot_health_monitor.recordings.recording import RecordingError
+
+    from .suggest_command import suggest_thresholds
+
+    try:
+        suggest_thresholds(arguments)
+    except RecordingError as error:
+        _write_error(str(error))
+        return WRONG_USAGE
+    except KeyboardInterrupt:
+        return _fail("interrupted before the end of the recordings")
+    return FINE
 
 
 def _test(arguments: argparse.Namespace) -> int:

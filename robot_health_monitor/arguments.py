@@ -72,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_check(commands)
     _add_sources(commands)
     _add_replay(commands)
+    _add_suggest(commands)
     _add_test(commands)
     return parser
 
@@ -201,6 +202,18 @@ def _add_replay(commands: Any) -> None:
     )
     command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the recorded topics")
     command.add_argument("--use-sim-time", action="store_true", help="take the time from the recorded topic /clock")
+
+
+def _add_suggest(commands: Any) -> None:
+    command = commands.add_parser(
+        "suggest",
+        help="write thresholds from recordings of healthy robots",
+        description="Writes a thresholds.yaml to stdout, with the evidence for each value: for every number of the "
+        "standard messages (std_msgs, sensor_msgs), or for the signals of --thresholds.",
+    )
+    command.add_argument("recordings", metavar="BAG", nargs="+", help="a recording")
+    command.add_argument("--thresholds", metavar="FILE", help="suggest for the signals of this configuration")
+    command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the recorded topics")
 
 
 def _add_test(commands: Any) -> None:

@@ -1,0 +1,116 @@
+"""The signals that a recording offers: the numeric fields of the standard messages, with their units."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Tuple
+
+from robot_health_monitor.core.config import LINK
+from robot_health_monitor.core.errors import ConfigError
+
+from .decoding import types_of
+from .recording import Channel
+
+MOST_SIGNALS = 300
+"""Most signals that are looked at."""
+
+_PACKAGES = ("std_msgs", "sensor_msgs")
+_TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")
+"""Topics of the middleware itself."""
+_NUMBERS = "bBhHiIqQfd"
+"""struct's letters of numbers."""
+_TIMES = ("sec", "nanosec", "secs", "nsecs")
+
+_UNITS: Mapping[Tuple[str, str], str] = {
+    ("sensor_msgs/BatteryState", "voltage"): "V",
+    ("sensor_msgs/BatteryState", "temperature"): "degC",
+    ("sensor_msgs/BatteryState", "current"): "A",
+    ("sensor_msgs/BatteryState", "charge"): "Ah",
+    ("sensor_msgs/BatteryState", "capacity"): "Ah",
+    ("sensor_msgs/BatteryState", "design_capacity"): "Ah",
+    ("sensor_msgs/Temperature", "temperature"): "degC",
+    ("sensor_msgs/FluidPressure", "fluid_pressure"): "Pa",
+    ("sensor_msgs/Illuminance", "illuminance"): "lx",
+    ("sensor_msgs/Range", "range"): "m",
+    ("sensor_msgs/Range", "min_range"): "m",
+    ("sensor_msgs/Range", "max_range"): "m",
+    ("sensor_msgs/Range", "field_of_view"): "rad",
+    ("sensor_msgs/NavSatFix", "latitude"): "deg",
+    ("sensor_msgs/NavSatFix", "longitude"): "deg",
+    ("sensor_msgs/NavSatFix", "altitude"): "m",
+    **{("sensor_msgs/Imu", f"angular_velocity.{axis}"): "rad/s" for axis in "xyz"},
+    **{("sensor_msgs/Imu", f"linear_acceleration.{axis}"): "m/s^2" for axis in "xyz"},
+    **{("sensor_msgs/MagneticField", f"magnetic_field.{axis}"): "T" for axis in "xyz"},
+}
+"""Units that the definitions of the messages state."""
+
+FRACTIONS = (("sensor_msgs/BatteryState", "percentage"), ("sensor_msgs/RelativeHumidity", "relative_humidity"))
+"""Fields that are 0 to 1 by definition, shown in %."""
+
+
+class Source(NamedTuple):
+    """One number of a topic, as a signal."""
+
+    name: str
+    """A name for the signal."""
+    topic: str
+    """The absolute topic."""
+    settings: Mapping[str, Any]
+    """Type, field and, where the definition has one, unit."""
+
+
+def list_sources(channels: Iterable[Channel]) -> Tuple[List[Source], List[str]]:
+    """Returns the sources of all topics with standard messages, and a line for each topic that cannot be used.
+
+    A topic with several numbers or none also has a source that only counts its messages; it is the last of its topic.
+    """
+    found: List[Source] = []
+    problems: List[str] = []
+    names: Dict[str, int] = {}
+    seen: Dict[str, str] = {}
+    for channel in sorted(channels, key=lambda each: each.topic):
+        if channel.topic in _TOPICS or channel.type_name.partition("/")[0] not in _PACKAGES:
+            continue
+        if channel.topic in seen:
+            if seen[channel.topic] != channel.type_name:
+                problems.append(f"{channel.topic}: {channel.type_name} left out, it also has {seen[channel.topic]}")
+            continue
+        try:
+            fields = _fields(channel)
+        except ConfigError as error:
+            problems.append(error.problem)
+            continue
+        seen[channel.topic] = channel.type_name
+        for field in fields if len(fields) == 1 else [*fields, ""]:
+            if len(found) == MOST_SIGNALS:
+                problems.append(f"further fields left out: expected at most {MOST_SIGNALS}")
+                return found, problems
+            settings: Dict[str, Any] = {"type": channel.type_name, "field": field}
+            unit = _UNITS.get((channel.type_name, field), "")
+            if unit:
+                settings["unit"] = unit
+            found.append(Source(_name(channel.topic, field, names), channel.topic, settings))
+    return found, problems
+
+
+def _fields(channel: Channel) -> List[str]:
+    package, _, name = channel.type_name.partition("/")
+    if package == "std_msgs" and (name in ("Byte", "Char") or name.endswith("MultiArray")):
+        return []
+    fields = []
+    for path, letter in types_of(channel).numbers():
+        is_code = package == "sensor_msgs" and letter in ("b", "B")
+        is_time = path.split(".")[-1] in _TIMES
+        if letter in _NUMBERS and not is_code and not is_time and not path.startswith("header."):
+            fields.append(path)
+    return fields
+
+
+def _name(topic: str, field: str, names: Dict[str, int]) -> str:
+    """Returns a name of letters, digits and _, unlike all of `names`."""
+    words = topic.strip("/") if field in ("", "data") else f"{topic.strip('/')}_{field}"
+    name = re.sub(r"[^A-Za-z0-9_]", "_", words)
+    if not name or name[0].isdigit() or name == LINK:
+        name = f"_{name}"
+    names[name] = names.get(name, 0) + 1
+    return name if names[name] == 1 else _name(f"{name}_{names[name]}", "", names)

@@ -1,0 +1,269 @@
+"""Thresholds that recordings of healthy robots suggest, each with its evidence. docs/statistics.md explains the rules.
+
+`Measured` collects the samples of one signal over all recordings. `suggest` derives its settings. Whether they would
+have raised alerts is not computed here: the recordings are replayed with them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, List, NamedTuple, Optional, Set
+
+import numpy as np
+
+from robot_health_monitor.core.config import SignalConfig
+from robot_health_monitor.core.formatting import duration_text, number_text, with_unit
+
+from .quantiles import Quantiles
+
+LEAST_SAMPLES = 100
+"""Valid samples below which no bound is suggested."""
+LEAST_DURATION_S = 30.0
+"""Time of samples, in s, below which no bound is suggested."""
+MOST_CODES = 10
+"""A signal with at most this many different values, all whole numbers, is taken for a code."""
+TAIL = 0.001
+"""Fraction of the samples beyond the quantile from which a bound is derived."""
+MARGIN = 0.1
+"""Distance of a bound from its quantile, as a fraction of the spread between both quantiles."""
+LEAST_MARGIN = 0.01
+"""Smallest margin, as a fraction of the quantiles: other robots of the type differ by more than the noise of one."""
+LONGEST_EXCURSION_S = 60.0
+"""Values beyond a bound for longer than this, in s, are no short excursion: the bound is set from the extreme."""
+
+_LOWEST = {"%": 0.0, "K": 0.0, "Hz": 0.0, "degC": -273.15}
+_HIGHEST = {"%": 100.0}
+
+
+class Setting(NamedTuple):
+    """One suggested key of a signal."""
+
+    value: float
+    evidence: str
+    """Why, in one line."""
+
+
+class Suggestion(NamedTuple):
+    """The suggested keys of one signal."""
+
+    settings: Dict[str, Setting]
+    """By key of thresholds.yaml."""
+    left_out: List[str]
+    """One line for each key that the data cannot justify."""
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether there is a bound."""
+        return "warn_below" in self.settings or "warn_above" in self.settings
+
+
+class Measured:
+    """Statistics of one signal over all recordings, in bounded memory."""
+
+    def __init__(self, config: SignalConfig) -> None:
+        """Starts without samples."""
+        self.config = config
+        self.values = Quantiles()
+        """The values to which bounds apply, in the signal's unit."""
+        self.steps = Quantiles()
+        """Absolute differences between neighbouring values."""
+        self.gaps = Quantiles()
+        """Times between neighbouring samples, in s."""
+        self.duration_s = 0.0
+        """Time from the first to the last sample, summed over the recordings, in s."""
+        self.bad_samples = 0
+        self.only_rises = True
+        """Whether no value is smaller than the one before."""
+        self.rises = 0
+        """How many values are larger than the one before."""
+        self.codes: Optional[Set[float]] = set()
+        """The different values; None if there are more than `MOST_CODES` or one is not a whole number."""
+        self._last_s = math.nan
+        self._last = math.nan
+
+    def begin_recording(self) -> None:
+        """Ends the previous recording: the time up to the next one is no gap."""
+        self._last_s = self._last = math.nan
+
+    def add(self, times_s: Any, values: Any) -> None:
+        """Adds samples in the order of their times; NaN for those without a valid value."""
+        if not len(times_s):
+            return
+        gaps = np.diff(np.concatenate([[self._last_s], times_s]))
+        gaps = gaps[np.isfinite(gaps)]
+        self.gaps.add(np.maximum(gaps, 0.0))
+        self.duration_s += float(gaps.sum())
+        self._last_s = float(times_s[-1])
+        good = values[np.isfinite(values)]
+        if self.config.statistic == "last":  # others are also undefined at the start
+            self.bad_samples += len(values) - len(good)
+        if not len(good):
+            return
+        steps = np.diff(np.concatenate([[self._last], good]))
+        steps = steps[np.isfinite(steps)]
+        self._last = float(good[-1])
+        self.values.add(good)
+        self.steps.add(np.abs(steps))
+        self.only_rises = self.only_rises and not bool((steps < 0.0).any())
+        self.rises += int(np.count_nonzero(steps > 0.0))
+        if self.codes is not None:
+            self.codes.update(np.unique(good)[: MOST_CODES + 1].tolist())
+            if len(self.codes) > MOST_CODES or not all(code.is_integer() for code in self.codes):
+                self.codes = None
+
+    def scale(self, factor: float, config: SignalConfig) -> None:
+        """Converts everything to another unit, for which `config` is the configuration."""
+        self.config = config
+        self.values.scale(factor)
+        self.steps.scale(factor)
+
+    def unsuitable(self) -> str:
+        """Returns why no bound can be derived; empty if one can."""
+        values = self.values
+        if values.count < LEAST_SAMPLES or self.duration_s < LEAST_DURATION_S * 0.999:
+            return (
+                f"{_count(values.count, 'valid sample')} in {duration_text(self.duration_s)}; "
+                f"expected at least {LEAST_SAMPLES} in {duration_text(LEAST_DURATION_S)}"
+            )
+        if values.min == values.max:
+            return f"the value is always {self.text(values.min)}"
+        if self.codes is not None:
+            return f"only the values {', '.join(f'{code:.0f}' for code in sorted(self.codes))}: looks like a code"
+        if self.only_rises and self.rises >= LEAST_SAMPLES // 2:
+            return "the value only rises: looks like a counter"
+        return ""
+
+    def text(self, value: float) -> str:
+        """Returns a value with the signal's unit."""
+        return with_unit(number_text(value), self.config.unit)
+
+
+def suggest(measured: Measured, longest_excursion_s: Optional[float] = None) -> Suggestion:
+    """Derives the settings of a signal.
+
+    Args:
+        measured: its samples.
+        longest_excursion_s: longest time for which a healthy value was beyond a bound that this function suggested
+            before, in s; None: not known yet.
+    """
+    settings: Dict[str, Setting] = {}
+    left_out: List[str] = []
+    reason = measured.unsuitable()
+    if not measured.config.field:
+        reason = reason and "only the arrival of its messages is watched"
+    if reason:
+        left_out.append(f"no bounds: {reason}")
+    else:
+        from_extreme = longest_excursion_s is not None and longest_excursion_s > LONGEST_EXCURSION_S
+        _add_bounds(measured, from_extreme, settings, left_out)
+        if settings:
+            _add_hysteresis(measured, settings)
+            if longest_excursion_s and not from_extreme:
+                for_s = _round_up(1.5 * longest_excursion_s)
+                evidence = f"longest healthy excursion beyond a bound {_seconds(longest_excursion_s)}"
+                settings["for_s"] = Setting(for_s, evidence)
+    _add_staleness(measured, settings)
+    return Suggestion(settings, left_out)
+
+
+def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Setting], left_out: List[str]) -> None:
+    values, config = measured.values, measured.config
+    low, high = values.quantile(TAIL), values.quantile(1.0 - TAIL)
+    noise = measured.steps.quantile(0.95) if measured.steps.count else 0.0
+    margin = max(MARGIN * (high - low), noise, LEAST_MARGIN * max(abs(low), abs(high)))
+    if margin <= 0.0:
+        margin = MARGIN * (values.max - values.min)
+    if from_extreme:
+        low, high = values.min, values.max
+    digits = math.floor(math.log10(margin))
+    step = 10.0**digits
+    for key, quantile, extreme, bound in (
+        ("warn_below", low, values.min, math.floor((low - margin) / step) * step),
+        ("warn_above", high, values.max, math.ceil((high + margin) / step) * step),
+    ):
+        bound = round(bound, max(0, -digits) + 1)
+        side, outermost = ("below", "lowest") if key == "warn_below" else ("above", "highest")
+        beyond = _beyond_limit(key, bound, config, values.min)
+        if beyond:
+            left_out.append(f"no {key}: {measured.text(bound)} {beyond}")
+            continue
+        if from_extreme:
+            evidence = f"{outermost} {measured.text(extreme)}"
+        else:
+            evidence = f"{TAIL * 100.0:g} % of the samples are {side} {measured.text(quantile)}, {outermost} "
+            evidence += measured.text(extreme)
+        settings[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
+
+
+def _beyond_limit(key: str, bound: float, config: SignalConfig, lowest_value: float) -> str:
+    """Returns why no value can be beyond a bound; empty if one can."""
+    is_low = key == "warn_below"
+    if not math.isfinite(bound):
+        return "is no finite number"
+    valid = config.valid_min if is_low else config.valid_max
+    if valid is not None and (bound <= valid if is_low else bound >= valid):
+        return f"is not within {'valid_min' if is_low else 'valid_max'} {number_text(valid)}"
+    possible = (_LOWEST if is_low else _HIGHEST).get(config.unit)
+    if possible is not None and (bound <= possible if is_low else bound >= possible):
+        return f"is not within the {'minimum' if is_low else 'maximum'} of {config.unit}"
+    if is_low and bound <= 0.0 <= lowest_value:
+        return "is not positive, and no recorded value is negative"
+    return ""
+
+
+def _add_hysteresis(measured: Measured, settings: Dict[str, Setting]) -> None:
+    """Adds the hysteresis, if the signal has noise; an alert must be able to clear at a healthy value."""
+    noise = measured.steps.quantile(0.95)
+    median = measured.values.quantile(0.5)
+    bounds = [settings[key].value for key in ("warn_below", "warn_above") if key in settings]
+    room = min(abs(bound - median) for bound in bounds)
+    evidence = f"95 % of the steps between samples are at most {measured.text(noise)}"
+    hysteresis = _round_up(noise)
+    if hysteresis > room / 2.0:
+        hysteresis = _round_down(room / 2.0)
+        evidence += "; at most half of the distance from a bound to the median"
+    if hysteresis > 0.0:
+        settings["hysteresis"] = Setting(hysteresis, evidence)
+
+
+def _add_staleness(measured: Measured, settings: Dict[str, Setting]) -> None:
+    gaps = measured.gaps
+    if gaps.count < 10:
+        evidence = f"0: never; {_count(gaps.count + 1 if gaps.count else 0, 'sample')} do not show a rate"
+        if not gaps.count:
+            evidence = "0: never; fewer than two samples in a recording do not show a rate"
+        settings["stale_after_s"] = Setting(0.0, evidence)
+        return
+    median = gaps.quantile(0.5)
+    stale_s = max(1.0, _round_up(max(2.0 * gaps.max, 5.0 * median)))
+    evidence = f"longest gap {_seconds(gaps.max)}, median {_seconds(median)}"
+    settings["stale_after_s"] = Setting(stale_s, evidence)
+
+
+def _round_up(value: float) -> float:
+    """Rounds up to two digits: 0.123 to 0.13."""
+    return _rounded(value, math.ceil)
+
+
+def _round_down(value: float) -> float:
+    return _rounded(value, math.floor)
+
+
+def _rounded(value: float, rounding: Any) -> float:
+    if not value > 0.0 or not math.isfinite(value):
+        return 0.0
+    digits = 1 - math.floor(math.log10(value))
+    scaled = value * 10.0**digits
+    if not math.isfinite(scaled):
+        return 0.0
+    nearest = round(scaled)
+    whole = nearest if abs(scaled - nearest) < 1e-3 else rounding(scaled)
+    return float(round(whole / 10.0**digits, max(0, digits)))
+
+
+def _seconds(seconds: float) -> str:
+    return duration_text(seconds)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

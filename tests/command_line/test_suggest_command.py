@@ -1,0 +1,175 @@
+"""`robot-health suggest`: from a recording to a file that `check` accepts and that raises no alert on a replay."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Callable, List, Sequence
+
+import pytest
+from harness.line_process import LineProcess
+
+pytest.importorskip("rosbags")
+
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from robot_health_monitor.core import load_config
+
+Start = Callable[..., LineProcess]
+STORE = get_typestore(Stores.ROS1_NOETIC)
+
+
+def write_bag(file: Path, topics: Sequence[Any], start_s: float = 1e9) -> Path:
+    """Writes a bag of (topic, type, messages as values of `data`, interval in s)."""
+    messages: List[Any] = []
+    with Writer(file) as writer:
+        for topic, name, values, interval_s in topics:
+            type_name = f"std_msgs/msg/{name}"
+            connection = writer.add_connection(topic, type_name, typestore=STORE)
+            for number, value in enumerate(values):
+                data = STORE.serialize_ros1(STORE.types[type_name](value), type_name)
+                messages.append((start_s + number * interval_s, connection, data))
+        for time_s, connection, data in sorted(messages, key=lambda each: each[0]):
+            writer.write(connection, round(time_s * 1e9), bytes(data))
+    return file
+
+
+TRIANGLE = [40.0 + 0.02 * (each if each < 500 else 1000 - each) for each in range(1000)]
+
+
+def out(process: LineProcess) -> List[str]:
+    return [line.text for line in process.lines if line.stream == "out"]
+
+
+def test_a_file_with_evidence_that_check_accepts(robot_health: Start, tmp_path: Path) -> None:
+    topics = [("/battery", "Float64", TRIANGLE, 1.0), ("/count", "Int32", range(1000), 1.0)]
+    bag = write_bag(tmp_path / "healthy.bag", topics)
+    process = robot_health("suggest", bag)
+    assert process.wait() == 0, process.text
+    assert out(process) == [
+        "# Suggested by `robot-health suggest` from 16 min 39 s of recordings: healthy.bag",
+        "# Replayed with these thresholds, the recordings raise 0 alerts.",
+        "# The bounds are those of WARN: recordings of healthy robots do not show where errors begin.",
+        "# docs/statistics.md explains how each value is computed. Review before use.",
+        "alert_system:",
+        "  ros__parameters:",
+        "    signals:",
+        "      battery:",
+        "        # 1,000 samples in 16 min 39 s",
+        "        topic: battery",
+        "        type: std_msgs/Float64",
+        "        field: data",
+        "        warn_below: 39.0            # 0 alerts in 16 min 39 s; 0.1 % of the samples are below 40, lowest 40; "
+        "margin 0.998",
+        "        warn_above: 51.0            # 0 alerts in 16 min 39 s; 0.1 % of the samples are above 49.98, "
+        "highest 50; margin 0.998",
+        "        hysteresis: 0.02            # 95 % of the steps between samples are at most 0.02",
+        "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
+        "      count:",
+        "        # 1,000 samples in 16 min 39 s",
+        "        topic: count",
+        "        type: std_msgs/Int32",
+        "        field: data",
+        "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
+        "        # no bounds: the value only rises: looks like a counter",
+    ]
+    suggested = tmp_path / "suggested.yaml"
+    suggested.write_text("\n".join(out(process)))
+    assert robot_health("check", suggested).wait() == 0
+    assert robot_health("replay", bag, "--thresholds", suggested).wait() == 0
+
+
+def test_healthy_excursions_give_a_duration(robot_health: Start, tmp_path: Path) -> None:
+    values = TRIANGLE * 5
+    values[1300:1303] = [90.0] * 3
+    process = robot_health("suggest", write_bag(tmp_path / "a.bag", [("/battery", "Float64", values, 1.0)]))
+    assert process.wait() == 0, process.text
+    assert "        for_s: 4.5                  # s; longest healthy excursion beyond a bound 3 s" in out(process)
+    assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 0 alerts."
+
+
+def test_alerts_that_the_suggestion_raises_are_counted(robot_health: Start, tmp_path: Path) -> None:
+    # battery ends after 1,000 s, the other topic lasts for 2,000 s.
+    topics = [("/battery", "Float64", TRIANGLE, 1.0), ("/other", "Float64", TRIANGLE * 2, 1.0)]
+    process = robot_health("suggest", write_bag(tmp_path / "a.bag", topics))
+    assert process.wait() == 0, process.text
+    assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 1 alert."
+    assert "        stale_after_s: 5.0          # s; 1 alert in 33 min 19 s; longest gap 1 s, median 1 s" in out(
+        process
+    )
+
+
+def test_recordings_of_several_days_are_no_silence(robot_health: Start, tmp_path: Path) -> None:
+    topics = [("/battery", "Float64", TRIANGLE, 1.0)]
+    first, second = write_bag(tmp_path / "a.bag", topics), write_bag(tmp_path / "b.bag", topics, 1e9 + 1e6)
+    process = robot_health("suggest", second, first)
+    assert process.wait() == 0, process.text
+    assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 0 alerts."
+    assert "        # 1,999 samples in 33 min 18 s" in out(process)
+
+
+def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Path) -> None:
+    thresholds = tmp_path / "thresholds.yaml"
+    thresholds.write_text(
+        "alert_system:\n  ros__parameters:\n    robot_name: husky\n    signals:\n"
+        "      charge: {topic: battery, unit: '%', scale: 2.0, warn_below: 5.0, error_below: 1.0, latch: true}\n"
+        "      arm: {warn_above: 3.0, stale_after_s: 9.0}\n"
+    )
+    bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE, 1.0), ("/other", "Float64", TRIANGLE, 1.0)])
+    process = robot_health("suggest", bag, "--thresholds", thresholds)
+    assert process.wait() == 0, process.text
+    suggested = tmp_path / "suggested.yaml"
+    suggested.write_text("\n".join(out(process)))
+    config = load_config(suggested)
+    assert config.robot_name == "husky"
+    assert list(config.signals) == ["charge", "arm"]
+    charge, arm = config.signals["charge"], config.signals["arm"]
+    # 80 - 1.996 and 99.96 + 1.996, outward to whole numbers; the latter is beyond 100 %.
+    assert (charge.scale, charge.latch, charge.bounds) == (2.0, True, {"warn_below": 78.0})
+    assert (arm.bounds, arm.stale_after_s) == ({"warn_above": 3.0}, 9.0)
+    assert "        # no warn_above: 102 % is not within the maximum of %" in out(process)
+    assert "        # not recorded: unchanged" in out(process)
+
+
+def test_namespaces(robot_health: Start, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "a.bag", [("/r1/battery", "Float64", TRIANGLE, 1.0)])
+    for arguments, topic in ([], "r1/battery"), (["--namespace", "r1"], "battery"):
+        process = robot_health("suggest", bag, *arguments)
+        assert process.wait() == 0, process.text
+        assert f"        topic: {topic}" in out(process)
+
+
+def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE * 20, 0.1)])
+    runs = [robot_health("suggest", bag) for _ in range(2)]
+    assert [run.wait() for run in runs] == [0, 0]
+    assert out(runs[0]) == out(runs[1])
+
+
+@pytest.mark.parametrize(
+    ("topics", "arguments", "error"),
+    [
+        (
+            [("/battery", "Float64", TRIANGLE, 1.0)],
+            ["--thresholds", "{file}"],
+            "no signal is recorded: expected one of arm, ",
+        ),
+        ([], [], "no signal is recorded: expected topics with messages of std_msgs or sensor_msgs, got no topic"),
+    ],
+)
+def test_recordings_without_a_signal_are_one_line(
+    robot_health: Start, tmp_path: Path, topics: Any, arguments: List[str], error: str
+) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text("alert_system: {ros__parameters: {signals: {arm: {}}}}\n")
+    bag = write_bag(tmp_path / "a.bag", topics)
+    process = robot_health("suggest", bag, *(str(file) if each == "{file}" else each for each in arguments))
+    assert process.wait() == 2
+    assert [line.stream for line in process.lines] == ["err"]
+    assert process.lines[0].text.startswith(error)
+
+
+def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: Path) -> None:
+    process = robot_health("suggest", tmp_path / "none.bag")
+    assert process.wait() == 2
+    assert [(line.stream, line.text) for line in process.lines] == [("err", f"{tmp_path}/none.bag: no such file")]

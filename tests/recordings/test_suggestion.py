@@ -1,0 +1,142 @@
+"""What recordings suggest, computed by hand from the rules of docs/statistics.md."""
+
+from __future__ import annotations
+
+from typing import Any, Sequence
+
+import pytest
+
+pytest.importorskip("numpy")
+
+import numpy as np
+
+from robot_health_monitor.core.config import read_signal
+from robot_health_monitor.recordings.suggestion import Measured, suggest
+
+
+def measured(values: Sequence[float], interval_s: float = 1.0, **signal: Any) -> Measured:
+    result = Measured(read_signal("battery", signal))
+    result.begin_recording()
+    result.add(np.arange(len(values)) * interval_s, np.array(values, dtype=np.float64))
+    return result
+
+
+STEPS = [50.5, 60.5] * 500
+"""1,000 values; each is 10 from the one before."""
+RAMP = [40.0 + 0.02 * (each if each < 500 else 1000 - each) for each in range(1000)]
+"""From 40 to 50 and back in steps of 0.02."""
+
+
+def test_bounds_are_the_quantiles_with_a_margin_rounded_outward() -> None:
+    # 0.1 % of 1,000 values: the lowest, 40; 99.9 %: 49.98. Margin 0.998, rounded outward to a multiple of 0.1.
+    settings = suggest(measured(RAMP)).settings
+    assert settings["warn_below"].value == 39.0
+    assert settings["warn_above"].value == 51.0
+    assert settings["warn_below"].evidence == "0.1 % of the samples are below 40, lowest 40; margin 0.998"
+
+
+def test_hysteresis_is_the_noise_rounded_up() -> None:
+    setting = suggest(measured(RAMP)).settings["hysteresis"]
+    assert (setting.value, setting.evidence) == (0.02, "95 % of the steps between samples are at most 0.02")
+
+
+def test_a_margin_is_at_least_the_noise_and_an_alert_can_clear() -> None:
+    # Noise 10: bounds 50.5 - 10 and 60.5 + 10, outward to a multiple of 10. Half of the 10.5 from 40 to the median.
+    settings = suggest(measured(STEPS)).settings
+    assert {key: setting.value for key, setting in settings.items()} == {
+        "warn_below": 40.0,
+        "warn_above": 80.0,
+        "hysteresis": 5.2,
+        "stale_after_s": 5.0,
+    }
+
+
+def test_a_margin_is_at_least_1_percent_of_the_value() -> None:
+    settings = suggest(measured([100.0, 100.01, 100.02] * 300)).settings
+    assert settings["warn_below"].value == 98.0  # 100 - 1.0002, a multiple of 1
+    assert settings["warn_above"].value == 102.0
+
+
+def test_short_excursions_give_a_duration_and_long_ones_move_the_bound() -> None:
+    values = RAMP * 5
+    values[300] = 90.0  # beyond the quantile of 99.9 %
+    short = suggest(measured(values), 4.0).settings
+    assert (short["warn_above"].value, short["for_s"].value) == (51.0, 6.0)
+    assert short["for_s"].evidence == "longest healthy excursion beyond a bound 4 s"
+    long = suggest(measured(values), 61.0).settings
+    assert long["warn_above"].value == 91.0  # 90 + 1
+    assert "for_s" not in long
+    assert long["warn_above"].evidence.startswith("highest 90; margin ")
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        (RAMP[:99], "99 valid samples in 98 s; expected at least 100 in 30 s"),
+        ([float("nan")] * 200, "0 valid samples in 199 s; expected at least 100 in 30 s"),
+        ([7.0] * 1000, "the value is always 7"),
+        ([0.0, 1.0, 4.0] * 400, "only the values 0, 1, 4: looks like a code"),
+        ([float(each) for each in range(1000)], "the value only rises: looks like a counter"),
+    ],
+)
+def test_bounds_that_the_data_cannot_justify_are_left_out(values: Sequence[float], reason: str) -> None:
+    suggestion = suggest(measured(values))
+    assert suggestion.left_out == [f"no bounds: {reason}"]
+    assert list(suggestion.settings) == ["stale_after_s"]
+
+
+def test_a_battery_that_only_falls_is_no_counter() -> None:
+    assert suggest(measured([90.0 - 0.01 * each for each in range(1000)])).has_bounds
+
+
+@pytest.mark.parametrize(
+    ("values", "signal", "left_out"),
+    [
+        (
+            [99.0 + 0.001 * each for each in range(999)][::-1],
+            {"unit": "%"},
+            "no warn_above: 101 % is not within the maximum of %",
+        ),
+        (
+            [99.0 + 0.001 * each for each in range(999)][::-1],
+            {"valid_max": 99.999},
+            "no warn_above: 101 is not within valid_max 100",
+        ),
+        (
+            [0.001 * each for each in range(1000)][::-1],
+            {},
+            "no warn_below: -0.1 is not positive, and no recorded value is negative",
+        ),
+    ],
+)
+def test_a_bound_that_no_value_can_cross_is_left_out(values: Sequence[float], signal: Any, left_out: str) -> None:
+    suggestion = suggest(measured(values, **signal))
+    assert len(suggestion.left_out) == 1
+    assert suggestion.left_out[0].split(" is ")[1] == left_out.split(" is ")[1]
+    assert suggestion.has_bounds
+
+
+def test_staleness_is_twice_the_longest_gap_or_five_intervals() -> None:
+    assert suggest(measured(RAMP, 0.5)).settings["stale_after_s"].value == 2.5
+    late = measured(RAMP[:500])
+    late.add(np.array([506.0]), np.array([45.0]))  # 7 s after the last
+    setting = suggest(late).settings["stale_after_s"]
+    assert (setting.value, setting.evidence) == (14.0, "longest gap 7 s, median 1 s")
+
+
+def test_the_time_between_two_recordings_is_no_gap() -> None:
+    both = measured(RAMP)
+    both.begin_recording()
+    both.add(np.arange(1000) + 1e6, np.array(RAMP))
+    assert suggest(both).settings["stale_after_s"].value == 5.0
+    assert both.duration_s == 1998.0
+
+
+def test_a_few_samples_do_not_show_a_rate() -> None:
+    assert suggest(measured(RAMP[:5])).settings["stale_after_s"].value == 0.0
+
+
+def test_invalid_samples_are_counted_and_left_out() -> None:
+    values = measured([*RAMP, float("nan")])
+    assert values.bad_samples == 1
+    assert suggest(values).settings["warn_above"].value == 51.0
