@@ -9,28 +9,13 @@ from __future__ import annotations
 
 import random
 from fractions import Fraction
-from typing import List, Optional, Sequence
+from typing import List
 
 import pytest
+from harness.nagios import RESULTS, announcements, last_21, percent_state_change
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.flapping import FlapDetector
-
-RESULTS = 21
-
-
-def percent_state_change(levels: Sequence[Level]) -> Fraction:
-    """Of exactly 21 levels, the oldest first."""
-    assert len(levels) == RESULTS
-    total = Fraction(0)
-    for place in range(1, RESULTS):
-        if levels[place] != levels[place - 1]:
-            total += Fraction(3, 4) + Fraction(1, 2) * Fraction(place - 1, RESULTS - 2)
-    return total * 100 / (RESULTS - 1)
-
-
-def last_21(history: Sequence[Level]) -> List[Level]:
-    return ([Level.OK] * RESULTS + list(history))[-RESULTS:]
 
 
 def seeded() -> int:
@@ -88,30 +73,17 @@ def test_what_a_monitor_announces_is_what_the_formula_leaves_unsilenced() -> Non
         settings = {"warn_below": 20.0, "error_below": 10.0, "flap_detection": True}
         monitor = Monitor(load_config({"signals": {"a": settings}}))
         steadiness = chance.random()
-        history: List[Level] = []
-        announced, flapping = Level.OK, False
-        worst: Optional[Level] = None  # announced since flapping began
-        value = 50.0
+        values: List[float] = []
         for second in range(120):
-            if chance.random() > steadiness and second < 80:
-                value = chance.choice((5.0, 15.0, 50.0))
-            level = Level.ERROR if value < 10.0 else Level.WARN if value < 20.0 else Level.OK
-            history.append(level)
-            percent = percent_state_change(last_21(history))
-            flapping = percent >= 25 if flapping else percent >= 50
-            expected = []
-            if not flapping:
-                worst = None
-            if level != announced and (worst is None or level.severity > worst.severity):
-                expected = [(announced, level)]
-                announced = level
-                if flapping:
-                    worst = level
-
-            transitions = monitor.observe(Sample("a", value, float(second)))
+            changes = chance.random() > steadiness and second < 80
+            values.append(chance.choice((5.0, 15.0, 50.0)) if changes else values[-1] if values else 50.0)
+        levels = [Level.ERROR if value < 10.0 else Level.WARN if value < 20.0 else Level.OK for value in values]
+        for second, (expected, flapping) in enumerate(announcements(levels)):
+            transitions = monitor.observe(Sample("a", values[second], float(second)))
 
             found = [(each.from_level, each.to_level) for each in transitions]
             assert found == expected, f"seed {seed}, second {second}"
             assert all(("flapping" in each.text) is flapping for each in transitions), f"seed {seed}, second {second}"
             status = monitor.report(float(second)).statuses["a"]
-            assert (status.level, status.values["flapping"]) == (level, str(flapping).lower()), f"seed {seed}"
+            shown = (status.level, status.values["flapping"])
+            assert shown == (levels[second], str(flapping).lower()), f"seed {seed}"
