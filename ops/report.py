@@ -9,11 +9,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 import pkgutil
 from datetime import datetime, timedelta, timezone
 from html import escape
 from itertools import islice
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.formatting import bound_text, duration_text, printable, with_unit
@@ -52,13 +53,13 @@ class PlottedSignal:
         """The values that the bounds apply to."""
         self.levels: List[Tuple[float, str]] = []
         """Begin of each announced level, in s since 1970; an empty level: the rest is not kept."""
-        self._first_s: Optional[float] = None
+        self._first_s = math.inf
 
     def add_samples(self, times_s: Any, values: Any, bad_times_s: Any) -> None:
         """Adds samples: those with a value to `Envelope.add`, bad ones to `Envelope.add_bad`."""
-        firsts = [float(times[0]) for times in (times_s, bad_times_s) if len(times)]
-        if self._first_s is None and firsts:
-            self._first_s = min(firsts)
+        for times in (times_s, bad_times_s):
+            if len(times):
+                self._first_s = min(self._first_s, float(times[0]))
         self.envelope.add(times_s, values)
         self.envelope.add_bad(bad_times_s)
 
@@ -78,7 +79,7 @@ class PlottedSignal:
     def shown_levels(self) -> List[Tuple[float, str]]:
         """The levels, with OK from the first sample until the first of them."""
         first_s = self._first_s
-        if first_s is None or (self.levels and self.levels[0][0] <= first_s):
+        if first_s == math.inf or (self.levels and self.levels[0][0] <= first_s):
             return self.levels
         return [(first_s, Level.OK.name), *self.levels]
 

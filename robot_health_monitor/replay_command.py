@@ -105,7 +105,7 @@ class _Replay:
             if self._differences is not None:
                 self._differences.flush()
             self._raise_error()
-        summaries = self._judge.summaries
+        summaries = self._summaries()
         for problem in self._problems(summaries):
             output.warn(f"WARN: {problem}")
         head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
@@ -117,6 +117,12 @@ class _Replay:
         if self._several:
             return self._transitions > 0
         return self._worst >= _LEAST_SEVERITY[self._arguments.fail_on]
+
+    def _summaries(self) -> List[SignalSummary]:
+        """Returns the summaries; those of one signal follow each other, so that configurations can be compared."""
+        found = self._judge.summaries
+        names = list(dict.fromkeys(summary.config.name for summary in found))
+        return sorted(found, key=lambda summary: names.index(summary.config.name))
 
     def _check_span(self) -> None:
         span = self._recordings.span_ns
@@ -176,7 +182,7 @@ class _Replay:
     # The report
 
     def _prepare_plots(self) -> None:
-        summaries = [summary for summary in self._judge.summaries if summary.recorded] if self._arguments.report else []
+        summaries = [summary for summary in self._summaries() if summary.recorded] if self._arguments.report else []
         span_s = self._player.end_s - self._start_s
         for summary in summaries:
             file = summary.file if self._several else ""

@@ -115,6 +115,12 @@ def test_against_shows_only_what_differs(tmp_path: Path, thresholds: str, capsys
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == (f"2023-11-14 22:13:23 {other}: battery ERROR: 15 % is below 18 % (was WARN for 2 s)")
     assert lines[-1] == "3 alerts differ"
+    assert [line.split()[:2] for line in lines[-5:-1]] == [
+        ["battery", thresholds],
+        ["battery", str(other)],
+        ["gps", thresholds],
+        ["gps", str(other)],
+    ]
     assert main([*command, "--fail-on", "never"]) == 0
 
 

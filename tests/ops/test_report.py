@@ -76,6 +76,14 @@ def test_a_signal_has_its_samples_bounds_and_levels() -> None:
     assert signal["levels"] == [[START_S, "OK"], [START_S + 6.0, "WARN"]]
 
 
+def test_a_signal_is_ok_from_its_first_sample_whichever_chunk_comes_first() -> None:
+    plotted = PlottedSignal(read_signal("battery", {"statistic": "mean"}), "", START_S, 9.0, 16)
+    plotted.add_samples(np.empty(0), np.empty(0), np.array([START_S + 5.0]))  # bad samples
+    plotted.add_samples(START_S + np.arange(10.0), np.arange(10.0), np.empty(0))
+    plotted.add_transition(START_S + 3.0, transition())
+    assert plotted.shown_levels == [(START_S, "OK"), (START_S + 3.0, "WARN")]
+
+
 def test_an_upper_bound_clears_below_it() -> None:
     (signal,) = data_of(render(report([battery(warn_above=80.0, hysteresis=5.0)])))["signals"]
     assert signal["bounds"] == [{"level": "WARN", "side": "above", "value": 80.0, "clears": 75.0}]
