@@ -192,8 +192,10 @@ const HealthPlot = (() => {
       this.setRange();
       this.drawAxes(bottom);
       const inside = add(svg, "g", {"clip-path": `url(#${this.id}-clip)`});
-      this.drawBounds(inside);
+      const names = document.createElementNS(SVG, "g");
+      this.drawBounds(inside, names);
       this.drawValue(inside, bottom);
+      inside.append(names);  // above the line
       this.drawStrip(bottom + HEIGHT.gap);
       this.drawAlerts(bottom);
       this.overlay = add(svg, "g");
@@ -255,8 +257,8 @@ const HealthPlot = (() => {
       }
     }
 
-    drawBounds(parent) {
-      const right = this.width - RIGHT, names = [];
+    drawBounds(parent, names) {
+      const right = this.width - RIGHT, taken = [];
       for (const bound of this.signal.bounds) {
         const level = bound.level.toLowerCase(), y = this.y(bound.value), clears = this.y(bound.clears);
         if (y !== clears) {
@@ -267,10 +269,10 @@ const HealthPlot = (() => {
         const text = `${bound.level} ${bound.side} ${withUnit(numberText(bound.value), this.signal.unit)}`;
         const places = bound.side === "above" ? [y - 4, y + 12] : [y + 12, y - 4];  // first: the side of the alert
         const fits = (place) => place > HEIGHT.top + 9 && place < HEIGHT.top + HEIGHT.plot - 2 &&
-          names.every((other) => Math.abs(other - place) >= 12);
+          taken.every((other) => Math.abs(other - place) >= 12);
         const place = places.find(fits) || places[0];
-        names.push(place);
-        add(parent, "text", {class: `bound-name ${level}`, x: right - 4, y: pixel(place), "text-anchor": "end"}, text);
+        taken.push(place);
+        add(names, "text", {class: `bound-name ${level}`, x: right - 4, y: pixel(place), "text-anchor": "end"}, text);
       }
     }
 

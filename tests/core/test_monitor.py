@@ -1211,3 +1211,13 @@ def test_a_monitor_without_signals_can_be_given_some_later() -> None:
     monitor.tick(2.0)
     monitor.configure(full)
     assert [change.to_level for change in monitor.observe(Sample("wheel", 2.0, 3.0))] == [Level.WARN]
+
+
+def test_the_judged_value_is_that_of_the_statistic() -> None:
+    monitor = Monitor(load_config({"signals": {"battery": {"statistic": "mean", "window_s": 2.0}}}))
+    assert monitor.judged_value("battery") is None
+    monitor.observe(Sample("battery", 2.0, 0.0))
+    assert monitor.judged_value("battery") is None  # undefined for window_s / 2
+    monitor.observe(Sample("battery", 4.0, 1.0))
+    assert monitor.judged_value("battery") == 3.0
+    assert monitor.judged_value("unknown") is None
