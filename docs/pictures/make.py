@@ -1,4 +1,4 @@
-"""Makes the pictures of the README from real runs: `python docs/pictures/make.py [SCENE ...]`.
+"""Makes the pictures of the README and of docs/ from real runs: `python docs/pictures/make.py [SCENE ...]`.
 
 Each scene runs real commands in a pseudo-terminal and draws the final screen as SVG. The scenes `ros1` and `ros2` copy
 this package into a new workspace, build it and launch it. A scene whose program is missing here (`roslaunch`,
@@ -160,6 +160,34 @@ def live_view(variables: Dict[str, str]) -> None:
     draw("live_view", [_prompt("make run"), *lines], 110)
 
 
+def recordings(variables: Dict[str, str]) -> None:
+    """`suggest`, `replay` and `test` on recordings, and the report in chromium; needs the extra [recordings]."""
+    from record import record
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for seed in (1, 2):
+            record(folder / f"healthy{seed}.bag", seed, 2.0)
+        record(folder / "night.bag", 3, 2.0, broken=True)
+        shutil.copy(HERE / "thresholds.test.yaml", folder)
+        program = f"{shlex.quote(sys.executable)} -m {PACKAGE}"
+        variables = {**variables, "PYTHONPATH": str(ROOT), "TZ": "UTC"}
+        for picture, columns, arguments in (
+            ("suggest", 132, "suggest healthy1.bag healthy2.bag > thresholds.yaml && cat thresholds.yaml"),
+            ("replay", 132, "replay night.bag --thresholds thresholds.yaml --report night.html"),
+            ("test", 124, "test thresholds.test.yaml"),
+        ):
+            terminal = Terminal(f"cd {name} && {program} {arguments}", variables, columns, 40)
+            terminal.run(60.0)
+            draw(picture, [_prompt(f"robot-health {arguments}"), *terminal.lines({name: "."})], columns)
+            terminal.end()
+        if shutil.which("chromium"):
+            browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+            size, target = "--window-size=1100,1250", f"--screenshot={HERE / 'report.png'}"
+            page = (folder / "night.html").as_uri()
+            subprocess.run([*browser, size, target, page], check=True, stderr=subprocess.DEVNULL, timeout=60)
+
+
 def ros1(variables: Dict[str, str]) -> None:
     """The three nodes under roslaunch, and what rostopic shows of them."""
     with tempfile.TemporaryDirectory() as folder:
@@ -243,6 +271,7 @@ def _prompt(command: str) -> Text:
 
 SCENES = {
     "live_view": Scene(sys.executable, live_view),
+    "recordings": Scene(sys.executable, recordings),
     "ros1": Scene("roslaunch", ros1),
     "ros2": Scene("ros2", ros2),
 }
