@@ -31,6 +31,9 @@ LEAST_MARGIN = 0.01
 LONGEST_EXCURSION_S = 60.0
 """Values beyond a bound for longer than this, in s, are no short excursion: the bound is set from the extreme."""
 
+_TINY, _HUGE = 1e-200, 1e200
+"""Margins outside of this range are not computed: doubles would overflow."""
+
 _LOWEST = {"%": 0.0, "K": 0.0, "Hz": 0.0, "degC": -273.15}
 _HIGHEST = {"%": 100.0}
 
@@ -99,7 +102,8 @@ class Measured:
             self.bad_samples += len(values) - len(good)
         if not len(good):
             return
-        steps = np.diff(np.concatenate([[self._last], good]))
+        with np.errstate(over="ignore"):
+            steps = np.diff(np.concatenate([[self._last], good]))
         steps = steps[np.isfinite(steps)]
         self._last = float(good[-1])
         self.values.add(good)
@@ -175,6 +179,9 @@ def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Sett
         margin = MARGIN * (values.max - values.min)
     if from_extreme:
         low, high = values.min, values.max
+    if not _TINY < margin < _HUGE:
+        left_out.append(f"no bounds: the values spread over {number_text(values.max - values.min)}")
+        return
     digits = math.floor(math.log10(margin))
     step = 10.0**digits
     for key, quantile, extreme, bound in (

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Sequence
+from typing import Any, List, Sequence
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("numpy")
 
@@ -140,3 +142,28 @@ def test_invalid_samples_are_counted_and_left_out() -> None:
     values = measured([*RAMP, float("nan")])
     assert values.bad_samples == 1
     assert suggest(values).settings["warn_above"].value == 51.0
+
+
+NUMBERS = st.one_of(
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.floats(-1000.0, 1000.0),
+    st.sampled_from([0.0, 1.0, 100.0, -1e308, 1.7e308, 5e-324]),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(NUMBERS, min_size=1, max_size=30), st.sampled_from(["", "%", "degC", "V"]), st.floats(0.0, 1e6), st.data()
+)
+def test_every_suggestion_is_a_valid_configuration(
+    values: List[float], unit: str, excursion_s: float, data: Any
+) -> None:
+    repeated = measured(values * 20, data.draw(st.sampled_from([0.001, 1.0, 1e6])), unit=unit)
+    suggestion = suggest(repeated, excursion_s)
+    keys = {key: setting.value for key, setting in suggestion.settings.items()}
+    read_signal("battery", {"unit": unit, **keys})
+    low, high = keys.get("warn_below"), keys.get("warn_above")
+    if excursion_s > 60.0 and low is not None:
+        assert low <= min(values)
+    if excursion_s > 60.0 and high is not None:
+        assert high >= max(values)
