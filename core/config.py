@@ -24,6 +24,8 @@ from .yaml_file import PathLike, read_yaml
 LINK = "link"
 """Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
 
+_RESERVED_NAMES = {LINK: "the link to the robot", "monitor": "the status of the monitor itself"}
+
 STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
 """Statistics to which bounds can apply."""
 
@@ -426,8 +428,9 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
     read: Dict[str, SignalConfig] = {}
     for name, found in signals.items():
         with problems:
-            if name == LINK:
-                raise ConfigError("this name is reserved for the link to the robot; expected another", (*path, name))
+            if name in _RESERVED_NAMES:
+                problem = f"this name is reserved for {_RESERVED_NAMES[name]}; expected another"
+                raise ConfigError(problem, (*path, name))
             read[name] = read_signal(name, found, (*path, name))
     for name, signal in read.items():
         for key in CONDITIONS:

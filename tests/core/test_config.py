@@ -458,3 +458,8 @@ def test_window_min_s_is_half_of_window_s_unless_it_is_given(tree: Dict[str, flo
 def test_window_min_s_above_window_s_is_an_error() -> None:
     with pytest.raises(ConfigError, match=r"^signals\.a\.window_min_s: expected at most window_s \(10\), got 11$"):
         load_config({"signals": {"a": {"window_s": 10.0, "window_min_s": 11.0}}})
+
+
+def test_the_name_of_the_monitors_own_status_is_reserved() -> None:
+    with pytest.raises(ConfigError, match="this name is reserved for the status of the monitor itself"):
+        load_config({"signals": {"monitor": {"warn_below": 1.0}}})
