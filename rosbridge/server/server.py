@@ -239,9 +239,7 @@ class Server:
         return accept
 
     def _report_full(self) -> None:
-        self.log(
-            f"{self._max_clients} connections are open (the limit): new ones replace the oldest without a request or token"
-        )
+        self.log(f"{self._max_clients} connections are open: new ones replace the oldest without a request or token")
 
     def _sweep(self) -> None:
         self._connections.sweep()
