@@ -46,8 +46,8 @@ def _sections() -> Iterator[str]:
     yield from _section(
         "## Signals of alert_system",
         "Under `alert_system: ros__parameters: signals: NAME:`. A name consists of letters, digits and `_`; `link` and"
-        " `monitor` are reserved.\n[signals.md](signals.md) explains how to watch any signal, [rules.md](rules.md) how levels are"
-        " determined.",
+        " `monitor` are reserved.\n[signals.md](signals.md) explains how to watch any signal, [rules.md](rules.md) how"
+        " levels are determined.",
         SIGNAL_PARAMETERS,
     )
     yield from _section(
