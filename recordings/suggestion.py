@@ -32,7 +32,7 @@ LONGEST_EXCURSION_S = 60.0
 """Values beyond a bound for longer than this, in s, are no short excursion: the bound is set from the extreme."""
 
 _TINY, _HUGE = 1e-200, 1e200
-"""Margins outside of this range are not computed: doubles would overflow."""
+"""Nothing is computed from margins and noise outside of this range: doubles would overflow."""
 
 _LOWEST = {"%": 0.0, "K": 0.0, "Hz": 0.0, "degC": -273.15}
 _HIGHEST = {"%": 100.0}
@@ -163,7 +163,7 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None) -> 
         if settings:
             _add_hysteresis(measured, settings)
             if longest_excursion_s and not from_extreme:
-                for_s = _round_up(1.5 * longest_excursion_s)
+                for_s = _round_up(1.5 * max(longest_excursion_s, 0.001))
                 evidence = f"longest healthy excursion beyond a bound {_seconds(longest_excursion_s)}"
                 settings["for_s"] = Setting(for_s, evidence)
     _add_staleness(measured, settings)
@@ -257,12 +257,10 @@ def _round_down(value: float) -> float:
 
 
 def _rounded(value: float, rounding: Any) -> float:
-    if not value > 0.0 or not math.isfinite(value):
+    if not _TINY < value < _HUGE:
         return 0.0
     digits = 1 - math.floor(math.log10(value))
     scaled = value * 10.0**digits
-    if not math.isfinite(scaled):
-        return 0.0
     nearest = round(scaled)
     whole = nearest if abs(scaled - nearest) < 1e-3 else rounding(scaled)
     return float(round(whole / 10.0**digits, max(0, digits)))
