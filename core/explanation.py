@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from typing import Dict, Mapping, NamedTuple, Optional
 
 from .config import CONDITIONS, LINK, SignalConfig
@@ -158,12 +159,14 @@ def _invalid_reason(judgement: Judgement) -> str:
     number = converted(config, came)
     if math.isnan(number) and not math.isnan(came) and config.placeholders:
         return f"invalid data: {datum_text(judgement.latest)} is a placeholder for 'not measured'"
-    text = f"invalid data: {_latest_text(judgement)}"
-    if config.valid_min is not None and number < config.valid_min:
-        return f"{with_unit(text, config.unit)} is below valid_min {bound_text(config.valid_min)}"
-    if config.valid_max is not None and number > config.valid_max:
-        return f"{with_unit(text, config.unit)} is above valid_max {bound_text(config.valid_max)}"
-    return text
+    for name, limit, is_beyond in (
+        ("below valid_min", config.valid_min, operator.lt),
+        ("above valid_max", config.valid_max, operator.gt),
+    ):
+        if limit is not None and is_beyond(number, limit):
+            shown = number_text(number, limit) if math.isfinite(number) else datum_text(judgement.latest)
+            return f"invalid data: {with_unit(shown, config.unit)} is {name} {bound_text(limit)}"
+    return f"invalid data: {_latest_text(judgement)}"
 
 
 def _value_reason(judgement: Judgement) -> str:

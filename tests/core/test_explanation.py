@@ -233,3 +233,17 @@ def test_a_transition_and_its_status_have_one_reason() -> None:
     assert low is not None
     assert low.text == f"battery_level WARN: {low.status.message} (was OK for 4 s)"
     assert low.status == status(signal, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (100.04, "invalid data: 100.04 % is above valid_max 100"),
+        (-0.00001, "invalid data: -1e-05 % is below valid_min 0"),
+        (130.0, "invalid data: 130 % is above valid_max 100"),
+    ],
+)
+def test_an_invalid_value_is_shown_on_its_side_of_the_limit(value: float, text: str) -> None:
+    signal = watch(unit="%", valid_min=0.0, valid_max=100.0)
+    signal.observe(value, 1.0)
+    assert message(signal, 1.0) == text
