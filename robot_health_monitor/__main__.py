@@ -113,12 +113,30 @@ def _sources(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from robot_health_monitor.recordings.recording import MissingLibraryError, RecordingError
-
-    try:
+    def run() -> int:
         from .replay_command import replay
 
         return ALERTS_FOUND if replay(arguments) else FINE
+
+    return _read_recordings(run)
+
+
+def _suggest(arguments: argparse.Namespace) -> int:
+    def run() -> int:
+        from .suggest_command import suggest_thresholds
+
+        suggest_thresholds(arguments)
+        return FINE
+
+    return _read_recordings(run)
+
+
+def _read_recordings(run: Callable[[], int]) -> int:
+    """Runs a command that reads recordings; `run` imports it, which needs libraries."""
+    from robot_health_monitor.recordings.recording import MissingLibraryError, RecordingError
+
+    try:
+        return run()
     except MissingLibraryError as error:
         return _fail(str(error))
     except RecordingError as error:
@@ -126,21 +144,6 @@ def _replay(arguments: argparse.Namespace) -> int:
         return WRONG_USAGE
     except KeyboardInterrupt:  # half a verdict must not look like success
         return _fail("interrupted before the end of the recordings")
-
-
-def _suggest(arguments: argparse.Namespace) -> int:
-    from robot_health_monitor.recordings.recording import RecordingError
-
-    from .suggest_command import suggest_thresholds
-
-    try:
-        suggest_thresholds(arguments)
-    except RecordingError as error:
-        _write_error(str(error))
-        return WRONG_USAGE
-    except KeyboardInterrupt:
-        return _fail("interrupted before the end of the recordings")
-    return FINE
 
 
 def _test(arguments: argparse.Namespace) -> int:

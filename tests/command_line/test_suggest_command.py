@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, Callable, List, Sequence
 
@@ -173,3 +174,13 @@ def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: 
     process = robot_health("suggest", tmp_path / "none.bag")
     assert process.wait() == 2
     assert [(line.stream, line.text) for line in process.lines] == [("err", f"{tmp_path}/none.bag: no such file")]
+
+
+def test_a_missing_library_is_one_line_with_the_command_that_installs_it(robot_health: Start, tmp_path: Path) -> None:
+    (tmp_path / "rosbags.py").write_text("raise ModuleNotFoundError('gone', name='rosbags')\n")
+    root = Path(__file__).resolve().parents[2]
+    process = robot_health("suggest", tmp_path / "a.bag", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
+    assert process.wait() == 3
+    assert [line.text for line in process.lines] == [
+        "robot-health: reading this recording needs the library rosbags: pip install 'robot_health_monitor[recordings]'"
+    ]
