@@ -41,8 +41,7 @@ class Subscription:
 
     def deliver(self, value: Any) -> None:
         """Passes a value to the node, unless the subscription has ended."""
-        if self.active:
-            self.node.call_back(self, value)
+        self.node.call_back(self, value)
 
 
 class _ClockSubscription(Subscription):

@@ -65,8 +65,11 @@ class SqliteFile:
         last_ns = 0
         try:
             for number, time_ns, data in self._rows(wanted, "WHERE {} ORDER BY timestamp, id"):
-                last_ns = time_ns
-                yield time_ns, wanted[number], data
+                if time_ns.__class__ is int and data.__class__ is bytes:
+                    last_ns = time_ns
+                    yield time_ns, wanted[number], data
+                else:
+                    self._note_odd_row()
         except _DAMAGE as error:
             self._note_damage(error)
             for message in in_time_order(self._remaining(wanted, last_ns)):
@@ -79,7 +82,9 @@ class SqliteFile:
         batch: List[RawMessage[Target]] = []
         try:
             for number, time_ns, data in self._rows(wanted, "NOT INDEXED WHERE {} ORDER BY id"):
-                if time_ns > last_ns:
+                if time_ns.__class__ is not int or data.__class__ is not bytes:
+                    self._note_odd_row()
+                elif time_ns > last_ns:
                     batch.append((time_ns, wanted[number], data))
                 if len(batch) >= _BATCH:
                     yield batch
@@ -88,18 +93,17 @@ class SqliteFile:
             self._note_damage(error)
         yield batch
 
-    def _rows(self, wanted: Mapping[int, Any], condition: str) -> Iterator[Tuple[int, int, bytes]]:
+    def _rows(self, wanted: Mapping[int, Any], condition: str) -> Iterator[Tuple[int, Any, Any]]:
         places = ",".join("?" * len(wanted))
         query = "SELECT topic_id, timestamp, data FROM messages " + condition.format(f"topic_id IN ({places})")
         database = self._open()
         try:
-            for row in database.execute(query, list(wanted)):
-                if type(row[1]) is int and type(row[2]) is bytes:
-                    yield row
-                else:
-                    self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
+            yield from database.execute(query, list(wanted))
         finally:
             database.close()
+
+    def _note_odd_row(self) -> None:
+        self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
 
     def _note_damage(self, error: Exception) -> None:
         self.problem = f"{self.name}: damaged ({error}): read as far as possible"

@@ -68,8 +68,8 @@ def test_a_replay_gives_the_alerts_of_the_run(
     heard = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
 
     pause = threading.Event()
-    for step in range(60):
-        battery = 50.0 if step < 10 or step >= 40 else 15.0 if step < 25 else 5.0
+    for step in range(65):
+        battery = 50.0 if step < 10 or step >= 55 else 15.0 if step < 25 else 5.0
         ros.publish("/battery_level", FLOAT32, {"data": battery})
         if step < 25:
             ros.publish("/temperature", FLOAT32, {"data": 85.0 if step > 5 else 60.0})
