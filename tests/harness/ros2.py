@@ -143,12 +143,12 @@ class Ros2Harness:
         self._wait_until_matched(topic, publisher.get_subscription_count, self._witness.get_subscriptions_info_by_topic)
         publisher.publish(fill(cls(), message))
 
-    def publish_to_process(self, topic: str, type_name: str, message: Mapping[str, Any]) -> None:
-        """Publishes to a process, which is not among the harness' own nodes: waits until it has subscribed."""
+    def publish_to_process(self, topic: str, type_name: str, message: Mapping[str, Any], subscribers: int = 1) -> None:
+        """Publishes to processes, which are not among the harness' own nodes: waits until so many have subscribed."""
         cls = _message_class(type_name)
         if topic not in self._publishers:
             self._publishers[topic] = self._me.create_publisher(cls, topic, 100)
-        self.wait_until(lambda: self._publishers[topic].get_subscription_count() >= 1)
+        self.wait_until(lambda: self._publishers[topic].get_subscription_count() >= subscribers)
         self._publishers[topic].publish(fill(cls(), message))
 
     def services(self) -> Set[str]:
