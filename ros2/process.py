@@ -161,9 +161,9 @@ def _probe(executor: Any, nodes: List[Any]) -> str:
 
     A message is what counts: some RMWs have no events for messages, although timers work.
     """
-    started_s, busy_s = time.monotonic(), time.thread_time()
+    busy_s = time.thread_time()
     executor.spin_until_future_complete(Future(), _IDLE_S)
-    load = (time.thread_time() - busy_s) / (time.monotonic() - started_s)
+    load = (time.thread_time() - busy_s) / _IDLE_S
     for node in nodes:
         executor.add_node(node)
     if load > _MAX_IDLE_LOAD:

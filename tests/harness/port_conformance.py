@@ -114,7 +114,7 @@ class Harness(Protocol):
         """Runs the nodes until `predicate()` is true.
 
         Raises:
-            AssertionError: it is still false after 10 s.
+            AssertionError: it is still false after 30 s.
         """
 
     def close(self) -> None:
@@ -125,7 +125,7 @@ class ServiceFailed(Exception):
     """The service does not exist, or its handler failed and the middleware reports it."""
 
 
-def poll_until(predicate: Callable[[], bool], work: Callable[[], object], deadline_s: float = 10.0) -> None:
+def poll_until(predicate: Callable[[], bool], work: Callable[[], object], deadline_s: float = 30.0) -> None:
     """Calls `work` (which may wait a little) until `predicate()` is true: a `wait_until` for a harness.
 
     Raises:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import base64
+import math
 import threading
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set
@@ -141,6 +142,8 @@ class Ros2Harness:
         undecided = [subscription for node in self._nodes for subscription in node._subscriptions]
         self.wait_until(lambda: not any(s.is_waiting and s.topic == topic for s in undecided))
         self._wait_until_matched(topic, publisher.get_subscription_count, self._witness.get_subscriptions_info_by_topic)
+        # Each side matches separately: a subscriber loses what was published before it knew the publisher.
+        self._wait_until_matched(topic, lambda: self._known_publishers(topic), self._me.get_publishers_info_by_topic)
         publisher.publish(fill(cls(), message))
 
     def publish_to_process(self, topic: str, type_name: str, message: Mapping[str, Any], subscribers: int = 1) -> None:
@@ -225,7 +228,18 @@ class Ros2Harness:
         self._wait_until_forgotten()
         assert self._spinner.failure is None
 
-    def _wait_until_matched(self, topic: str, count: Callable[[], int], find: Callable[[str], Sequence[Any]]) -> None:
+    def _known_publishers(self, topic: str) -> float:
+        """Returns how many publishers each subscription of the nodes under test is matched with, at least."""
+        counts = [math.inf]
+        working = self._inside.executor.get_nodes()
+        for node in self._nodes:
+            if node.node in working:
+                with node._lock:  # it replaces subscriptions
+                    channels = [channel for channel in node._channels.values() if channel.key[0] == topic]
+                    counts += [channel.native.get_publisher_count() for channel in channels]
+        return min(counts)
+
+    def _wait_until_matched(self, topic: str, count: Callable[[], float], find: Callable[[str], Sequence[Any]]) -> None:
         """Waits until an endpoint is matched with every other one of its topic.
 
         The graph may name more of them, such as those of a process that was killed, which only a timeout removes. Those
