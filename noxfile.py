@@ -200,7 +200,7 @@ def types(session: nox.Session) -> None:
 @nox.session(python=WHEELS_PYTHON)
 def bench(session: nox.Session) -> None:
     """The benchmarks, compared with bare peers. `make bench` first sets up the environments of ros1 and ros2."""
-    session.install(*runtime_requirements(), "-r", "benchmarks/requirements.txt")
+    session.install(*runtime_requirements(), *recordings_requirements(), "-r", "benchmarks/requirements.txt")
     targets = {"ros1": target("ros1", NOETIC), "ros2": target("ros2", JAZZY)}
     session.run("python", "-m", "benchmarks", *session.posargs, env={"BENCHMARK_TARGETS": json.dumps(targets)})
 

@@ -1,7 +1,8 @@
 """The benchmarks: measures, then prints one table. `make bench` prepares their environment and starts them.
 
     make bench                     everything that can run here
-    make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge
+    make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
+                                   recordings
 
 Exit code 1 when a requirement is missed.
 """
@@ -52,6 +53,13 @@ def rosbridge() -> Iterator[Row]:
     yield from rosbridge_cost.rows()
 
 
+def recordings() -> Iterator[Row]:
+    """CPU time and memory of replays."""
+    from benchmarks import recordings_cost
+
+    yield from recordings_cost.rows()
+
+
 def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
     """Yields the rows for ROS 1 and for ROS 2, or one row with the reason why there are none.
 
@@ -68,7 +76,14 @@ def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> I
             yield Row(f"{name}, {what}", "", remark=str(problem))
 
 
-PARTS = {"observe": observe, "messages": messages, "signals": signals, "footprint": footprint, "rosbridge": rosbridge}
+PARTS = {
+    "observe": observe,
+    "messages": messages,
+    "signals": signals,
+    "footprint": footprint,
+    "rosbridge": rosbridge,
+    "recordings": recordings,
+}
 
 
 def main() -> int:

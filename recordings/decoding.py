@@ -130,7 +130,7 @@ class Types:
     def _parse(self, channel: Channel) -> Mapping[str, Definition]:
         if not channel.definition:
             ros2 = getattr(Stores, "ROS2_JAZZY", Stores.ROS2_HUMBLE)  # rosbags for Python 3.8 does not know Jazzy
-            store = get_typestore(Stores.ROS1_NOETIC if channel.encoding == "ros1" else ros2)
+            store: Any = get_typestore(Stores.ROS1_NOETIC if channel.encoding == "ros1" else ros2)
             definitions: Mapping[str, Definition] = getattr(store, "fielddefs", None) or store.FIELDDEFS
             if self._native_name not in definitions:
                 raise KeyError("the recording has no definition of it, and it is not a standard type")

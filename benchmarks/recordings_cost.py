@@ -1,0 +1,119 @@
+"""CPU time and memory of a replay, compared with rosbags reading the same recordings.
+
+Every contestant runs in a process of its own, one after the other. Parts of the table:
+
+- a million Float32 samples on three topics: `robot-health replay`, judging included, against rosbags' AnyReader
+  deserializing the same messages;
+- a recording of images with a few Float32: replay against AnyReader reading only the raw watched messages;
+- a day of ten signals at 10 Hz.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any, Dict, Iterator, List
+
+from benchmarks.table import Row
+
+SAMPLES = 1_000_000
+DAY_S = 86_400
+TOPICS = ("/battery_level", "/temperature", "/cpu_usage")
+FORMATS = (".bag", "MCAP", "sqlite3")
+ROUNDS = 3
+
+_MEASURE = """
+import json, resource, sys, time
+kind, path = sys.argv[1:3]
+if kind == "replay":
+    from robot_health_monitor.__main__ import main
+    began_s = time.process_time()
+    sys.argv = ["robot-health", "replay", path, "--fail-on", "never", "--json", *sys.argv[3:]]
+    try:
+        code = main()
+    except SystemExit as end:
+        code = end.code
+    assert not code, code
+else:
+    from pathlib import Path
+    from rosbags.highlevel import AnyReader
+    began_s = time.process_time()
+    with AnyReader([Path(path)]) as reader:
+        wanted = [each for each in reader.connections if each.msgtype == "std_msgs/msg/Float32"]
+        for connection, _, data in reader.messages(connections=wanted):
+            if kind == "deserialize":
+                reader.deserialize(data, connection.msgtype)
+used_s = time.process_time() - began_s
+print(json.dumps([used_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024]), file=sys.stderr)
+"""
+
+
+def run(kind: str, path: Path, *arguments: str) -> List[float]:
+    """Returns the CPU time in s and the memory in MB of one contestant."""
+    command = [sys.executable, "-c", _MEASURE, kind, str(path), *arguments]
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(done.stderr.strip().splitlines()[-1])
+    found: List[float] = json.loads(done.stderr.strip().splitlines()[-1])
+    return found
+
+
+def write(path: Path, form: str, counts: Dict[str, int], period_ns: int, image_bytes: int = 0) -> Path:
+    """Writes Float32 samples in turn, and after every hundred an image if `image_bytes` is set."""
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if form == ".bag" else Stores.ROS2_JAZZY)
+    writer: Any
+    if form == ".bag":
+        writer = rosbag1.Writer(path)
+    else:
+        plugin = rosbag2.StoragePlugin["MCAP" if form == "MCAP" else "SQLITE3"]
+        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+    serialize: Any = store.serialize_ros1 if form == ".bag" else store.serialize_cdr
+    float32 = "std_msgs/msg/Float32"
+    payloads = [bytes(serialize(store.types[float32](50.0 + value), float32)) for value in range(7)]
+    with writer:
+        connections = [writer.add_connection(topic, float32, typestore=store) for topic in counts]
+        images = writer.add_connection("/image", "std_msgs/msg/UInt8MultiArray", typestore=store)
+        blob = bytes(image_bytes)  # no valid message: nothing decodes it
+        for index in range(sum(counts.values())):
+            time_ns = 1_700_000_000_000_000_000 + index * period_ns
+            writer.write(connections[index % len(connections)], time_ns, payloads[index % 7])
+            if image_bytes and index % 100 == 0:
+                writer.write(images, time_ns, blob)
+    return path
+
+
+def rows() -> Iterator[Row]:
+    """Measures and yields the rows of the table."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for form in FORMATS:
+            path = write(folder / f"million{form}", form, dict.fromkeys(TOPICS, SAMPLES // 3), 1_000_000)
+            yield from _compared(f"a million samples, {form}", path, "deserialize", "AnyReader.deserialize", 1.6)
+        for form in FORMATS:
+            # A hundred samples take about 4 kB in a file: with 100 kB, more than 95 % are images.
+            path = write(folder / f"images{form}", form, dict.fromkeys(TOPICS, 10_000), 10_000_000, 100_000)
+            yield from _compared(f"95 % images, {form}", path, "raw", "AnyReader, raw watched messages", 1.3)
+        signals = {f"/signal{number}": DAY_S * 10 for number in range(10)}
+        path = write(folder / "day", "MCAP", signals, 10_000_000)
+        thresholds = folder / "thresholds.yaml"
+        described = {topic[1:]: {"warn_above": 56.5, "stale_after_s": 5.0} for topic in signals}
+        thresholds.write_text(json.dumps({"alert_system": {"ros__parameters": {"signals": described}}}))
+        used_s, memory_mb = run("replay", path, "--thresholds", str(thresholds))
+        remark = f"{memory_mb:.0f} MB; required: within 120 s, below 120 MB"
+        yield Row("a day, ten signals at 10 Hz, MCAP", "robot-health replay", f"{used_s:.0f} s", remark=remark)
+
+
+def _compared(what: str, path: Path, peer: str, peer_name: str, required: float) -> Iterator[Row]:
+    pairs = [(run(peer, path), run("replay", path)) for _ in range(ROUNDS)]
+    ratios = sorted(replay[0] / bare[0] for bare, replay in pairs)
+    best_peer, best = min(bare[0] for bare, _ in pairs), min(replay[0] for _, replay in pairs)
+    memory_mb = max(replay[1] for _, replay in pairs)
+    yield Row(what, peer_name, f"{best_peer:.2f} s")
+    ratio = ratios[len(ratios) // 2]
+    yield Row(what, "robot-health replay", f"{best:.2f} s", ratio, required, f"{memory_mb:.0f} MB (limit 120 MB)")
