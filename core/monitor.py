@@ -121,6 +121,29 @@ class Monitor:
             _add(changes, follower.follow(self.fresh_value, now_s))
         return changes
 
+    def skip(self, since_s: float, until_s: float) -> Changes:
+        """Leaves a time out of durations and silences: nothing is known of it.
+
+        For the time between two recordings, which is no silence of the robot. Like downtime of the link (step 8 of
+        docs/rules.md), without an alert of its own.
+
+        Args:
+            since_s: when it begins, in seconds; the time of the last call if that is later.
+            until_s: when it ends: samples can come again.
+
+        Returns:
+            The transitions that it causes.
+        """
+        changes = Changes()
+        if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
+            since_s = max(since_s, self._now_s)
+            for name, signal in self._signals.items():
+                if name != LINK and not self._link_down:
+                    signal.inhibit(since_s)
+                    _add(changes, signal.release(until_s))
+            self._now_s = until_s
+        return changes
+
     def report(self, now_s: float) -> Report:
         """Returns the whole state as of the last `observe` or `tick`. Reads only.
 

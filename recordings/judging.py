@@ -104,6 +104,7 @@ class Judge:
         }
         node = self._player.node("alert_system", {**tree, "signals": signals})
         system = AlertSystem(node, {"replay": lambda event: self._note(file, event)}, log_alerts=False)
+        self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
             topic = node.resolve(signal.topic)
             judged = self._signals[file, name] = _JudgedSignal(file, signal, topic, recorded[name])

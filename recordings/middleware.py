@@ -8,7 +8,7 @@ silence. Everything runs in the thread that calls `play`.
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, Optional
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
@@ -167,6 +167,9 @@ class Player:
         self._outside = 0
         self._skipped_s = 0.0
         self.on_log: Callable[[LogLine], None] = on_log or _ignore
+        self.on_gap: List[Callable[[float, float], None]] = []
+        """Called with begin and end, in seconds, of each time between recordings in which nothing was recorded."""
+        self._gaps_ns: List[Tuple[int, int]] = []
         self._nodes: List[RecordedMiddleware] = []
         self._due_s = math.inf
         """When the next timer of a node is due; may be too early, never too late."""
@@ -250,6 +253,8 @@ class Player:
         step_ns = max(1, (end_ns - start_ns) // 1000)
         last_ns = progress_ns = start_ns
         first_ns, past_ns = self._recordings.span_ns or (0, 0)
+        if not self._use_sim_time:
+            self._gaps_ns = [gap for gap in self._recordings.gaps_ns if start_ns < gap[0] and gap[1] <= end_ns]
         deliveries = {
             channel: tuple(reader.deliver for reader in readers.values()) for channel, readers in self._readers.items()
         }
@@ -260,6 +265,8 @@ class Player:
             if time_ns > last_ns:
                 last_ns = time_ns
                 now_s = time_ns / 1e9
+                if self._gaps_ns and self._gaps_ns[0][1] <= time_ns:
+                    self._cross_gaps(time_ns)
                 if self._due_s < now_s:
                     self._run_timers(now_s)
                 self.wall_s = now_s
@@ -272,6 +279,7 @@ class Player:
                 deliver(data)
         # A damaged recording may have ended before the time that its index gives: the rest is not silence.
         _, read_ns = self._recordings.span_ns or (0, 0)
+        self._cross_gaps(min(end_ns, read_ns))
         end_s = max(self.wall_s, min(end_ns, read_ns) / 1e9)
         self._run_timers(end_s)
         if self._due_s == end_s:
@@ -296,6 +304,15 @@ class Player:
         for channel in self._channels[CLOCK]:
             reader = self._reader(channel, "")
             reader.subscriptions[:0] = [_ClockSubscription(node, CLOCK, _ignore_value) for node in self._nodes]
+
+    def _cross_gaps(self, until_ns: int) -> None:
+        """Goes from the end of a recording to the start of the next one, without the timers in between."""
+        while self._gaps_ns and self._gaps_ns[0][1] <= until_ns:
+            begin_ns, end_ns = self._gaps_ns.pop(0)
+            self._run_timers(begin_ns / 1e9)
+            begin_s, self.wall_s = begin_ns / 1e9, end_ns / 1e9
+            for callback in self.on_gap:
+                callback(begin_s, self.wall_s)
 
     def _run_timers(self, before_s: float) -> None:
         """Runs the timers that are due before a time; those due at that instant come after its samples."""

@@ -37,10 +37,10 @@ class Recordings:
         """
         self._folder: Optional[str] = None
         self._notes: List[str] = []
-        self._files: List[RecordedFile] = []
+        self._recordings: List[List[RecordedFile]] = []
         try:
             for path in paths:
-                self._files += self._open(os.fspath(path))
+                self._recordings.append(self._open(os.fspath(path)))
         except BaseException:
             self.close()
             raise
@@ -67,8 +67,21 @@ class Recordings:
     @property
     def span_ns(self) -> Optional[Tuple[int, int]]:
         """Log times of the first and the last message of all files; None without messages."""
-        spans = [file.span_ns for file in self._files if file.span_ns is not None]
-        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+        return _span(self._files)
+
+    @property
+    def gaps_ns(self) -> List[Tuple[int, int]]:
+        """Log times of the last message before, and the first one after, each time in which nothing was recorded.
+
+        Between recordings only: the files of one folder are one recording, and silence within it is the robot's.
+        """
+        gaps: List[Tuple[int, int]] = []
+        covered_ns: Optional[int] = None
+        for first, last in sorted(span for span in map(_span, self._recordings) if span is not None):
+            if covered_ns is not None and first > covered_ns:
+                gaps.append((covered_ns, first))
+            covered_ns = last if covered_ns is None else max(covered_ns, last)
+        return gaps
 
     @property
     def problems(self) -> List[str]:
@@ -83,6 +96,10 @@ class Recordings:
         """
         streams = [file.messages(targets) for file in self._files if any(key in targets for key in file.channels)]
         return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=_log_time)
+
+    @property
+    def _files(self) -> List[RecordedFile]:
+        return [file for files in self._recordings for file in files]
 
     def _open(self, path: str) -> List[RecordedFile]:
         if os.path.isdir(path):
@@ -217,6 +234,11 @@ class _PackedMessages:
                 self._damaged += 1
             else:
                 yield time_ns, target, unpacked
+
+
+def _span(files: Sequence[RecordedFile]) -> Optional[Tuple[int, int]]:
+    spans = [file.span_ns for file in files if file.span_ns is not None]
+    return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
 
 
 def _log_time(message: RawMessage[Any]) -> int:

@@ -115,6 +115,10 @@ class AlertSystem:
         now_s = self._middleware.now_s()
         self._announce(self.monitor.set_link(up, cause, now_s), now_s)
 
+    def skip(self, since_s: float, until_s: float) -> None:
+        """Leaves a time out of durations and silences, as `Monitor.skip`."""
+        self._announce(self.monitor.skip(since_s, until_s), until_s)
+
     def close(self) -> None:
         """Leaves the middleware."""
         self._middleware.close()

@@ -1221,3 +1221,26 @@ def test_the_judged_value_is_that_of_the_statistic() -> None:
     monitor.observe(Sample("battery", 4.0, 1.0))
     assert monitor.judged_value("battery") == 3.0
     assert monitor.judged_value("unknown") is None
+
+
+def test_skipped_time_counts_neither_as_silence_nor_towards_durations() -> None:
+    settings = {"warn_below": 20.0, "for_s": 10.0, "stale_after_s": 5.0}
+    monitor = Monitor(load_config({"signals": {"battery_level": settings}}))
+    assert monitor.observe(Sample("battery_level", 10.0, 0.0)) == []  # pending since 0
+    assert monitor.tick(4.0) == []
+    assert monitor.skip(4.0, 1000.0) == []
+    assert monitor.tick(1000.5) == []  # silent for 4.5 s
+    assert monitor.observe(Sample("battery_level", 10.0, 1001.0)) == []
+    assert monitor.tick(1005.5) == []  # pending for 9.5 s
+    (fired,) = monitor.tick(1006.0)
+    assert (fired.signal, fired.to_level) == ("battery_level", Level.WARN)
+
+
+def test_skipping_before_the_first_call_or_backwards_does_nothing() -> None:
+    monitor = Monitor(load_config({"signals": {"battery_level": {"warn_below": 20.0}}}))
+    assert monitor.skip(0.0, 100.0) == []
+    monitor.observe(Sample("battery_level", 50.0, 10.0))
+    assert monitor.skip(0.0, 5.0) == []
+    assert monitor.skip(math.nan, math.nan) == []
+    assert monitor.skip(30.0, 20.0) == []
+    assert monitor.tick(10.0) == []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
 import pytest
 from harness.recorded import START_NS, Recorded, values, write_bag
@@ -31,7 +31,11 @@ class Result(NamedTuple):
 
 def judge(folder: Path, messages: Iterable[Recorded], *configurations: Mapping[str, Any], **options: Any) -> Result:
     """Judges messages by configurations, which are named a, b and so on."""
-    bag = write_bag(folder / "test.bag", messages)
+    return judge_bags([write_bag(folder / "test.bag", messages)], *configurations, **options)
+
+
+def judge_bags(bags: Sequence[Any], *configurations: Mapping[str, Any], **options: Any) -> Result:
+    """Judges recordings by configurations, which are named a, b and so on."""
     result = Result([], {}, {}, [])
 
     def on_event(judged: JudgedEvent) -> None:
@@ -45,7 +49,7 @@ def judge(folder: Path, messages: Iterable[Recorded], *configurations: Mapping[s
         found += [(round(at_s - START_S, 3), number) for at_s, number in zip(times_s.tolist(), numbers.tolist())]
         result.bad_times.extend(round(at_s - START_S, 3) for at_s in bad_times_s.tolist())
 
-    with Recordings([bag]) as recordings:
+    with Recordings(bags) as recordings:
         found = Judge(Player(recordings, **options), on_event, on_samples)
         for name, configuration in zip("abc", configurations):
             found.add(name, configuration)
@@ -146,3 +150,29 @@ def test_a_type_that_differs_from_the_recorded_one_is_refused(tmp_path: Path) ->
     with pytest.raises(ConfigError, match=r"std_msgs/Float64.*std_msgs/Float32") as caught:
         judge(tmp_path, values("/battery", [10.0]), config)
     assert caught.value.path == ("signals", "battery")
+
+
+def test_the_time_between_two_recordings_is_no_silence(tmp_path: Path) -> None:
+    # a night lies between them, and the WARN of the first is still there in the second
+    first = write_bag(tmp_path / "first.bag", values("/battery", [50.0] * 5 + [10.0] * 5))
+    second = write_bag(tmp_path / "second.bag", values("/battery", [10.0] * 5 + [50.0] * 3, start_s=40_000.0))
+    result = judge_bags([first, second], BATTERY)
+    assert result.transitions == [(5.0, "a", "battery", "WARN"), (40_005.0, "a", "battery", "OK")]
+
+
+def test_silence_within_the_second_recording_counts_from_its_start(tmp_path: Path) -> None:
+    # other topics begin at 1,000 s, the battery never comes back: 2 s of silence before the gap, 5 s are the limit
+    first = [*values("/battery", [50.0] * 5), *values("/other", [0.0] * 7)]
+    second = values("/other", [0.0] * 20, start_s=1_000.0)
+    bags = [write_bag(tmp_path / "first.bag", first), write_bag(tmp_path / "second.bag", second)]
+    (stale,) = judge_bags(bags, BATTERY).transitions
+    assert stale[2:] == ("battery", "STALE")
+    assert stale[0] == 1_004.0  # the first tick after 1,003 s, when the silence has lasted 5 s
+
+
+def test_recordings_that_overlap_have_no_gap(tmp_path: Path) -> None:
+    long = write_bag(tmp_path / "long.bag", values("/other", [0.0] * 60))
+    early = write_bag(tmp_path / "early.bag", values("/battery", [50.0] * 5))
+    late = write_bag(tmp_path / "late.bag", values("/battery", [50.0] * 5, start_s=30.0))
+    levels = [level for _, _, _, level in judge_bags([long, early, late], BATTERY).transitions]
+    assert levels == ["STALE", "OK", "STALE"]
