@@ -299,7 +299,7 @@ def test_a_default_port_in_use_disables_only_the_server(robot_health: Start, res
         taken.listen()
         port = taken.getsockname()[1]
         file = tmp_path / "port.yaml"
-        file.write_text(restless.read_text().replace("robot_name: atlas", f"rosbridge_port: {port}"))
+        file.write_text(re.sub(r"rosbridge_port: \d+", f"rosbridge_port: {port}", restless.read_text()))
         process = robot_health("run", "--thresholds", file)
         process.wait_for_text(f"[ERROR] alert_system: rosbridge: not served: port {port} of 127.0.0.1 cannot be opened")
         process.wait_for_text("battery_level OK: ")
