@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.mapping_node import CLOCK, Delivery, MappingNode
+from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
 from robot_health_monitor.core.middleware import Message, Severity
 from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
@@ -40,8 +40,18 @@ class Subscription:
         self.active = True
 
     def deliver(self, value: Any) -> None:
-        """Passes a value to the node, unless the subscription has ended."""
-        self.node.call_back(self, value)
+        """Passes a value to the node, unless the subscription has ended.
+
+        Without simulated time it does what `MappingNode.call_back` does, without locks: this is the cost of a replay.
+        """
+        node = self.node
+        if node.use_sim_time:
+            node.call_back(self, value)
+        elif self.active and not node.closed:
+            try:
+                self.callback(value, node.player.wall_s)
+            except Exception as error:
+                node.log_failure(error)
 
 
 class _ClockSubscription(Subscription):
@@ -81,21 +91,12 @@ class RecordedMiddleware(MappingNode):
     def __init__(self, player: Player, name: str, parameters: Mapping[str, Any], use_sim_time: bool) -> None:
         """Use `Player.node`."""
         super().__init__(name, parameters, {}, clock=lambda: player.wall_s, use_sim_time=use_sim_time)
-        self._player = player
-
-    def call_back(self, subscription: Delivery, value: Any) -> None:
-        """Does what `MappingNode.call_back` does, without locks: this is the cost of a replay."""
-        if self._sim_time_s is not None:
-            super().call_back(subscription, value)
-        elif subscription.active and not self.closed:
-            try:
-                subscription.callback(value, self._player.wall_s)
-            except Exception as error:
-                self.log_failure(error)
+        self.player = player
+        self.use_sim_time = use_sim_time
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
-        self._player.note_timer(timer)
+        self.player.note_timer(timer)
         return timer
 
     def advertise(self, topic: str, type_name: str) -> None:
@@ -110,7 +111,7 @@ class RecordedMiddleware(MappingNode):
         return False
 
     def subscribe(self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "") -> Subscription:
-        return self._player.subscribe(Subscription(self, self.resolve(topic), callback), type_name, field)
+        return self.player.subscribe(Subscription(self, self.resolve(topic), callback), type_name, field)
 
     def unsubscribe(self, subscription: Any) -> None:
         subscription.active = False
@@ -119,7 +120,7 @@ class RecordedMiddleware(MappingNode):
         """Does nothing: a recording calls no services."""
 
     def log(self, severity: Severity, text: str) -> None:
-        self.faults.guard("log", self._player.on_log, LogLine(self.now_s(), self.name, severity, text))
+        self.faults.guard("log", self.player.on_log, LogLine(self.now_s(), self.name, severity, text))
 
     def close(self) -> None:
         self.closed = True

@@ -25,6 +25,7 @@ from .recording import (
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
+_OP_OF_MESSAGE = bytes([_MESSAGE])
 _LARGEST_HEADER = 10_000_000
 """Bytes of a record's header; the header of a connection holds a definition's text."""
 _LARGEST_CHUNK = 1 << 30
@@ -177,6 +178,8 @@ class Ros1Bag:
             if position > end:
                 raise _Damaged("a record goes beyond its chunk")
             fields = _fields(chunk[header_start : data_start - 4])
+            if fields[b"op"] == _OP_OF_MESSAGE and wanted is not None and _uint32(fields[b"conn"])[0] not in wanted:
+                continue  # no copy of an image
             self._take_record(fields, chunk[data_start:position], wanted, into)
         if end != _uint32(header[b"size"])[0]:
             raise _Damaged(f"a chunk unpacks to {end} bytes, expected {_uint32(header[b'size'])[0]}")
