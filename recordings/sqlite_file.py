@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import sqlite3
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from .recording import Channel, RawMessage, RecordingError, Target, canonical_type, in_time_order, until
 
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _MAGIC = b"SQLite format 3\0"
-_BATCH = 4096
-"""Messages of a damaged file that are sorted together."""
+_BATCH = 1024
+_BATCH_BYTES = 4_000_000
+"""Messages that are read together: at most so many, and about so many bytes."""
+
+_Columns = Tuple[Sequence[int], Sequence[int], Sequence[bytes]]
 _DAMAGE = (sqlite3.Error, ValueError, OverflowError)
 """What reading a damaged file raises."""
 
@@ -64,12 +67,9 @@ class SqliteFile:
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
         last_ns = 0
         try:
-            for number, time_ns, data in self._rows(wanted, "WHERE {} ORDER BY timestamp, id"):
-                if time_ns.__class__ is int and data.__class__ is bytes:
-                    last_ns = time_ns
-                    yield time_ns, wanted[number], data
-                else:
-                    self._note_odd_row()
+            for numbers, times, data in self._columns(wanted, "WHERE {} ORDER BY timestamp, id"):
+                last_ns = times[-1]
+                yield from zip(times, map(wanted.__getitem__, numbers), data)
         except _DAMAGE as error:
             self._note_damage(error)
             for message in in_time_order(self._remaining(wanted, last_ns)):
@@ -79,31 +79,34 @@ class SqliteFile:
 
     def _remaining(self, wanted: Mapping[int, Target], last_ns: int) -> Iterator[List[RawMessage[Target]]]:
         """Yields the messages after a time in the order of recording, which needs no index."""
-        batch: List[RawMessage[Target]] = []
         try:
-            for number, time_ns, data in self._rows(wanted, "NOT INDEXED WHERE {} ORDER BY id"):
-                if time_ns.__class__ is not int or data.__class__ is not bytes:
-                    self._note_odd_row()
-                elif time_ns > last_ns:
-                    batch.append((time_ns, wanted[number], data))
-                if len(batch) >= _BATCH:
-                    yield batch
-                    batch = []
+            for numbers, times, data in self._columns(wanted, "NOT INDEXED WHERE {} ORDER BY id"):
+                rows = zip(times, map(wanted.__getitem__, numbers), data)
+                yield [message for message in rows if message[0] > last_ns]
         except _DAMAGE as error:
             self._note_damage(error)
-        yield batch
 
-    def _rows(self, wanted: Mapping[int, Any], condition: str) -> Iterator[Tuple[int, Any, Any]]:
+    def _columns(self, wanted: Mapping[int, Any], condition: str) -> Iterator[_Columns]:
+        """Yields numbers of topics, times and data of the next rows: few if they are large."""
         places = ",".join("?" * len(wanted))
         query = "SELECT topic_id, timestamp, data FROM messages " + condition.format(f"topic_id IN ({places})")
         database = self._open()
         try:
-            yield from database.execute(query, list(wanted))
+            cursor = database.execute(query, list(wanted))
+            count = 1
+            while True:
+                rows = cursor.fetchmany(count)
+                if not rows:
+                    return
+                good = [row for row in rows if type(row[1]) is int and type(row[2]) is bytes]
+                if len(good) < len(rows):
+                    self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
+                if good:
+                    numbers, times, data = zip(*good)
+                    count = min(_BATCH, 1 + _BATCH_BYTES * len(data) // (1 + sum(map(len, data))))
+                    yield numbers, times, data
         finally:
             database.close()
-
-    def _note_odd_row(self) -> None:
-        self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
 
     def _note_damage(self, error: Exception) -> None:
         self.problem = f"{self.name}: damaged ({error}): read as far as possible"
