@@ -70,16 +70,22 @@ class _Reader:
         self._get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
         self._on_undecodable = on_undecodable
 
-    def deliver(self, data: bytes) -> None:
-        """Reads the field from a serialized message and passes it on."""
-        try:
-            value = self._get(data)
-        except ValueError:
-            self._on_undecodable(self._topic)
-            return
-        if value is not ABSENT:
-            for subscription in self.subscriptions:
-                subscription.deliver(value)
+    def bind(self) -> Callable[[bytes], None]:
+        """Returns a function that reads the field from a serialized message and passes it to the subscriptions."""
+        get, topic, on_undecodable = self._get, self._topic, self._on_undecodable
+        delivers = tuple(subscription.deliver for subscription in self.subscriptions)
+
+        def deliver(data: bytes) -> None:
+            try:
+                value = get(data)
+            except ValueError:
+                on_undecodable(topic)
+                return
+            if value is not ABSENT:
+                for each in delivers:
+                    each(value)
+
+        return deliver
 
 
 class RecordedMiddleware(MappingNode):
@@ -257,7 +263,7 @@ class Player:
         if not self._use_sim_time:
             self._gaps_ns = [gap for gap in self._recordings.gaps_ns if start_ns < gap[0] and gap[1] <= end_ns]
         deliveries = {
-            channel: tuple(reader.deliver for reader in readers.values()) for channel, readers in self._readers.items()
+            channel: tuple(reader.bind() for reader in readers.values()) for channel, readers in self._readers.items()
         }
         for time_ns, of_channel, data in self._recordings.messages(deliveries):
             if not start_ns <= time_ns <= end_ns:
