@@ -10,6 +10,7 @@ import re
 from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple, Union
 
 from .errors import ConfigError
+from .parameters import describe
 
 
 class Keyed(NamedTuple):
@@ -58,7 +59,8 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
         part = _PART.match(path, position)
         # Every name but the first follows a dot, and nothing else does.
         if part is None or (part["name"] is not None and (part["dot"] is None) != (position == 0)):
-            raise ValueError(f'{path[position:]!r} is not a name, an index such as [0] or a key such as ["motor"]')
+            rest = describe(path[position:])
+            raise ValueError(f'{rest} is not a name, an index such as [0] or a key such as ["motor"]')
         if part["name"] is not None:
             steps.append(part["name"])
         elif part["index"] is not None:
@@ -83,7 +85,7 @@ def mapping_getter(field: str) -> Callable[[Any], Any]:
     try:
         steps = parse_field_path(field)
     except ValueError as error:
-        raise ConfigError(f"field {field!r}: {error}") from None
+        raise ConfigError(f"field {describe(field)}: {error}") from None
     if len(steps) == 1:
         key = steps[0]
         return lambda message: message[key]

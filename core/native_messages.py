@@ -148,13 +148,13 @@ class NativeMessages:
         try:
             path = parse_field_path(field)
         except ValueError as error:
-            raise ConfigError(f"{topic}: field {field!r} of {type_name}: {error}") from None
+            raise ConfigError(f"{topic}: field {describe(field)} of {type_name}: {error}") from None
         if not path:
             return self.to_mapping
         try:
             steps = self._bind(native_class, path)
         except ValueError as error:
-            raise ConfigError(f"{topic}: {type_name} has no field {field}; {error}") from None
+            raise ConfigError(f"{topic}: {type_name} has no field {field[:100]}; {error}") from None
         if len(steps) == 1:
             return steps[0]
 

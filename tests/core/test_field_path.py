@@ -163,3 +163,9 @@ def test_a_getter_raises_for_a_field_that_is_missing(field: str) -> None:
 def test_a_getter_of_a_text_that_is_not_a_path_is_a_configuration_error() -> None:
     with pytest.raises(ConfigError, match=r"^field 'cells\[x\]': '\[x\]' is not a name"):
         mapping_getter("cells[x]")
+
+
+def test_an_error_about_a_long_path_is_short() -> None:
+    with pytest.raises(ValueError, match="is not a name") as problem:
+        parse_field_path("data" + "[x" * 3_000)
+    assert len(str(problem.value)) < 200
