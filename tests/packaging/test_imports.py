@@ -16,7 +16,7 @@ from harness.requirements import recordings_requirements, runtime_requirements
 ROS1 = {"genpy", "rosgraph", "roslib", "rospy", "rosservice"}
 ROS2 = {"ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "rosidl_runtime_py"}
 MESSAGES = {"diagnostic_msgs", "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs"}
-RECORDINGS = {"lz4", "mcap", "rosbags", "zstandard"}
+RECORDINGS = {"lz4", "mcap", "numpy", "rosbags", "zstandard"}
 """The extra [recordings]: pip installs it, the ROS package does not depend on it."""
 ALLOWED = {
     "core": {"psutil", "yaml"},
@@ -24,6 +24,7 @@ ALLOWED = {
     "ros2": ROS2 | MESSAGES,
     "rosbridge": {"aiohttp", "cbor2"},
     "recordings": {"yaml"} | RECORDINGS,
+    "ops": {"numpy"},
     NAME: {"rich"},
 }
 """Packages that a folder may import, in addition to the standard library and this package."""
