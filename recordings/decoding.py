@@ -131,9 +131,7 @@ class Types:
         if not channel.definition:
             ros2 = getattr(Stores, "ROS2_JAZZY", Stores.ROS2_HUMBLE)  # rosbags for Python 3.8 does not know Jazzy
             store: Any = get_typestore(Stores.ROS1_NOETIC if channel.encoding == "ros1" else ros2)
-            native: Any = store
-            # rosbags before 0.10 has it under another name
-            definitions: Mapping[str, Definition] = getattr(native, "fielddefs", None) or native.FIELDDEFS
+            definitions: Mapping[str, Definition] = getattr(store, "fielddefs", None) or store.FIELDDEFS
             if self._native_name not in definitions:
                 raise KeyError("the recording has no definition of it, and it is not a standard type")
             return definitions
