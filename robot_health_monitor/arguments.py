@@ -160,7 +160,7 @@ def _add_check(commands: Any) -> None:
         help="check configuration files, without starting anything",
         description="Checks configuration files as the nodes do, and reports mistakes with file, line and key.",
     )
-    command.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml")
+    command.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml or ops.yaml")
 
 
 def _add_sources(commands: Any) -> None:

@@ -11,6 +11,7 @@ from robot_health_monitor.core.config import (
     MonitorConfig,
     Section,
     find_section,
+    is_whole_file,
     list_sections,
     read_monitor,
     refuse_missing_parameters,
@@ -22,6 +23,7 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Middleware, split_type_name
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.ops.configuration import SECTIONS, OpsConfig, read_ops
 
 from .message_types import check_field, known_definitions
 
@@ -30,7 +32,7 @@ _NODES: Mapping[str, Callable[[Middleware], Any]] = {
     "aggregator": Aggregator,
     "battery_sensor": BatterySensor,
 }
-"""The nodes that a configuration file is for. A node that starts on a bus without others checks its parameters."""
+"""The nodes that a thresholds.yaml is for. A node that starts on a bus without others checks its parameters."""
 
 _ALIKE = 0.8
 """Similarity (difflib) from which a name counts as misspelt; battery_sensor and temperature_sensor differ."""
@@ -176,5 +178,27 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-_KINDS = (_Kind(lambda tree: True, _check_thresholds),)
+def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
+    """Recognises a section of an ops.yaml at the top, also a misspelt one."""
+    return not is_whole_file(tree) and any(
+        difflib.get_close_matches(str(key)[:60], SECTIONS, cutoff=_ALIKE) for key in tree
+    )
+
+
+def _check_ops(file: YamlFile, problems: Problems) -> str:
+    config = OpsConfig()
+    with problems:
+        config = read_ops(file)
+    parts = []
+    if config.history is not None:
+        parts.append(f"history in {config.history.file}")
+    if config.notify:
+        names = ", ".join(target.name for target in config.notify)
+        parts.append(f"{_count(len(config.notify), 'target')} ({names})")
+    if config.server is not None:
+        parts.append("server")
+    return "; ".join(parts) or "no section"
+
+
+_KINDS = (_Kind(_looks_like_ops, _check_ops), _Kind(lambda tree: True, _check_thresholds))
 """Kinds of files, the last one for all others."""

@@ -53,6 +53,16 @@ def test_every_configuration_that_is_installed_is_right(robot_health: Start, fil
             ":5: aggregator.ros__parameters: expected a mapping of keys to values, got [1]",
             id="parameters that are a list",
         ),
+        pytest.param(
+            b"history: {file: a.db}\nnotify:\n  chat: {type: webhok, url: 'http://a'}\n",
+            ":3: notify.chat.type: expected one of alertmanager, webhook, command, apprise, heartbeat, got 'webhok'",
+            id="ops.yaml",
+        ),
+        pytest.param(
+            b"notfy: {}\n",
+            ":1: notfy: unknown key; did you mean notify? expected one of history, notify, server",
+            id="ops.yaml whose only section is misspelt",
+        ),
         pytest.param(b"signals: {arm: {}}\n", ": expected one node with ros__parameters.signals", id="no node"),
         pytest.param(b"", ": is empty; expected a mapping of keys to values", id="empty"),
         pytest.param(b"a:\n  b: [1\nc: 2\n", ":3: is not valid YAML: ", id="syntax"),
@@ -69,6 +79,28 @@ def test_a_wrong_file_is_one_line_with_the_place_and_code_2(
     process = robot_health("check", file)
     assert process.wait() == 2
     assert [(each.stream, each.text[: len(f"{file}{line}")]) for each in process.lines] == [("err", f"{file}{line}")]
+
+
+def test_an_ops_yaml_is_recognised_and_summed_up(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "operations.yaml"
+    file.write_text(
+        "server: {port: 9090}\n"
+        "notify:\n"
+        "  pager: {type: alertmanager, url: 'http://10.0.0.2:9093'}\n"
+        "  alive: {type: heartbeat, url: 'https://example.com/alive'}\n"
+        "history: {file: history.db}\n"
+    )
+    process = robot_health("check", file)
+    assert process.wait() == 0
+    assert process.text == f"out: {file}: OK: history in {tmp_path}/history.db; 2 targets (pager, alive); server"
+
+
+def test_a_node_that_has_the_name_of_a_section_makes_no_ops_yaml(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "server.yaml"
+    file.write_text("server: {ros__parameters: {signals: {arm: {}}}}\n")
+    process = robot_health("check", file)
+    assert process.wait() == 0
+    assert process.text == f"out: {file}: OK: 1 signal (arm), 0 bounds"
 
 
 def test_a_file_that_is_not_there_is_one_line(robot_health: Start, tmp_path: Path) -> None:

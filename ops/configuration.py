@@ -1,0 +1,372 @@
+"""Configuration of operations: an `ops.yaml` becomes frozen values.
+
+Three optional sections: `history`, `notify` and `server`. Every error names file, line and key. Notification targets,
+commands above all, come only from this file, which is read at startup.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
+from urllib.parse import urlsplit
+
+from robot_health_monitor.core.errors import ConfigError, Path, Problems
+from robot_health_monitor.core.formatting import bound_text
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.parameters import Parameter, read_parameters, require_mapping
+from robot_health_monitor.core.yaml_file import YamlFile
+
+__all__ = [
+    "HistorySettings",
+    "OpsConfig",
+    "SECTIONS",
+    "ServerOptions",
+    "TARGET_TYPES",
+    "TargetSettings",
+    "check_url",
+    "read_ops",
+]
+
+SECTIONS = ("history", "notify", "server")
+
+TARGET_TYPES = ("alertmanager", "webhook", "command", "apprise", "heartbeat")
+
+MOST_TARGETS = 50
+"""Largest number of targets; each has a thread."""
+
+HISTORY_PARAMETERS = (
+    Parameter("file", str, None, "path of the SQLite file, which is created"),
+    Parameter("keep_days", float, 90.0, "age at which entries are deleted, in days", 0.01, 36_500.0),
+    Parameter("keep_mb", float, 100.0, "size of the file at which the oldest entries are deleted, in MB", 1.0, 1e6),
+)
+
+_TYPE = Parameter("type", str, None, "kind of target", choices=TARGET_TYPES)
+
+TARGET_PARAMETERS = (
+    _TYPE,
+    Parameter("url", str, "", "address; an address that contains a secret belongs into a file"),
+    Parameter("url_file", str, "", "path of a file that contains the address"),
+    Parameter("command", tuple, (), "program and arguments; a program with a / is relative to this file's folder"),
+    Parameter("min_level", str, "WARN", "lowest level that is sent", choices=("WARN", "STALE", "ERROR")),
+    Parameter("robots", tuple, (), "names of the robots whose alerts are sent; * and ? as in file names; empty: all"),
+    Parameter("signals", tuple, (), "names of the signals whose alerts are sent; * and ? as in file names; empty: all"),
+    Parameter("timeout_s", float, 10.0, "longest time for one attempt, in s", 0.1, 300.0),
+    Parameter("every_s", float, 60.0, "period of the heartbeat, in s", 1.0, 86_400.0),
+)  # fmt: skip
+
+_ADDRESS = ("url", "url_file")
+_FILTER = ("min_level", "robots", "signals")
+_KEYS: Mapping[str, Sequence[str]] = {
+    "alertmanager": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
+    "webhook": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
+    "command": ("type", "command", *_FILTER, "timeout_s"),
+    "apprise": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
+    "heartbeat": ("type", *_ADDRESS, "every_s", "timeout_s"),
+}
+"""The keys of each type of target."""
+
+SERVER_PARAMETERS = (
+    Parameter("port", int, None, "port; 0: a free one; left out: as configured elsewhere", 0, 65535),
+    Parameter("address", str, "", "address; any other than 127.0.0.1 requires a token; empty: as configured elsewhere"),
+    Parameter("token_file", str, "", "path of a file with the token that clients must present; empty: none"),
+    Parameter("tls_certificate", str, "", "path of the certificate (PEM), for wss:// and https://; empty: no TLS"),
+    Parameter("tls_key", str, "", "path of the certificate's private key (PEM)"),
+    Parameter("allow_publish", tuple, (), "topics that clients may publish on; * and ? as in file names"),
+    Parameter("allow_call", tuple, (), "services that clients may call; * and ? as in file names"),
+    Parameter("allow_offer", tuple, (), "services that clients may offer; * and ? as in file names"),
+)  # fmt: skip
+
+_TARGET_NAME = re.compile(r"[\w.-]{1,64}\Z", re.ASCII)
+_SCHEME = re.compile(r"[a-z][a-z0-9+.-]*\Z", re.ASCII)
+_MOST_SHOWN = 40
+
+
+@dataclass(frozen=True)
+class HistorySettings:
+    """Where alerts are stored, and for how long."""
+
+    file: str
+    """Path of the SQLite file."""
+    keep_days: float = 90.0
+    """Age at which entries are deleted, in days."""
+    keep_mb: float = 100.0
+    """Size of the file at which the oldest entries are deleted, in MB."""
+
+
+@dataclass(frozen=True)
+class TargetSettings:
+    """A target of notifications."""
+
+    name: str
+    type: str
+    """One of `TARGET_TYPES`."""
+    min_level: Level = Level.WARN
+    """Lowest level that is sent, by severity."""
+    robots: Tuple[str, ...] = ()
+    """Patterns of robot names, `*` and `?` as in file names; empty: all."""
+    signals: Tuple[str, ...] = ()
+    """Patterns of signal names; empty: all."""
+    url: str = field(default="", repr=False)  # it may contain a secret
+    """The address; empty: it is in `url_file`."""
+    url_file: str = ""
+    """Path of a file that contains the address; empty: it is in `url`."""
+    command: Tuple[str, ...] = ()
+    """Program and arguments of a command."""
+    timeout_s: float = 10.0
+    """Longest time for one attempt, in s."""
+    every_s: float = 60.0
+    """Period of a heartbeat, in s."""
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """What the section `server` sets; the rest is configured elsewhere."""
+
+    port: Optional[int] = None
+    """0: a free one. None: not set."""
+    address: str = ""
+    """Empty: not set."""
+    token_file: str = ""
+    """Path of the file with the token; empty: not set."""
+    tls_certificate: str = ""
+    """Path of the certificate in PEM; empty: no TLS."""
+    tls_key: str = ""
+    """Path of its private key."""
+    allow_publish: Tuple[str, ...] = ()
+    allow_call: Tuple[str, ...] = ()
+    allow_offer: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class OpsConfig:
+    """The contents of an `ops.yaml`."""
+
+    history: Optional[HistorySettings] = None
+    """None: no history."""
+    notify: Tuple[TargetSettings, ...] = ()
+    """In the order of the file."""
+    server: Optional[ServerOptions] = None
+    """None: as configured elsewhere."""
+
+
+def read_ops(file: YamlFile) -> OpsConfig:
+    """Reads an `ops.yaml`. Relative paths in it are relative to its folder.
+
+    Raises:
+        ConfigError: unknown keys, wrong types, impossible or contradictory values. The message names file, line, key,
+            what was expected and what was found; `others` are further mistakes.
+    """
+    try:
+        return _read(file.tree, os.path.dirname(os.path.abspath(file.file)))
+    except ConfigError as error:
+        raise file.locate(error) from None
+
+
+def check_url(url: str, type_name: str) -> None:
+    """Checks the address of a target.
+
+    Args:
+        url: the address.
+        type_name: the target's type.
+
+    Raises:
+        ConfigError: it cannot be an address. The message shows no more of it than scheme and host.
+    """
+    shown = _shown_url(url)
+
+    def refuse(expected: str) -> NoReturn:
+        raise ConfigError(f"expected {expected}, got {shown}")
+
+    if any(letter.isspace() or not letter.isprintable() for letter in url):
+        refuse("an address without blanks")
+    scheme, separator, rest = url.partition("://")
+    if type_name == "apprise":
+        if not (separator and _SCHEME.match(scheme.lower()) and rest):
+            refuse("an address of Apprise, such as mailtos://user:password@host")
+        return
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError:
+        refuse("http://host:port or https://host:port")
+    if parts.scheme not in ("http", "https") or not parts.hostname or port == 0:
+        refuse("http://host:port or https://host:port")
+    if "@" in parts.netloc:
+        refuse("an address without user and password")
+    if type_name == "alertmanager" and (parts.query or parts.fragment):
+        refuse("an address without ? and #")
+
+
+def _shown_url(url: str) -> str:
+    """Returns scheme and host: the rest of an address may be a secret."""
+    scheme, separator, rest = url.partition("://")
+    if not separator:
+        return "an address without a scheme" if url else "''"
+    host = re.split(r"[/?#]", rest.rpartition("@")[2] if "@" in rest else rest)[0]
+    return repr(f"{scheme}://{host}"[:_MOST_SHOWN])
+
+
+def _read(tree: Mapping[str, Any], folder: str) -> OpsConfig:
+    problems = Problems()
+    with problems:
+        read_parameters(tree, (), (), SECTIONS)
+    history: Optional[HistorySettings] = None
+    targets: List[TargetSettings] = []
+    server: Optional[ServerOptions] = None
+    if "history" in tree:
+        with problems:
+            history = _read_history(tree["history"], ("history",), folder)
+    if "notify" in tree:
+        with problems:
+            targets = _read_targets(tree["notify"], ("notify",), folder)
+    if "server" in tree:
+        with problems:
+            server = _read_server(tree["server"], ("server",), folder)
+    problems.raise_if_any()
+    return OpsConfig(history, tuple(targets), server)
+
+
+def _read_history(found: object, path: Path, folder: str) -> HistorySettings:
+    problems = Problems()
+    tree = require_mapping(found, path)
+    values = _read_values(tree, HISTORY_PARAMETERS, path, problems)
+    if not tree.get("file", ""):
+        problems.add(ConfigError("expected the path of the history file, got nothing", (*path, "file")))
+    elif str(values.get("file", "")).endswith("/"):
+        got = f"the folder {values['file']!r}"
+        problems.add(ConfigError(f"expected the path of a file, got {got}", (*path, "file")))
+    problems.raise_if_any()
+    return HistorySettings(_resolve(values["file"], folder), values["keep_days"], values["keep_mb"])
+
+
+def _read_targets(found: object, path: Path, folder: str) -> List[TargetSettings]:
+    tree = require_mapping(found, path)
+    if len(tree) > MOST_TARGETS:
+        raise ConfigError(f"expected at most {MOST_TARGETS} targets, got {len(tree)}", path)
+    problems = Problems()
+    targets = []
+    for name, target in tree.items():
+        with problems:
+            if not _TARGET_NAME.match(name):
+                problem = "expected a name of at most 64 letters, digits, _, . and -"
+                problems.add(ConfigError(problem, (*path, name)))
+            targets.append(_read_target(name, target, (*path, name), folder))
+    problems.raise_if_any()
+    return targets
+
+
+def _read_target(name: str, found: object, path: Path, folder: str) -> TargetSettings:
+    tree = require_mapping(found, path)
+    problems = Problems()
+    kind = ""
+    with problems:
+        if "type" not in tree:
+            raise ConfigError(f"is missing; expected {_TYPE.allowed}", (*path, "type"))
+        kind = _TYPE.read(tree["type"], (*path, "type"))
+    keys = _KEYS.get(kind, [parameter.name for parameter in TARGET_PARAMETERS])
+    of_others = [parameter.name for parameter in TARGET_PARAMETERS if parameter.name not in keys]
+    for key in of_others:
+        if key in tree:
+            problem = f"not a key of a target of type {kind}; expected one of {', '.join(keys)}"
+            problems.add(ConfigError(problem, (*path, key)))
+    url = tree.get("url", "")
+    if not (isinstance(url, str) and url.isprintable()):
+        # What was found is not shown: it may contain a secret.
+        problems.add(ConfigError("expected printable text, got something else", (*path, "url")))
+        of_others.append("url")
+    values = _read_values(
+        {key: value for key, value in tree.items() if key not in ("type", *of_others)},
+        [parameter for parameter in TARGET_PARAMETERS if parameter.name in keys and parameter is not _TYPE],
+        path,
+        problems,
+    )
+    if kind:
+        for check in (_check_address, _check_command, _check_patterns, _check_period):
+            with problems:
+                check(values, tree, kind, path)
+    problems.raise_if_any()
+    if values.get("url_file"):
+        values["url_file"] = _resolve(values["url_file"], folder)
+    if "command" in values and "/" in values["command"][0]:
+        values["command"] = (_resolve(values["command"][0], folder), *values["command"][1:])
+    if "min_level" in values:
+        values["min_level"] = Level[values["min_level"]]
+    return TargetSettings(name, kind, **values)
+
+
+def _check_address(values: Mapping[str, Any], tree: Mapping[str, Any], kind: str, path: Path) -> None:
+    if "url" not in _KEYS[kind]:
+        return
+    if tree.get("url") and tree.get("url_file"):
+        raise ConfigError("expected either url or url_file, got both", (*path, "url_file"))
+    if not tree.get("url") and not tree.get("url_file"):
+        raise ConfigError("expected either url or url_file, got neither", path)
+    if values.get("url"):
+        try:
+            check_url(values["url"], kind)
+        except ConfigError as error:
+            raise ConfigError(error.problem, (*path, "url")) from None
+
+
+def _check_command(values: Mapping[str, Any], tree: Mapping[str, Any], kind: str, path: Path) -> None:
+    if "command" in values and not (values["command"] and values["command"][0].strip()):
+        got = "nothing" if not values["command"] else "an empty text"
+        raise ConfigError(f"expected a program and its arguments, got {got}", (*path, "command"))
+
+
+def _check_patterns(values: Mapping[str, Any], tree: Mapping[str, Any], kind: str, path: Path) -> None:
+    for key in ("robots", "signals"):
+        _refuse_empty(values.get(key, ()), (*path, key))
+
+
+def _check_period(values: Dict[str, Any], tree: Mapping[str, Any], kind: str, path: Path) -> None:
+    if "every_s" not in values or values.get("timeout_s", 0.0) <= values["every_s"]:
+        return
+    if "timeout_s" in tree:
+        most, got = bound_text(values["every_s"]), bound_text(values["timeout_s"])
+        raise ConfigError(f"expected at most every_s ({most}), got {got}", (*path, "timeout_s"))
+    values["timeout_s"] = values["every_s"]
+
+
+def _read_server(found: object, path: Path, folder: str) -> ServerOptions:
+    problems = Problems()
+    tree = require_mapping(found, path)
+    values = _read_values(tree, SERVER_PARAMETERS, path, problems)
+    for one, other in (("tls_certificate", "tls_key"), ("tls_key", "tls_certificate")):
+        if tree.get(one) and not tree.get(other):
+            problems.add(ConfigError(f"expected {other} as well, got {one} alone", (*path, one)))
+    for key in ("allow_publish", "allow_call", "allow_offer"):
+        with problems:
+            _refuse_empty(values.get(key, ()), (*path, key))
+    address = values.get("address", "")
+    if any(letter.isspace() or letter == "/" for letter in address):
+        problem = f"expected an IP address or the name of a host, got {address[:_MOST_SHOWN]!r}"
+        problems.add(ConfigError(problem, (*path, "address")))
+    problems.raise_if_any()
+    for key in ("token_file", "tls_certificate", "tls_key"):
+        values[key] = _resolve(values[key], folder)
+    return ServerOptions(**values)
+
+
+def _read_values(
+    found: Mapping[str, Any], parameters: Sequence[Parameter], path: Path, problems: Problems
+) -> Dict[str, Any]:
+    """Reads each key on its own, so that a wrong one does not hide the mistakes of others; wrong ones are left out."""
+    values = read_parameters({}, parameters)
+    for key, value in found.items():
+        values.pop(key, None)
+        with problems:
+            values[key] = read_parameters({key: value}, parameters, path)[key]
+    return values
+
+
+def _refuse_empty(patterns: Sequence[str], path: Path) -> None:
+    if any(not pattern.strip() for pattern in patterns):
+        raise ConfigError("expected patterns of names, got an empty text", path)
+
+
+def _resolve(file: str, folder: str) -> str:
+    """Returns a path of the file as an absolute one; `~` is the home directory."""
+    return os.path.normpath(os.path.join(folder, os.path.expanduser(file))) if file else ""

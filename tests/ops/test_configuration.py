@@ -1,0 +1,261 @@
+"""ops.yaml: what it gives, and every mistake with file, line and key. The expected lines are written by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.ops.configuration import (
+    HistorySettings,
+    OpsConfig,
+    ServerOptions,
+    TargetSettings,
+    check_url,
+    read_ops,
+)
+
+DESIGN = """\
+history: {file: /var/lib/robot-health/history.db, keep_days: 90, keep_mb: 100}
+notify:
+  pager: {type: alertmanager, url: "http://10.0.0.2:9093", min_level: WARN}
+  chat:  {type: webhook, url_file: /etc/robot-health/chat.url, min_level: ERROR}
+  horn:  {type: command, command: [/usr/local/bin/horn], min_level: ERROR, timeout_s: 10}
+  mail:  {type: apprise, url_file: /etc/robot-health/mail.url}
+  alive: {type: heartbeat, url: "https://example.com/alive", every_s: 60}
+server: {port: 9090, address: 127.0.0.1, token_file: "", tls_certificate: "", tls_key: "", allow_publish: [], \
+allow_call: [], allow_offer: []}
+"""
+
+
+def read(folder: Path, text: str) -> OpsConfig:
+    file = folder / "ops.yaml"
+    file.write_text(text, encoding="utf-8")
+    return read_ops(read_yaml(file))
+
+
+def mistakes(folder: Path, text: str) -> List[str]:
+    """Returns the lines of the error, without the name of the folder."""
+    with pytest.raises(ConfigError) as caught:
+        read(folder, text)
+    return [str(error).replace(f"{folder}/", "") for error in caught.value.all]
+
+
+def test_the_file_of_the_design_is_read(tmp_path: Path) -> None:
+    assert read(tmp_path, DESIGN) == OpsConfig(
+        HistorySettings("/var/lib/robot-health/history.db", 90.0, 100.0),
+        (
+            TargetSettings("pager", "alertmanager", Level.WARN, url="http://10.0.0.2:9093"),
+            TargetSettings("chat", "webhook", Level.ERROR, url_file="/etc/robot-health/chat.url"),
+            TargetSettings("horn", "command", Level.ERROR, command=("/usr/local/bin/horn",), timeout_s=10.0),
+            TargetSettings("mail", "apprise", Level.WARN, url_file="/etc/robot-health/mail.url"),
+            TargetSettings("alive", "heartbeat", url="https://example.com/alive", every_s=60.0),
+        ),
+        ServerOptions(9090, "127.0.0.1"),
+    )
+
+
+@pytest.mark.parametrize("section", ["history: {file: a.db}", "notify: {}", "server: {}"])
+def test_every_section_is_optional(tmp_path: Path, section: str) -> None:
+    assert read(tmp_path, section)
+
+
+def test_relative_paths_are_relative_to_the_file(tmp_path: Path) -> None:
+    config = read(
+        tmp_path,
+        "history: {file: data/../history.db}\n"
+        "notify:\n"
+        "  chat: {type: webhook, url_file: chat.url}\n"
+        "  horn: {type: command, command: [./horn, ./loud]}\n"
+        "  bell: {type: command, command: [bell]}\n"
+        "server: {token_file: token, tls_certificate: tls/cert.pem, tls_key: /etc/key.pem}\n",
+    )
+    assert config.history == HistorySettings(f"{tmp_path}/history.db")
+    chat, horn, bell = config.notify
+    assert chat.url_file == f"{tmp_path}/chat.url"
+    assert horn.command == (f"{tmp_path}/horn", "./loud")  # the arguments are left alone
+    assert bell.command == ("bell",)  # from PATH
+    assert config.server == ServerOptions(
+        token_file=f"{tmp_path}/token", tls_certificate=f"{tmp_path}/tls/cert.pem", tls_key="/etc/key.pem"
+    )
+
+
+def test_the_home_directory_may_be_written_as_a_tilde(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", "/home/ada")
+    assert read(tmp_path, "history: {file: ~/history.db}").history == HistorySettings("/home/ada/history.db")
+
+
+def test_a_heartbeat_that_is_more_frequent_than_the_default_timeout_has_a_shorter_timeout(tmp_path: Path) -> None:
+    (target,) = read(tmp_path, "notify: {alive: {type: heartbeat, url: 'http://a/b', every_s: 5}}").notify
+    assert (target.every_s, target.timeout_s) == (5.0, 5.0)
+
+
+WRONG = """\
+history:
+  file: history.db
+  keep_days: -1
+  keep_gb: 3
+notfy: {}
+notify:
+  pager: {type: alertmanger, url: "http://10.0.0.2:9093"}
+  both: {type: webhook, url: "http://a", url_file: b}
+  neither: {type: webhook, min_level: WARN}
+  ftp:
+    type: webhook
+    url: ftp://files/abc
+    min_level: warn
+  horn: {type: command, command: /usr/local/bin/horn, url: "http://a"}
+  alive: {type: heartbeat, url: "http://a", every_s: 5, timeout_s: 10, min_level: ERROR}
+  "a b": {type: webhook, url: "http://a"}
+  empty: {type: command, command: []}
+  later: {url: "http://a"}
+  list: [webhook]
+server:
+  port: 70000
+  address: http://0.0.0.0
+  tls_certificate: a.pem
+  allow_publish: /cmd_vel
+"""
+
+
+def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) -> None:
+    types = "one of alertmanager, webhook, command, apprise, heartbeat"
+    assert mistakes(tmp_path, WRONG) == [
+        "ops.yaml:3: history.keep_days: expected a number from 0.01 to 36500, got -1",
+        "ops.yaml:4: history.keep_gb: unknown key; did you mean keep_mb? expected one of file, keep_days, keep_mb",
+        "ops.yaml:5: notfy: unknown key; did you mean notify? expected one of history, notify, server",
+        f"ops.yaml:7: notify.pager.type: expected {types}, got 'alertmanger'",
+        "ops.yaml:8: notify.both.url_file: expected either url or url_file, got both",
+        "ops.yaml:9: notify.neither: expected either url or url_file, got neither",
+        "ops.yaml:12: notify.ftp.url: expected http://host:port or https://host:port, got 'ftp://files'",
+        "ops.yaml:13: notify.ftp.min_level: expected one of WARN, STALE, ERROR, got 'warn'",
+        "ops.yaml:14: notify.horn.url: not a key of a target of type command; expected one of type, command, "
+        "min_level, robots, signals, timeout_s",
+        "ops.yaml:14: notify.horn.command: expected a list of texts, got '/usr/local/bin/horn'",
+        "ops.yaml:15: notify.alive.min_level: not a key of a target of type heartbeat; expected one of type, url, "
+        "url_file, every_s, timeout_s",
+        "ops.yaml:15: notify.alive.timeout_s: expected at most every_s (5), got 10",
+        "ops.yaml:16: notify.a b: expected a name of at most 64 letters, digits, _, . and -",
+        "ops.yaml:17: notify.empty.command: expected a program and its arguments, got nothing",
+        f"ops.yaml:18: notify.later.type: is missing; expected {types}",
+        "ops.yaml:19: notify.list: expected a mapping of keys to values, got ['webhook']",
+        "ops.yaml:21: server.port: expected a whole number from 0 to 65535, got 70000",
+        "ops.yaml:22: server.address: expected an IP address or the name of a host, got 'http://0.0.0.0'",
+        "ops.yaml:23: server.tls_certificate: expected tls_key as well, got tls_certificate alone",
+        "ops.yaml:24: server.allow_publish: expected a list of texts, got '/cmd_vel'",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("history: {}", "ops.yaml:1: history.file: expected the path of the history file, got nothing"),
+        ("history:", "ops.yaml:1: history: expected a mapping of keys to values, got nothing"),
+        ("history: {file: 3}", "ops.yaml:1: history.file: expected printable text, got 3; quote it"),
+        ("history: {file: data/}", "ops.yaml:1: history.file: expected the path of a file, got the folder 'data/'"),
+        (
+            "history: {file: a, keep_mb: .nan}",
+            "ops.yaml:1: history.keep_mb: expected a number from 1 to 1000000, got nan",
+        ),
+        ("notify: [a]", "ops.yaml:1: notify: expected a mapping of keys to values, got ['a']"),
+        (
+            "notify: {a: {type: heartbeat, url: 'http://a', every_s: 5, timeout_s: 10}}",
+            "ops.yaml:1: notify.a.timeout_s: expected at most every_s (5), got 10",
+        ),
+        (
+            "notify: {a: {type: webhook, url: 'http://a', robots: ['']}}",
+            "ops.yaml:1: notify.a.robots: expected patterns of names, got an empty text",
+        ),
+        (
+            "notify: {a: {type: webhook, url: 'http://ada:secret@a'}}",
+            "ops.yaml:1: notify.a.url: expected an address without user and password, got 'http://a'",
+        ),
+        (
+            "notify: {a: {type: webhook, url: [secret]}}",
+            "ops.yaml:1: notify.a.url: expected printable text, got something else",
+        ),
+        (
+            'notify: {a: {type: webhook, url: "http://secret\\n"}}',
+            "ops.yaml:1: notify.a.url: expected printable text, got something else",
+        ),
+        (
+            "server: {address: 'http://0.0.0.0'}",
+            "ops.yaml:1: server.address: expected an IP address or the name of a host, got 'http://0.0.0.0'",
+        ),
+        ("server: {tls_key: a}", "ops.yaml:1: server.tls_key: expected tls_certificate as well, got tls_key alone"),
+        (
+            "server: {allow_call: [/reset, ' ']}",
+            "ops.yaml:1: server.allow_call: expected patterns of names, got an empty text",
+        ),
+    ],
+)  # fmt: skip
+def test_one_mistake(tmp_path: Path, text: str, line: str) -> None:
+    assert mistakes(tmp_path, text) == [line]
+
+
+def test_more_targets_than_the_limit_are_refused(tmp_path: Path) -> None:
+    targets = "".join(f"  t{number}: {{type: webhook, url: 'http://a'}}\n" for number in range(51))
+    assert mistakes(tmp_path, f"notify:\n{targets}") == ["ops.yaml:1: notify: expected at most 50 targets, got 51"]
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["http://10.0.0.2:9093", "https://alerts.example.com/prefix", "http://[::1]:9093", "http://alertmanager"],
+)
+def test_addresses_that_may_be_alertmanagers(url: str) -> None:
+    check_url(url, "alertmanager")
+
+
+@pytest.mark.parametrize(
+    ("url", "type_name", "problem"),
+    [
+        ("10.0.0.2:9093", "alertmanager", "http://host:port or https://host:port, got an address without a scheme"),
+        ("http://", "alertmanager", "http://host:port or https://host:port, got 'http://'"),
+        ("http://host:99999", "webhook", "http://host:port or https://host:port, got 'http://host:99999'"),
+        ("http://host:0", "webhook", "http://host:port or https://host:port, got 'http://host:0'"),
+        ("http://[::1", "webhook", "http://host:port or https://host:port, got 'http://[::1'"),
+        ("http://a/?key=secret", "alertmanager", "an address without ? and #, got 'http://a'"),
+        ("http://a/b c", "webhook", "an address without blanks, got 'http://a'"),
+        ("file:///etc/secret", "heartbeat", "http://host:port or https://host:port, got 'file://'"),
+        (
+            "mailto:ada@a",
+            "apprise",
+            "an address of Apprise, such as mailtos://user:password@host, got an address without a scheme",
+        ),
+    ],
+)
+def test_addresses_that_cannot_be_used_are_refused_without_their_secrets(
+    url: str, type_name: str, problem: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        check_url(url, type_name)
+    assert str(caught.value) == f"expected {problem}"
+
+
+def test_an_address_is_not_shown_with_its_target() -> None:
+    assert "secret" not in repr(TargetSettings("chat", "webhook", url="https://example.com/secret"))
+
+
+_KEYS = st.sampled_from(
+    ["history", "notify", "server", "file", "type", "url", "url_file", "command", "robots", "port", "tls_key"]
+)
+_LEAVES = st.sampled_from(
+    [None, True, -1, 10**400, float("nan"), "", "a", "\n", "http://a", "webhook", "heartbeat", "command", ["a"], {}]
+)
+_TARGETS = st.dictionaries(_KEYS, _LEAVES | st.dictionaries(_KEYS, _LEAVES, max_size=4), max_size=3)
+
+
+@given(st.dictionaries(_KEYS, _LEAVES | _TARGETS, max_size=4))
+def test_any_mapping_is_read_or_refused(tree: Dict[str, Any]) -> None:
+    file = YamlFile(tree, {}, "ops.yaml")
+    try:
+        config: Optional[OpsConfig] = read_ops(file)
+    except ConfigError:
+        config = None
+    assert config is None or (config == read_ops(file) and set(tree) <= {"history", "notify", "server"})
