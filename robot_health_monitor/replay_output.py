@@ -11,9 +11,9 @@ from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.transition_json import json_line
 
 from .output.events import Entry
-from .output.json_lines import json_line
 from .output.plain import plain_line
 from .replay_table import plain_table, rich_table
 

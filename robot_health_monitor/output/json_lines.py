@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import math
-from typing import Any, Dict, Mapping, Sequence, TextIO
+from typing import Sequence, TextIO
 
-from robot_health_monitor.core.formatting import datum_text
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.transition_json import json_line
 
 from .display import Shown
 from .events import Entry
 from .plain import dropped_line, plain_line
 from .stream_writer import StreamWriter
-
-FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
-"""The fields of a transition that are written. Its status is left out: it repeats them as text."""
-
-
-_LARGE = 10**1000
 
 
 class JsonLines:
@@ -71,34 +63,8 @@ class JsonLines:
         return "".join(f"{json_line(entry.event)}\n" for entry in entries if isinstance(entry.event, Transition))
 
 
-def json_line(transition: Transition, **further: str) -> str:
-    """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
-
-    Args:
-        transition: what to format.
-        further: fields to add.
-    """
-    fields: Dict[str, Any] = {name: getattr(transition, name) for name in FIELDS}
-    fields.update(further)
-    return json.dumps({name: _as_json(value) for name, value in fields.items()})
-
-
 def _render_log(entries: Sequence[Entry], dropped: int) -> str:
     lines = [plain_line(entry) for entry in entries]
     if dropped:
         lines.insert(0, dropped_line(dropped))
     return "".join(f"{line}\n" for line in lines)
-
-
-def _as_json(value: object) -> object:
-    if isinstance(value, Level):
-        return value.name
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _as_json(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_as_json(item) for item in value]
-    if value is None or isinstance(value, (str, bool)) or (isinstance(value, int) and abs(value) < _LARGE):
-        return value
-    return datum_text(value)  # such as an integer of 5,000 digits, which Python does not convert to text
