@@ -1,0 +1,1 @@
+"""The history: transitions with their evidence, and what a restarted monitor resumes from, in one SQLite file."""

@@ -1,0 +1,145 @@
+"""The tables of a history file, their version, and the migration of older files.
+
+The tables of notifications and silences are here too, so that one version describes the whole file.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from typing import Callable, Mapping
+
+APPLICATION_ID = 0x524F4248
+"""Identifies the file as a history, in the SQLite header: "ROBH"."""
+
+SCHEMA_VERSION = 1
+"""Version of the tables, in the SQLite header (`PRAGMA user_version`)."""
+
+_TABLES = """
+-- Runs of the monitor. Between alive_s (or stopped_s) of one and started_s of the next is a gap.
+CREATE TABLE runs (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    started_s REAL NOT NULL,             -- times: wall clock, seconds since 1970 (UTC)
+    alive_s REAL NOT NULL,               -- the monitor was still running then
+    stopped_s REAL,                      -- NULL: running, or killed
+    version TEXT NOT NULL                -- of the software
+);
+-- Which robots a run watched, and when.
+CREATE TABLE watches (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    run_id INTEGER NOT NULL REFERENCES runs(id),
+    robot TEXT NOT NULL,
+    started_s REAL NOT NULL,
+    stopped_s REAL                       -- NULL: until the end of the run
+);
+CREATE INDEX watches_of_run ON watches(run_id);
+CREATE TABLE transitions (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, -- the order of events, also when the wall clock is set back
+    wall_s REAL NOT NULL,
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    from_level INTEGER NOT NULL,         -- 0 OK, 1 WARN, 2 ERROR, 3 STALE
+    to_level INTEGER NOT NULL,
+    value,                               -- a number, or the text of a bad datum
+    statistic TEXT NOT NULL,
+    bound REAL,
+    now_s REAL NOT NULL,                 -- on the adapter's clock, as since_s
+    since_s REAL NOT NULL,
+    fingerprint TEXT NOT NULL,
+    text TEXT NOT NULL,
+    statistics TEXT NOT NULL,            -- JSON object
+    repeated INTEGER NOT NULL            -- 1: a repetition (repeat_s), no change of level
+);
+CREATE INDEX transitions_by_time ON transitions(wall_s);
+CREATE INDEX transitions_by_signal ON transitions(robot, signal, id);
+-- The samples of the window at the time of a transition; see evidence.py.
+CREATE TABLE evidence (
+    transition_id INTEGER PRIMARY KEY REFERENCES transitions(id),
+    samples BLOB NOT NULL
+);
+-- What a restarted monitor resumes from: the last state of each signal.
+CREATE TABLE signal_states (
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    state TEXT NOT NULL,                 -- JSON object
+    PRIMARY KEY (robot, signal)
+) WITHOUT ROWID;
+CREATE TABLE resets (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    wall_s REAL NOT NULL,
+    robot TEXT NOT NULL
+);
+-- Each distinct configuration once, and when it came into force.
+CREATE TABLE configurations (
+    hash TEXT PRIMARY KEY,               -- SHA-256 of the text
+    text TEXT NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE configuration_changes (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    wall_s REAL NOT NULL,
+    robot TEXT NOT NULL,
+    hash TEXT NOT NULL REFERENCES configurations(hash)
+);
+"""
+
+LIVE_TABLES = ("signal_states",)
+"""Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
+written the monitor goes on with a copy of them in memory."""
+
+_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {}
+"""By version: migrates a file from this version to the next one, inside a transaction."""
+
+
+class UnknownSchemaError(Exception):
+    """A file that this version cannot use: written by a newer version, or no history at all. `str()` says which."""
+
+
+def prepare(connection: sqlite3.Connection) -> None:
+    """Creates the tables in an empty database, or migrates those of an older version, in one transaction.
+
+    Args:
+        connection: in autocommit mode (`isolation_level=None`).
+
+    Raises:
+        UnknownSchemaError: the file is no history, or from a newer version; it is unchanged.
+        sqlite3.Error: the file is damaged or cannot be written.
+    """
+    if _version(connection) == SCHEMA_VERSION:
+        return
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        version = _version(connection)
+        if version == 0:
+            for statement in _TABLES.split(";\n"):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            version = SCHEMA_VERSION
+        while version < SCHEMA_VERSION:
+            _MIGRATIONS[version](connection)
+            version += 1
+        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+    except BaseException:
+        connection.execute("ROLLBACK")
+        raise
+    connection.execute("COMMIT")
+
+
+def require_known(connection: sqlite3.Connection) -> None:
+    """Raises UnknownSchemaError unless the file is a history of this version."""
+    if _version(connection) != SCHEMA_VERSION:
+        raise UnknownSchemaError("it is from an older version of the monitor, which has to open it once")
+
+
+def _version(connection: sqlite3.Connection) -> int:
+    """Returns the version of the tables; 0: there are none."""
+    version: int = connection.execute("PRAGMA user_version").fetchone()[0]
+    application_id: int = connection.execute("PRAGMA application_id").fetchone()[0]
+    tables: int = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+    if tables == 0:
+        return 0
+    if application_id != APPLICATION_ID:
+        raise UnknownSchemaError("it is an SQLite database, but not a history")
+    if version > SCHEMA_VERSION:
+        raise UnknownSchemaError(
+            f"it was written by a newer version (schema {version}; this version knows up to {SCHEMA_VERSION})"
+        )
+    return version

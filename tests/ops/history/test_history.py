@@ -1,0 +1,69 @@
+"""The history of a monitor: what it stores, and what a restarted monitor finds."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Iterator, List
+
+import pytest
+
+from robot_health_monitor.core import Level, Monitor, Sample, load_config
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.model import Transition
+from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.history.reader import HistoryReader
+
+
+def low_battery(now_s: float = 1.0) -> Transition:
+    """Returns the transition to WARN of a monitor of the robot r1."""
+    monitor = Monitor(load_config({"signals": {"battery_level": {"warn_below": 20.0}}}), "r1")
+    [transition] = monitor.observe(Sample("battery_level", 15.0, now_s))
+    return transition
+
+
+@pytest.fixture
+def history(tmp_path: Path) -> Iterator[History]:
+    opened = History(HistorySettings(str(tmp_path / "history.db")), wall_time_s=lambda: 1_000_000.0)
+    yield opened
+    opened.close()
+
+
+def test_a_transition_is_committed_when_record_returns(history: History) -> None:
+    robot = history.of_robot("r1", Faults())
+    robot.record(low_battery(), {"level": 1}, [(999_999.0, 15.0)])
+    assert history.file is not None
+    with HistoryReader(history.file) as reader:
+        [stored] = reader.transitions()
+        assert (stored.wall_s, stored.robot, stored.to_level, stored.value) == (1_000_000.0, "r1", Level.WARN, 15.0)
+        assert reader.evidence(stored.id) == [(999_999.0, 15.0)]
+
+
+def test_a_restarted_monitor_finds_the_latest_state_of_each_signal(tmp_path: Path) -> None:
+    settings = HistorySettings(str(tmp_path / "history.db"))
+    first = History(settings)
+    robot = first.of_robot("r1", Faults())
+    robot.save({"battery_level": {"level": 0}, "temperature": {"level": 0}})
+    robot.record(low_battery(), {"level": 1}, [])
+    robot.save({"temperature": {"level": 2}, "cpu_usage": {"level": 0}})
+    robot.save({"cpu_usage": {}})
+    first.close()
+    second = History(settings)
+    assert second.of_robot("r1", Faults()).restore() == {"battery_level": {"level": 1}, "temperature": {"level": 2}}
+    assert second.of_robot("r2", Faults()).restore() == {}
+    second.close()
+
+
+def test_hooks_store_rows_in_the_transaction_of_the_transition(history: History) -> None:
+    seen: List[object] = []
+    history.on_record(lambda connection, number, transition, wall_s: seen.append((number, transition.signal, wall_s)))
+    history.of_robot("r1", Faults()).record(low_battery(), {}, [])
+    assert seen == [(1, "battery_level", 1_000_000.0)]
+
+
+def test_without_a_file_the_history_is_in_memory() -> None:
+    history = History(None, time.time)
+    history.of_robot("r1", Faults()).record(low_battery(), {}, [])
+    assert history.run(lambda connection: connection.execute("SELECT count(*) FROM transitions").fetchone()) == (1,)
+    history.close()
