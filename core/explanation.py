@@ -73,7 +73,7 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     """
     config = judgement.config
     values: Dict[str, str] = {
-        "value": _latest_text(judgement),
+        "value": latest_text(judgement),
         "unit": config.unit,
         "statistic": config.statistic,
     }
@@ -123,7 +123,7 @@ def reason(judgement: Judgement) -> str:
     if judgement.state == "unreachable":
         if not judgement.seen:
             return "link down, no sample yet"
-        value = with_unit(_latest_text(judgement), config.unit)
+        value = with_unit(latest_text(judgement), config.unit)
         return f"link down, last value {value} {duration_text(judgement.now_s - judgement.last_seen_s)} ago"
     if config.name == LINK:
         return _link_reason(judgement)
@@ -138,6 +138,19 @@ def reason(judgement: Judgement) -> str:
     return f"{text}, no sample for {silence}" if judgement.is_stale else text
 
 
+def judged_unit(config: SignalConfig) -> str:
+    """Returns the unit of the statistic that the bounds apply to."""
+    return {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
+
+
+def latest_text(judgement: Judgement) -> str:
+    """Returns the latest datum, in the unit but without it; empty before the first."""
+    if not judgement.seen:
+        return ""
+    number = converted(judgement.config, as_float(judgement.latest))
+    return number_text(number) if math.isfinite(number) else datum_text(judgement.latest)
+
+
 def _link_reason(judgement: Judgement) -> str:
     down = f"down: {judgement.cause}" if judgement.cause else "down"
     if judgement.level is Level.OK:
@@ -145,13 +158,6 @@ def _link_reason(judgement: Judgement) -> str:
     if judgement.rule is not None and judgement.rule.state is State.KEEPING:
         return "up, held by keep_firing_for_s"
     return down
-
-
-def _latest_text(judgement: Judgement) -> str:
-    if not judgement.seen:
-        return ""
-    number = converted(judgement.config, as_float(judgement.latest))
-    return number_text(number) if math.isfinite(number) else datum_text(judgement.latest)
 
 
 def _invalid_reason(judgement: Judgement) -> str:
@@ -166,14 +172,14 @@ def _invalid_reason(judgement: Judgement) -> str:
         if limit is not None and is_beyond(number, limit):
             shown = number_text(number, limit) if math.isfinite(number) else datum_text(judgement.latest)
             return f"invalid data: {with_unit(shown, config.unit)} is {name} {bound_text(limit)}"
-    return f"invalid data: {_latest_text(judgement)}"
+    return f"invalid data: {latest_text(judgement)}"
 
 
 def _value_reason(judgement: Judgement) -> str:
     config, rule, judged = judgement.config, judgement.rule, judgement.judged
-    unit = {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
+    unit = judged_unit(config)
     if not judgement.good_samples:
-        return f"no valid sample yet: {_latest_text(judgement)}"
+        return f"no valid sample yet: {latest_text(judgement)}"
     if judged is None:
         return _undefined_reason(judgement)
     bound = None if rule is None else rule.bound

@@ -15,7 +15,7 @@ from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
 from .field_path import ABSENT, mapping_getter
 from .formatting import printable
-from .middleware import Message, Severity, resolve_name
+from .middleware import Message, Result, Severity, resolve_name
 from .parameters import Parameter, flatten, unflatten
 from .standard_messages import check_field
 from .timers import ClockTimer, ClockTimers
@@ -267,6 +267,11 @@ class MappingNode(abc.ABC):
                 callback(*arguments)
             except Exception as error:
                 self.log_failure(error)
+
+    def exclusively(self, function: Callable[[], Result]) -> Result:
+        """As `Middleware.exclusively`."""
+        with self._lock:
+            return function()
 
     def call_back(self, subscription: Delivery, value: Any) -> None:
         """Passes a value to a subscription's callback, with the time; waits for /clock under `use_sim_time`."""

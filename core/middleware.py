@@ -24,13 +24,15 @@ Every implementation guarantees:
 from __future__ import annotations
 
 import enum
-from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence, TypeVar
 
 from .faults import Faults
 from .parameters import Parameter
 
 Message = Mapping[str, Any]
 """A message, request or response in rosbridge's form."""
+
+Result = TypeVar("Result")
 
 
 class Severity(enum.IntEnum):
@@ -169,6 +171,13 @@ class Middleware(Protocol):
             period_s: the period in seconds.
             callback: called with `now_s`.
             steady: measure the period on `steady_s`, for work that must go on while a simulator is paused.
+        """
+
+    def exclusively(self, function: Callable[[], Result]) -> Result:
+        """Calls a function while no callback of this node runs, and returns its result. For code in other threads.
+
+        Raises:
+            Exception: what the function raised.
         """
 
     def log(self, severity: Severity, text: str) -> None:

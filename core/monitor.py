@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Dict, List, Optional
+from typing import Dict, List, Mapping, Optional
 
 from . import explanation
 from .config import CONDITIONS, LINK, MonitorConfig, read_signal
+from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status, Transition
 from .signal_monitor import SignalMonitor
@@ -150,22 +151,32 @@ class Monitor:
         Args:
             now_s: the time in seconds, for ages.
         """
-        signals = self._signals
-        if not signals:
-            now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
-            signals = self._new_signals(now_s)
-        elif not self._now_s <= now_s <= _LARGEST:
-            now_s = self._now_s
-        statuses = {name: explanation.status(signal.judgement(now_s)) for name, signal in signals.items()}
+        now_s = self._time_to_show(now_s)
+        statuses = {name: explanation.status(judgement) for name, judgement in self.judgements(now_s).items()}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
+
+    def judgements(self, now_s: float) -> Mapping[str, Judgement]:
+        """Returns the state of every signal, without the texts of `report`. Reads only.
+
+        Args:
+            now_s: the time in seconds, for ages.
+        """
+        now_s = self._time_to_show(now_s)
+        signals = self._signals or self._new_signals(now_s)
+        return {name: signal.judgement(now_s) for name, signal in signals.items()}
+
+    @property
+    def link_up(self) -> Optional[bool]:
+        """Whether the robot can be reached; None: it is not watched over a link."""
+        return None if LINK not in self._signals else not self._link_down
 
     def status(self, signal: str, now_s: float) -> Optional[Status]:
         """Returns the status of one signal as in `report`; None for an unknown signal or before the first call."""
         known = self._signals.get(signal)
         if known is None:
             return None
-        return explanation.status(known.judgement(now_s if self._now_s <= now_s <= _LARGEST else self._now_s))
+        return explanation.status(known.judgement(self._time_to_show(now_s)))
 
     def fresh_value(self, signal: str) -> Optional[float]:
         """Returns a signal's latest value; None while there is none, or it is bad, stale or unreachable."""
@@ -224,6 +235,12 @@ class Monitor:
 
     def _new_signals(self, now_s: float) -> Dict[str, SignalMonitor]:
         return {name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()}
+
+    def _time_to_show(self, now_s: float) -> float:
+        """Returns the time for ages: not before the last call."""
+        if not self._signals:
+            return now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
+        return now_s if self._now_s <= now_s <= _LARGEST else self._now_s
 
     def _unusual_time(self, now_s: float, changes: Changes) -> float:
         """Handles the first time, a time that went back, and an invalid time; returns the time to use."""

@@ -21,7 +21,7 @@ import rospy.topics
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.middleware import Message, Severity, resolve_name
+from robot_health_monitor.core.middleware import Message, Result, Severity, resolve_name
 from robot_health_monitor.core.parameters import Parameter, describe
 from robot_health_monitor.core.timers import PeriodicSchedule
 
@@ -179,6 +179,10 @@ class Ros1Middleware:
             timer.start()
             self._timers.append(timer)
         return timer
+
+    def exclusively(self, function: Callable[[], Result]) -> Result:
+        with self._lock:
+            return function()
 
     def log(self, severity: Severity, text: str) -> None:
         stream = "stdout" if severity < Severity.WARN else "stderr"

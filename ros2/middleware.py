@@ -25,7 +25,7 @@ from robot_health_monitor.core.config import NODE_PARAMETERS
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.middleware import Message, Result, Severity
 from robot_health_monitor.core.parameters import Parameter, unflatten
 
 from . import messages
@@ -200,6 +200,10 @@ class Ros2Middleware:
             )
             self._timers.append(timer)
         return timer
+
+    def exclusively(self, function: Callable[[], Result]) -> Result:
+        with self._lock:
+            return function()
 
     def log(self, severity: Severity, text: str) -> None:
         if not self.node.context.ok():

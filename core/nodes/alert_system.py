@@ -11,7 +11,7 @@ from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, describ
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
 from ..formatting import bound_text, printable, with_unit
-from ..middleware import Message, Middleware, Severity, Subscription, resolve_name
+from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets
@@ -118,6 +118,28 @@ class AlertSystem:
     def skip(self, since_s: float, until_s: float) -> None:
         """Leaves a time out of durations and silences, as `Monitor.skip`."""
         self._announce(self.monitor.skip(since_s, until_s), until_s)
+
+    @property
+    def robot(self) -> str:
+        """The robot's name."""
+        return self.monitor.robot
+
+    @property
+    def tick_age_s(self) -> float:
+        """Time since the last tick, in s; see `SelfMonitor.tick_age_s`. May be read in any thread."""
+        return self._self_monitor.tick_age_s
+
+    def read(self, function: Callable[[Monitor, float], Result]) -> Result:
+        """Calls `function(monitor, now_s)` while nothing changes the monitor. For code in other threads."""
+        return self._middleware.exclusively(lambda: function(self.monitor, self._middleware.now_s()))
+
+    def own_state(self) -> Tuple[Level, str]:
+        """Returns level and message of the node itself: those of its worst fault. May be called in any thread."""
+        return self._self_monitor.summary()
+
+    def reset(self) -> str:
+        """Clears latched alerts, as the service `~reset`; returns its message. May be called in any thread."""
+        return str(self._middleware.exclusively(lambda: self._reset({}))["message"])
 
     def close(self) -> None:
         """Leaves the middleware."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Optional
+from typing import Callable, Dict, Optional, Tuple
 
 from ..faults import Fault
 from ..formatting import number_text
@@ -86,15 +86,34 @@ class SelfMonitor:
         self._check_tick()
         self._announce_faults(steady_s)
 
+    @property
+    def tick_age_s(self) -> float:
+        """Time since the last tick, in s. Grows only while the node's clock and steady time both pass.
+
+        While a simulator is paused, or its clock has not come, there are no ticks: then the time since the last `check`
+        counts, which shows that the node runs.
+        """
+        steady_s = self._middleware.steady_s()
+        since_tick_s = 0.0
+        if self._tick_s is not None:
+            since_tick_s = min(self._middleware.now_s() - self._tick_s, steady_s - self._tick_steady_s)
+        return max(0.0, since_tick_s, steady_s - self._checked_s - CHECK_PERIOD_S)
+
     def status(self) -> Status:
         """Returns the node's own status: its level is that of its worst fault."""
         faults = self._middleware.faults.current()
         values = {key: self._read(report) for key, report in tuple(self.reports.items())}
         values.update((f"fault: {part}", fault.text) for part, fault in faults.items())
+        level, message = self.summary()
+        return Status(MONITOR, level, message, self._robot, values)
+
+    def summary(self) -> Tuple[Level, str]:
+        """Returns level and message of the status: those of the worst fault. May be called in any thread."""
+        faults = self._middleware.faults.current()
         if not faults:
-            return Status(MONITOR, Level.OK, "no faults", self._robot, values)
+            return Level.OK, "no faults"
         part, worst = max(faults.items(), key=lambda item: item[1].level.severity)
-        return Status(MONITOR, worst.level, _fault_text(part, worst), self._robot, values)
+        return worst.level, _fault_text(part, worst)
 
     @staticmethod
     def _read(report: Callable[[], str]) -> str:

@@ -1244,3 +1244,29 @@ def test_skipping_before_the_first_call_or_backwards_does_nothing() -> None:
     assert monitor.skip(math.nan, math.nan) == []
     assert monitor.skip(30.0, 20.0) == []
     assert monitor.tick(10.0) == []
+
+
+def test_judgements_are_those_of_the_report() -> None:
+    monitor = Monitor(load_config({"signals": {"battery_level": {"unit": "%", "warn_below": 20.0}}}))
+    assert monitor.judgements(0.0)["battery_level"].state == "waiting"
+    monitor.observe(Sample("battery_level", 10.0, 1.0))
+    monitor.observe(Sample("link", 1.0, 1.0))
+    judgements = monitor.judgements(5.0)
+    assert list(judgements) == ["battery_level", "link"]
+    battery = judgements["battery_level"]
+    assert (battery.level, battery.state, battery.judged, battery.since_s, battery.now_s) == (
+        WARN,
+        "firing",
+        10.0,
+        1.0,
+        5.0,
+    )
+
+
+def test_the_link_is_up_down_or_not_watched() -> None:
+    monitor = Monitor(load_config({"signals": {"battery_level": {"warn_below": 20.0}}}))
+    assert monitor.link_up is None
+    monitor.set_link(True, "", 1.0)
+    assert monitor.link_up is True
+    monitor.set_link(False, "refused", 2.0)
+    assert monitor.link_up is False

@@ -879,6 +879,34 @@ class PortConformance:
         harness.wait_until(done.is_set)
         assert not overlap.is_set()
 
+    def test_another_thread_can_keep_callbacks_from_running(self, harness: Harness) -> None:
+        node = harness.node("alert_system")
+        entered, leave = threading.Event(), threading.Event()
+        calls: List[str] = []
+
+        def linger() -> str:
+            entered.set()
+            leave.wait(10.0)
+            calls.append("outside")
+            return "result"
+
+        def release(value: Any, now_s: float) -> None:
+            calls.append("callback")
+
+        results: List[str] = []
+        thread = threading.Thread(target=lambda: results.append(node.exclusively(linger)))
+        node.subscribe("fast", FLOAT32, release, field="data")
+        thread.start()
+        assert entered.wait(10.0)
+        threading.Timer(0.2, leave.set).start()  # publishing may wait for the callback
+        harness.publish("/fast", FLOAT32, {"data": 0.0})
+        harness.wait_until(lambda: len(calls) == 2)
+        thread.join(10.0)
+        assert calls == ["outside", "callback"]
+        assert results == ["result"]
+        with pytest.raises(ZeroDivisionError):
+            node.exclusively(lambda: 1 / 0)
+
     def test_a_callback_that_raises_is_one_error_line_and_ends_nothing(self, harness: Harness) -> None:
         node, heard, times_s = harness.node("alert_system"), Recorder(), []  # type: ignore[var-annotated]
 

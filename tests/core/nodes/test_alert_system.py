@@ -410,3 +410,17 @@ def test_a_sample_can_be_given_without_a_topic(stage: Stage) -> None:
     alert_system, _ = stage.alert_system(BATTERY, {"test": levels_to(levels)})
     alert_system.observe(Sample("link", 0.0, 1.0))
     assert levels == [("link", "ERROR")]
+
+
+def test_other_threads_read_and_reset_it_as_a_callback_would(stage: Stage) -> None:
+    alert_system, middleware = stage.alert_system(LATCHING)
+    stage.publish("battery_level", 19.0)
+    stage.bus.run_until(3.0)
+    stage.publish("battery_level", 50.0)
+    assert alert_system.robot == "robot1"
+    assert alert_system.read(lambda monitor, now_s: (monitor.report(now_s).overall, now_s)) == (Level.STALE, 3.0)
+    assert alert_system.reset() == "reset: battery_level"
+    assert alert_system.read(lambda monitor, now_s: monitor.judgements(now_s)["battery_level"].level) is Level.OK
+    middleware.faults.report("disk", "full")
+    assert alert_system.own_state() == (Level.ERROR, "disk: full")
+    assert alert_system.tick_age_s == 0.0

@@ -86,3 +86,23 @@ def test_the_level_is_that_of_the_worst_fault(watch: Watch) -> None:
         "robot1",
     )
     assert [key for key in status.values if key.startswith("fault: ")] == ["fault: clock", "fault: disk", "fault: log"]
+
+
+def test_the_age_of_the_tick_grows_until_the_next_one(watch: Watch) -> None:
+    watch.check_at(101.0)
+    assert watch.monitor.tick_age_s == 0.0
+    watch.bus.run_due(107.5)
+    assert watch.monitor.tick_age_s == 6.5
+    watch.monitor.note_tick(107.5)
+    watch.monitor.check(0)
+    assert watch.monitor.tick_age_s == 0.0
+
+
+def test_a_paused_simulator_does_not_age_the_tick_but_a_node_that_stops_does() -> None:
+    bus = LocalBus(100.0)
+    monitor = SelfMonitor(bus.node("alert_system", use_sim_time=True), "robot1", 1.0, lambda event: None)
+    bus.run_due(120.0)
+    monitor.check(0)
+    assert monitor.tick_age_s == 0.0
+    bus.run_due(131.0)  # no check since 120 s
+    assert monitor.tick_age_s == 10.0
