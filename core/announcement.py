@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Any, Dict, Optional, Sequence
 
 from . import explanation
 from .config import SignalConfig
@@ -10,6 +10,7 @@ from .explanation import Judgement
 from .flapping import FlapDetector
 from .model import Level, Transition
 from .rule import TIME_TOLERANCE_S, Rule
+from .saved_state import Saved, age_s
 
 
 class Announcer:
@@ -80,6 +81,45 @@ class Announcer:
         self.rule = judgement.rule
         self._announced_at_s = judgement.now_s
         return transition
+
+    def snapshot(self, rules: Sequence[Rule], now_s: float) -> Dict[str, Any]:
+        """Returns the state at `now_s` as JSON values, without `since_s`.
+
+        Args:
+            rules: the rules of the signal; the one that explains the announced level is saved by its index.
+            now_s: the time in seconds.
+        """
+        state: Dict[str, Any] = {"level": self.level.name}
+        if self.rule is not None:
+            state["rule"] = rules.index(self.rule)
+        if self._repeat_s > 0.0 and self.level is not Level.OK:
+            state["repeat_waited_s"] = now_s - self._announced_at_s
+        flaps = self.flaps.snapshot()
+        return {**state, "flaps": flaps} if flaps else state
+
+    def restore(
+        self, saved: Saved, since: Optional[float], rules: Sequence[Rule], flaps: bool, now_s: float, wall_s: float
+    ) -> None:
+        """Continues from a snapshot.
+
+        Args:
+            saved: the snapshot.
+            since: when the level was announced, in seconds since 1970.
+            rules: the rules of the signal.
+            flaps: whether flap detection is enabled.
+            now_s: the time in seconds.
+            wall_s: the same in seconds since 1970.
+
+        Raises:
+            UnusableStateError: the snapshot is malformed.
+        """
+        if flaps:
+            self.flaps.restore(saved.section("flaps"))
+        rule = saved.number("rule")
+        self.rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
+        self.level = saved.level("level")
+        self.since_s = now_s - age_s(since, wall_s)
+        self._announced_at_s = now_s - saved.duration_s("repeat_waited_s")
 
     def restart(self, now_s: float) -> None:
         """Time went back to `now_s`, in seconds."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Dict, Iterable
+from typing import Dict, Iterable, Optional
 
 from .formatting import datum_text
 from .middleware import Message
@@ -28,8 +28,14 @@ def array_message(statuses: Iterable[Status], node: str) -> Message:
     return {"status": [status_message(status, node) for status in statuses]}
 
 
-def alert_message(transition: Transition, node: str) -> Message:
-    """Returns the DiagnosticStatus of one transition: its message is the alert line."""
+def alert_message(transition: Transition, node: str, silence: Optional[str] = None) -> Message:
+    """Returns the DiagnosticStatus of one transition: its message is the alert line.
+
+    Args:
+        transition: the transition.
+        node: base name of the node that judged it.
+        silence: text of the silence of its signal; None: it is not silenced.
+    """
     values: Dict[str, str] = {
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
@@ -40,6 +46,8 @@ def alert_message(transition: Transition, node: str) -> Message:
         "since_s": str(transition.since_s),
         "fingerprint": transition.fingerprint,
     }
+    if silence is not None:
+        values["silenced"] = silence
     status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values)
     return status_message(status, node)
 

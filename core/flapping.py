@@ -7,9 +7,10 @@ Source of the formula: Nagios Core documentation, "Detection and Handling of Sta
 from __future__ import annotations
 
 from collections import deque
-from typing import Deque, Optional
+from typing import Any, Deque, Dict, Optional
 
 from .model import Level
+from .saved_state import Saved, UnusableStateError
 
 CHANGES = 20
 """Possible changes in the 21 levels."""
@@ -52,6 +53,31 @@ class FlapDetector:
     def is_at_rest(self) -> bool:
         """Whether there was no change, so that the same level again makes no difference."""
         return True not in self._changes
+
+    def snapshot(self) -> Dict[str, Any]:
+        """Returns the state as JSON values; empty if it is that of a new detector."""
+        if self.is_at_rest and self._last is Level.OK:
+            return {}
+        state: Dict[str, Any] = {
+            "changes": "".join("x" if changed else "-" for changed in self._changes),
+            "last": self._last.name,
+            "flapping": self.flapping,
+        }
+        return state if self._worst is None else {**state, "worst": self._worst.name}
+
+    def restore(self, saved: Saved) -> None:
+        """Continues from a snapshot.
+
+        Raises:
+            UnusableStateError: the snapshot is malformed.
+        """
+        changes = saved.text("changes", "-" * CHANGES)
+        if len(changes) != CHANGES:
+            raise UnusableStateError(f"changes of level: expected {CHANGES}, got {len(changes)}")
+        last, flapping = saved.level("last"), saved.flag("flapping")
+        worst = saved.level("worst") if flapping and saved.has("worst") else None
+        self._changes.extend(mark == "x" for mark in changes)
+        self._last, self._worst, self.flapping = last, worst, flapping
 
     def add(self, level: Level) -> None:
         """Processes the level after a good sample."""

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Dict, List, Mapping, Optional
+from typing import Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
 
 from . import explanation
 from .config import CONDITIONS, LINK, MonitorConfig, read_signal
+from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status, Transition
+from .saved_state import SavedSignal, UnusableStateError
 from .signal_monitor import SignalMonitor
 
 _LARGEST = sys.float_info.max
@@ -55,6 +57,7 @@ class Monitor:
         self._all_followers: List[SignalMonitor] = []
         self._link_down = False
         self._link_cause = ""
+        self._to_restore: Optional[Tuple[Mapping[str, SavedSignal], float]] = None
 
     def observe(self, sample: Sample) -> Changes:
         """Judges a sample.
@@ -188,6 +191,56 @@ class Monitor:
         known = self._signals.get(signal)
         return None if known is None else known.judged
 
+    def signals(self) -> KeysView[str]:
+        """Returns the names of the signals, with `link` once it was observed; none before the first call."""
+        return self._signals.keys()
+
+    def window_samples(self, signal: str, limit: int = 300) -> Sequence[Tuple[float, float]]:
+        """Returns the samples in a signal's window as (time in seconds, value), oldest first; none if it is unknown.
+
+        Args:
+            signal: its name.
+            limit: the most to return, at least 4; extremes are kept.
+        """
+        known = self._signals.get(signal)
+        return () if known is None else known.window_samples(limit)
+
+    def at_rest_since_s(self, signal: str) -> Optional[float]:
+        """Returns since when a signal is OK, in seconds; None unless its state depends on nothing else."""
+        known = self._signals.get(signal)
+        return None if known is None else known.at_rest_since_s
+
+    def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
+        """Returns a signal's state for `restore`, as JSON values; empty if it is not watched. Reads only.
+
+        Args:
+            signal: its name.
+            now_s: the time in seconds.
+            wall_s: the same in seconds since 1970.
+        """
+        known = self._signals.get(signal)
+        return {} if known is None else known.snapshot(now_s, wall_s)
+
+    def restore(self, states: Mapping[str, SavedSignal], now_s: Optional[float], wall_s: float) -> Changes:
+        """Continues from the snapshots of an earlier run. To be called before any other method.
+
+        Nothing is announced again. A signal waits for its first sample; until then its durations stand still. Windows
+        are empty. A state that cannot be used is ignored, with a notice.
+
+        Args:
+            states: the snapshots by signal.
+            now_s: the time in seconds; None: that of the first call, which then returns the transitions.
+            wall_s: the time in seconds since 1970.
+
+        Returns:
+            The transitions that it causes: a signal that was not OK and is no longer watched ends.
+        """
+        self._to_restore = (states, wall_s)
+        changes = Changes()
+        if now_s is not None:
+            self._unusual_time(now_s, changes)
+        return changes
+
     def reset(self) -> Changes:
         """Clears every latch.
 
@@ -247,14 +300,39 @@ class Monitor:
         if not -_LARGEST <= now_s <= _LARGEST:
             now_s = 0.0 if math.isnan(self._now_s) else self._now_s
         if math.isnan(self._now_s):
-            self._signals = self._new_signals(now_s)
-            self._find_followers()
+            self._start(now_s, changes)
         elif now_s < self._now_s:
             back_s = self._now_s - now_s
             changes.notices = (f"time went back by {back_s:.3f} s: windows, pending timers and staleness restart",)
             for signal in self._signals.values():
                 signal.restart_time(now_s)
         return float(now_s)
+
+    def _start(self, now_s: float, changes: Changes) -> None:
+        """Handles the first call: every signal begins to be watched."""
+        self._now_s = now_s
+        self._signals = self._new_signals(now_s)
+        if self._to_restore is not None:
+            states, wall_s = self._to_restore
+            self._to_restore = None
+            notices = [self._restore(name, saved, wall_s, changes) for name, saved in states.items()]
+            changes.notices = tuple(text for text in notices if text)
+        self._find_followers()
+
+    def _restore(self, name: str, saved: SavedSignal, wall_s: float, changes: Changes) -> str:
+        """Restores one signal; returns a notice if its saved state cannot be used."""
+        now_s = self._now_s
+        try:
+            config = LINK_CONFIG if name == LINK else self.config.signals.get(name)
+            signal = SignalMonitor(config or read_signal(name, {}), self.robot, now_s)
+            signal.restore(saved, now_s, wall_s)
+        except (UnusableStateError, ConfigError) as error:
+            return f"{printable(str(name))[:80]}: starts without its saved state: {printable(str(error))}"
+        if config is None:
+            _add(changes, signal.end(now_s))
+        else:
+            self._signals[name] = signal
+        return ""
 
     def _find_followers(self) -> None:
         """Collects the signals that have a condition on another one."""

@@ -25,10 +25,11 @@ link is down, or the statistic is undefined), it takes no row, and the time does
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple, Optional
+from typing import Any, Dict, NamedTuple, Optional
 
 from .config import SignalConfig
 from .model import Level
+from .saved_state import Saved, UnusableStateError
 
 TIME_TOLERANCE_S = 1e-6
 """Two times closer than this are the same: a double of seconds since 1970 resolves 0.24 microseconds."""
@@ -60,6 +61,8 @@ _NEXT_IF_FALSE = {
     State.KEEPING: State.KEEPING,
 }
 _AFTER_WAIT = {State.PENDING: State.FIRING, State.KEEPING: State.INACTIVE}
+
+_STATE_OF_WORD = {state.value: state for state in State}
 
 # Globals are faster than members of an enumeration, and these are used per sample.
 _INACTIVE = State.INACTIVE
@@ -216,6 +219,39 @@ class Rule:
         self.since_s = now_s
         if self._frozen_since_s is not None:
             self._frozen_since_s = now_s
+
+    def snapshot(self, now_s: float) -> Dict[str, Any]:
+        """Returns the state at `now_s` as JSON values; empty if it is that of a new rule."""
+        if self.state is _INACTIVE and self.bound is None and not self.condition:
+            return {}
+        state: Dict[str, Any] = {"state": self.state.value, "condition": self.condition}
+        if self.state in self._wait_s:
+            state["waited_s"] = self.waited_s(now_s)
+        if self.bound is not None:
+            state.update(bound=self.bound, is_below=self.is_below, crossed=self._crossed, allowed=self._allowed)
+        return state
+
+    def restore(self, saved: Saved, now_s: float) -> None:
+        """Continues from a snapshot, frozen at `now_s` until `thaw`.
+
+        Raises:
+            UnusableStateError: the snapshot is malformed.
+        """
+        bound = saved.number("bound")
+        is_below, crossed, allowed = saved.flag("is_below"), saved.flag("crossed"), saved.flag("allowed")
+        state = _STATE_OF_WORD.get(saved.text("state", State.INACTIVE.value))
+        if state is None:
+            raise UnusableStateError(f"unknown state of a rule {saved.text('state')!r}"[:80])
+        condition = saved.flag("condition")
+        waited_s = saved.duration_s("waited_s")
+        self.freeze(now_s)
+        if bound is not None:
+            if bound != (self._below if is_below else self._above):  # the bound was changed
+                crossed = False
+            self.bound, self.is_below, self._crossed, self._allowed = bound, is_below, crossed, allowed
+            condition = crossed and allowed
+        self.condition = condition
+        self._enter(state, now_s - waited_s)
 
     def waited_s(self, now_s: float) -> float:
         """Returns for how long the state has lasted, without frozen time, in seconds."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import math
 import sys
-from typing import Callable, Optional
+from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 
 from .announcement import Announcer
 from .config import SignalConfig
@@ -23,6 +23,7 @@ from .explanation import Judgement
 from .model import Level, Transition
 from .quality import Quality
 from .rule import Rule, RuleConfig, State
+from .saved_state import Saved, SavedSignal, age_s
 from .staleness import Staleness
 from .window import Window
 
@@ -193,7 +194,10 @@ class SignalMonitor:
         self._quality.configure(config)
         self._staleness.configure(config, seen=self._quality.seen)
         if self._staleness.stale and not self._staleness.is_silent(now_s):
-            self._staleness.stale = False
+            if self._quality.seen:
+                self._staleness.stale = False
+            else:
+                self._staleness.await_first()
         self._use_config(config)
         self._judged = self._window.statistic(config.statistic)
         self._freeze_or_thaw(now_s)
@@ -236,6 +240,61 @@ class SignalMonitor:
             cause=self.cause,
         )
 
+    @property
+    def at_rest_since_s(self) -> Optional[float]:
+        """Since when the signal is OK, in seconds; None unless its state depends on nothing else."""
+        return self._announcer.since_s if self._is_at_rest else None
+
+    def window_samples(self, limit: int) -> Sequence[Tuple[float, float]]:
+        """Returns the samples in the window; see `Window.samples`."""
+        return self._window.samples(limit)
+
+    def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
+        """Returns the state at `now_s` as JSON values; see `Monitor.snapshot`. Reads only."""
+        announcer = self._announcer
+        state: Dict[str, Any] = {
+            "since": {
+                "announced": wall_s - (now_s - announcer.since_s),
+                "level": wall_s - (now_s - self._level_since_s),
+            },
+            "announced": announcer.snapshot(self._rules, now_s),
+        }
+        for name, rule in self._saved_rules():
+            saved = rule.snapshot(now_s)
+            if saved:
+                state[name] = saved
+        if self._latched is not _OK:
+            state["latched"] = self._latched.name
+        if self._staleness.stale:
+            state["stale"] = True
+        return state
+
+    def restore(self, state: SavedSignal, now_s: float, wall_s: float) -> None:
+        """Continues from a snapshot. To be called before the first sample.
+
+        Raises:
+            UnusableStateError: the snapshot is malformed; the signal must not be used.
+        """
+        saved = Saved(state)
+        since = saved.section("since")
+        config = self.config
+        for name, rule in self._saved_rules():
+            if name == "invalid" or any(bound.startswith(name) for bound in config.bounds):
+                rule.restore(saved.section(name), now_s)
+        self._announcer.restore(
+            saved.section("announced"), since.number("announced"), self._rules, config.flap_detection, now_s, wall_s
+        )
+        latched = saved.level("latched")
+        if config.latch and latched is not _STALE:
+            self._latched = latched
+        self._staleness.restore(stale=saved.flag("stale"))
+        self._level = self._true_level()
+        self._level_since_s = now_s - age_s(since.number("level"), wall_s)
+
+    def _saved_rules(self) -> Sequence[Tuple[str, Rule]]:
+        warn, error = self._rules
+        return (("warn", warn), ("error", error), ("invalid", self._invalid))
+
     def end(self, now_s: float) -> Optional[Transition]:
         """Returns the transition with which a signal that is not OK leaves the configuration."""
         if self._announcer.level is _OK:
@@ -248,7 +307,7 @@ class SignalMonitor:
         staleness, window, config = self._staleness, self._window, self.config
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())  # no tick noticed
-        thaws = staleness.stale
+        thaws = staleness.stale or staleness.waiting
         if thaws:
             window.begin_anew()
         staleness.arrive(now_s)

@@ -39,7 +39,7 @@ class Staleness:
     @property
     def frozen(self) -> bool:
         """Whether rules and durations are frozen."""
-        return self.stale or self.unreachable_since_s is not None
+        return self.stale or self.waiting or self.unreachable_since_s is not None
 
     def configure(self, config: SignalConfig, *, seen: bool) -> None:
         """Applies the limit that holds after the first sample (`seen`), or before it."""
@@ -48,7 +48,7 @@ class Staleness:
 
     def is_due(self, now_s: float) -> bool:
         """Whether a signal that is not stale has been silent for too long at `now_s`, in seconds."""
-        return not self.frozen and self.is_silent(now_s)
+        return not self.stale and self.unreachable_since_s is None and self.is_silent(now_s)
 
     def is_silent(self, now_s: float) -> bool:
         """Whether the silence is too long at `now_s`, in seconds."""
@@ -69,6 +69,14 @@ class Staleness:
         """Marks the signal stale; returns when the limit was reached, in seconds."""
         self.stale, self.waiting = True, False
         return self.silent_since_s + self.limit_s
+
+    def restore(self, *, stale: bool) -> None:
+        """Continues the silence of a signal that was stale before a restart."""
+        self.stale, self.waiting = stale, not stale
+
+    def await_first(self) -> None:
+        """A signal without a sample is no longer silent for too long: it waits again."""
+        self.stale, self.waiting = False, True
 
     def end_downtime(self, now_s: float) -> float:
         """The link is up again; returns for how long it was down, in seconds."""

@@ -23,7 +23,7 @@ from array import array
 from collections import deque
 from itertools import accumulate
 from operator import mul
-from typing import Callable, Deque, Dict, Mapping, Optional, Tuple
+from typing import Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
 _LARGEST = sys.float_info.max
 _LARGEST_DISTANCE = 1e150
@@ -162,6 +162,24 @@ class Window:
         """Returns every statistic that can be computed, to show, by its name in the configuration."""
         found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
         return {name: value for name, value in found.items() if value is not None}
+
+    def samples(self, limit: int) -> Sequence[Tuple[float, float]]:
+        """Returns samples as (time in seconds, value), oldest first.
+
+        Args:
+            limit: the most to return, at least 4. Of more samples it returns the first, the last, and the smallest and
+                largest of each of equal parts of the others.
+        """
+        samples = list(zip(self._times, self._values))
+        if len(samples) <= limit:
+            return samples
+        inner, parts = len(samples) - 2, (limit - 2) // 2
+        chosen: List[Tuple[float, float]] = [samples[0]]
+        for part in range(parts):
+            places = range(1 + part * inner // parts, 1 + (part + 1) * inner // parts)
+            extremes = {min(places, key=self._values.__getitem__), max(places, key=self._values.__getitem__)}
+            chosen.extend(samples[place] for place in sorted(extremes))
+        return [*chosen, samples[-1]]
 
     def last(self) -> Optional[float]:
         """The newest value."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 import platform
 from dataclasses import fields, replace
 from types import MappingProxyType
-from typing import Any, Callable, Dict, Mapping, Set, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Set, Tuple
 
 from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, described_parameters, load_config
+from ..continuity import Continuity, SignalHistory
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
 from ..formatting import bound_text, printable, with_unit
 from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
-from ..model import Changes, Level, Sample, Transition
+from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets
 from .changes import Sections, describe_changes
@@ -45,15 +46,21 @@ class AlertSystem:
     """
 
     def __init__(
-        self, middleware: Middleware, outlets: Mapping[str, Outlet] = _NO_OUTLETS, *, log_alerts: bool = True
+        self,
+        middleware: Middleware,
+        outlets: Mapping[str, Outlet] = _NO_OUTLETS,
+        *,
+        log_alerts: bool = True,
+        history: Optional[SignalHistory] = None,
     ) -> None:
         """Starts watching.
 
         Args:
             middleware: the node's connection.
-            outlets: further receivers of transitions and notices, by name. They come before the standard outlets, so
-                that a history has stored a transition before it is published.
+            outlets: further receivers of transitions and notices, by name. They come before the standard outlets.
             log_alerts: write transitions and notices to the middleware's log. False where an outlet shows them.
+            history: continues from its states, and stores each transition before any outlet receives it. None: starts
+                from an empty state.
 
         Raises:
             ConfigError: the configuration cannot be used.
@@ -79,10 +86,18 @@ class AlertSystem:
         """Key-values of the node's own status: a function per key. A server adds `clients`, for instance."""
         self.self_report["signals"] = lambda: str(len(self.monitor.config.signals))
         self.self_report["without_sensor"] = lambda: ", ".join(sorted(self._unavailable))
+        self.silence_of: Callable[[str], Optional[str]] = _not_silenced
+        """Returns the text of the silence of a signal, None without one. May be replaced by a fast function."""
+        self.self_report["silenced"] = lambda: str(self._count_silenced())
+        self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
         middleware.declare_parameters(described_parameters(config), self._reconfigure)
         middleware.advertise("alerts", STATUS_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
+        if self._continuity is not None:
+            now_s = middleware.now_s()
+            restored = self._continuity.restore(now_s, at_first_call=middleware.waiting_for_clock())
+            self._announce(restored, now_s)
         self._follow_topics(config)
         middleware.subscribe(UNAVAILABLE_SENSORS, STRING_TYPE, self._note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, self._reset)
@@ -95,7 +110,7 @@ class AlertSystem:
         for signal in config.signals.values():
             middleware.log(Severity.INFO, f"watching {_summary(signal)}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
-        if latching:
+        if latching and history is None:
             middleware.log(
                 Severity.INFO, f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
             )
@@ -142,7 +157,9 @@ class AlertSystem:
         return str(self._middleware.exclusively(lambda: self._reset({}))["message"])
 
     def close(self) -> None:
-        """Leaves the middleware."""
+        """Saves the state for the next run and leaves the middleware."""
+        if self._continuity is not None:
+            self._continuity.save(self._middleware.now_s())
         self._middleware.close()
 
     def _follow_topics(self, config: MonitorConfig) -> None:
@@ -220,6 +237,8 @@ class AlertSystem:
     def _tick(self, now_s: float) -> None:
         self._self_monitor.note_tick(now_s)
         self._announce(self.monitor.tick(now_s), now_s)
+        if self._continuity is not None:
+            self._continuity.save(now_s)
 
     def _check(self, now_s: float) -> None:
         """Runs on steady time."""
@@ -235,13 +254,16 @@ class AlertSystem:
 
     def _publish_report(self, now_s: float) -> None:
         if self._middleware.has_listeners(DIAGNOSTICS):
-            statuses = [*self.monitor.report(now_s).statuses.values(), self._self_monitor.status()]
+            signals = self.monitor.report(now_s).statuses.values()
+            statuses = [*map(self._with_silence, signals), self._self_monitor.status()]
             self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
     def _announce(self, changes: Changes, now_s: float) -> None:
         for text in changes.notices:
             self.outlets.emit(Notice(now_s, Severity.INFO, text))
         for transition in changes:
+            if self._continuity is not None:
+                self._continuity.record(transition)
             self.outlets.emit(transition)
 
     def _log(self, event: Event) -> None:
@@ -250,7 +272,7 @@ class AlertSystem:
 
     def _publish_alert(self, event: Event) -> None:
         if isinstance(event, Transition):
-            self._middleware.publish("alerts", alert_message(event, self._node))
+            self._middleware.publish("alerts", alert_message(event, self._node, self.silence_of(event.signal)))
         elif event.part:
             status = replace(self._self_monitor.status(), message=event.text)
             self._middleware.publish("alerts", status_message(status, self._node))
@@ -258,13 +280,27 @@ class AlertSystem:
     def _publish_change(self, event: Event) -> None:
         """Publishes only the status that changed: a hundred signals may change one after the other."""
         if isinstance(event, Transition):
-            self._middleware.publish(DIAGNOSTICS, array_message([event.status], self._node))
+            self._middleware.publish(DIAGNOSTICS, array_message([self._with_silence(event.status)], self._node))
         elif event.part:
             self._middleware.publish(DIAGNOSTICS, array_message([self._self_monitor.status()], self._node))
+
+    def _with_silence(self, status: Status) -> Status:
+        """Adds the silence of a signal to its status."""
+        text = self.silence_of(status.name)
+        return status if text is None else replace(status, values={**status.values, "silenced": text})
+
+    def _count_silenced(self) -> int:
+        """Counts the signals that are not OK and silenced."""
+        now_s = self._middleware.now_s()
+        silenced = [name for name in self.monitor.signals() if self.silence_of(name) is not None]
+        statuses = [self.monitor.status(name, now_s) for name in silenced]
+        return sum(1 for status in statuses if status is not None and status.level is not Level.OK)
 
     def _reset(self, request: Message) -> Message:
         transitions = self.monitor.reset()
         self._announce(transitions, self._middleware.now_s())
+        if self._continuity is not None:
+            self._continuity.record_reset(self._middleware.now_s())
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
         return {"success": True, "message": f"reset: {cleared}"}
 
@@ -283,6 +319,10 @@ class AlertSystem:
         self._unavailable &= same
         self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())
         return describe_changes(_sections(old), _sections(config))
+
+
+def _not_silenced(signal: str) -> Optional[str]:
+    return None
 
 
 def _read_monitor_config(tree: Mapping[str, Any]) -> MonitorConfig:

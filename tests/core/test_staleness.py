@@ -21,7 +21,7 @@ def seen(now_s: float) -> Staleness:
 
 def test_before_the_first_sample_the_startup_grace_counts() -> None:
     waiting = staleness(100.0, startup_grace_s=10.0)
-    assert waiting.waiting and waiting.unknown and not waiting.frozen
+    assert waiting.waiting and waiting.unknown and waiting.frozen
     assert not waiting.is_due(110.0)
     assert waiting.is_due(110.5)
     assert waiting.fall_silent() == 110.0

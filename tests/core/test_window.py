@@ -194,3 +194,28 @@ def test_no_queue_grows_beyond_the_window() -> None:
         window.add(float(step * (-1) ** step), step * 0.001)
         queues = [getattr(window, name) for name in ("_times", "_values", "_front_sums", "_front_min")]
         assert max(map(len, queues)) <= 51  # with the sample that has just come
+
+
+def test_samples_of_a_small_window_are_all_of_them() -> None:
+    window = Window(60.0, 100)
+    for number in range(5):
+        window.add(float(number), 10.0 + number)
+    assert window.samples(5) == [(10.0, 0.0), (11.0, 1.0), (12.0, 2.0), (13.0, 3.0), (14.0, 4.0)]
+    assert Window(60.0, 100).samples(5) == []
+
+
+@pytest.mark.parametrize("count", [301, 302, 599, 6000])
+@pytest.mark.parametrize("limit", [4, 5, 300])
+def test_fewer_samples_keep_the_first_the_last_and_the_extremes(count: int, limit: int) -> None:
+    window = Window(1e6, 6000)
+    for number in range(count):
+        window.add(math.sin(number), float(number))
+    window.add(0.5, float(count))
+    full = window.samples(10_000)
+    assert len(full) == min(count + 1, 6000)
+    found = window.samples(limit)
+    assert len(found) <= limit
+    assert (found[0], found[-1]) == (full[0], full[-1])
+    assert found == sorted(set(found)) and set(found) <= set(full)
+    values = [value for _, value in found]
+    assert (min(values), max(values)) == (min(value for _, value in full), max(value for _, value in full))

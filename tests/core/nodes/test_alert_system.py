@@ -243,6 +243,7 @@ class TestItself:
             "tick_late_s": "0.000",
             "clients": "3",
             "pending_notifications": "0",
+            "silenced": "0",
         }
         assert values_of(status(arrays[-2], "alert_system: monitor"))["samples_per_s"] == "7"
 
@@ -424,3 +425,22 @@ def test_other_threads_read_and_reset_it_as_a_callback_would(stage: Stage) -> No
     middleware.faults.report("disk", "full")
     assert alert_system.own_state() == (Level.ERROR, "disk: full")
     assert alert_system.tick_age_s == 0.0
+
+
+def test_a_silenced_signal_says_so_and_is_counted(stage: Stage) -> None:
+    arrays, alerts = stage.listen("/diagnostics"), stage.listen("alerts")
+    system, _ = stage.alert_system(LATCHING)
+    system.silence_of = lambda signal: "until 14:00: battery swap (ann)" if signal == "battery_level" else None
+    stage.publish("battery_level", 15.0)
+    stage.publish("temperature", 90.0)
+    assert [values_of(alert).get("silenced") for alert in alerts] == ["until 14:00: battery swap (ann)", None]
+    stage.bus.run_until(1.0)
+    for array in arrays[0], arrays[-1]:
+        battery = status(array, "alert_system: battery_level")
+        assert values_of(battery)["silenced"] == "until 14:00: battery swap (ann)"
+    assert "silenced" not in values_of(status(arrays[-1], "alert_system: temperature"))
+    assert values_of(status(arrays[-1], "alert_system: monitor"))["silenced"] == "1"
+    stage.publish("battery_level", 50.0)  # latched
+    stage.bus.call_service("/alert_system/reset")
+    stage.bus.run_until(2.0)
+    assert values_of(status(arrays[-1], "alert_system: monitor"))["silenced"] == "0"

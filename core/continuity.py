@@ -1,0 +1,134 @@
+"""What a monitor needs from a history, to store what it announces and to continue after a restart.
+
+`ops/history` implements `SignalHistory`. `AlertSystem` uses it through `Continuity`. See docs/rules.md, "After a
+restart".
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Mapping, Protocol, Sequence, Tuple
+
+from .model import Changes, Transition
+from .monitor import Monitor
+from .saved_state import SavedSignal
+
+__all__ = ["MAX_EVIDENCE", "Continuity", "SavedSignal", "SignalHistory"]
+
+MAX_EVIDENCE = 300
+"""Most samples that are stored with a transition."""
+_SAME_TIME_S = 1.0
+"""A saved time is corrected if it differs by more: the wall clock was set."""
+
+
+class SignalHistory(Protocol):
+    """The part of a history that belongs to one robot. No method raises.
+
+    The calls take effect in their order: a state from `save` never replaces a newer one from `record`.
+    """
+
+    def wall_s(self) -> float:
+        """Returns the time in seconds since 1970."""
+
+    def restore(self) -> Mapping[str, SavedSignal]:
+        """Returns the last state of each signal, by name; called once, before the first sample."""
+
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
+        """Stores a transition and its signal's state in one transaction; called before the outlets receive it.
+
+        Returns when it is committed, or after 0.2 s.
+
+        Args:
+            transition: the transition.
+            saved: state of its signal from now on; empty: the signal is no longer watched, its state is deleted.
+            evidence: samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`.
+        """
+
+    def save(self, states: Mapping[str, SavedSignal]) -> None:
+        """Stores the states of signals, and returns at once.
+
+        Args:
+            states: the signals whose state changed, by name; empty state: as in `record`.
+        """
+
+    def record_reset(self) -> None:
+        """Stores that latches were cleared."""
+
+
+class Continuity:
+    """Stores the transitions and states of a monitor, and restores them at the start."""
+
+    def __init__(self, monitor: Monitor, history: SignalHistory) -> None:
+        """Starts without having saved anything."""
+        self._monitor = monitor
+        self._history = history
+        self._saved: Dict[str, SavedSignal] = {}
+        self._at_rest_since_s: Dict[str, float] = {}
+        self._offset_s = 0.0
+
+    def restore(self, now_s: float, *, at_first_call: bool) -> Changes:
+        """Restores the state of the previous run.
+
+        Args:
+            now_s: the time in seconds.
+            at_first_call: there is no time yet: restore with the time of the first sample or tick.
+
+        Returns:
+            The transitions that it causes.
+        """
+        states = self._history.restore()
+        self._saved = dict(states)
+        return self._monitor.restore(states, None if at_first_call else now_s, self._history.wall_s())
+
+    def record(self, transition: Transition) -> None:
+        """Stores a transition with the state of its signal."""
+        name, now_s = transition.signal, transition.now_s
+        wall_s = self._history.wall_s()
+        offset_s = wall_s - now_s
+        saved = self._monitor.snapshot(name, now_s, wall_s)
+        evidence = [(time_s + offset_s, value) for time_s, value in self._monitor.window_samples(name, MAX_EVIDENCE)]
+        self._note(name, saved)
+        self._history.record(transition, saved, evidence)
+
+    def save(self, now_s: float) -> None:
+        """Saves the states that changed since they were saved last."""
+        monitor, wall_s = self._monitor, self._history.wall_s()
+        if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
+            self._offset_s = wall_s - now_s
+            self._at_rest_since_s = {}
+        changed: Dict[str, SavedSignal] = {name: {} for name in self._saved.keys() - monitor.signals()}
+        for name in monitor.signals():
+            at_rest_since_s = monitor.at_rest_since_s(name)
+            if at_rest_since_s is not None:
+                if self._at_rest_since_s.get(name) == at_rest_since_s:
+                    continue
+                self._at_rest_since_s[name] = at_rest_since_s
+            else:
+                self._at_rest_since_s.pop(name, None)
+            saved = monitor.snapshot(name, now_s, wall_s)
+            if not _is_same(saved, self._saved.get(name, {})):
+                changed[name] = saved
+        if changed:
+            for name, saved in changed.items():
+                self._note(name, saved)
+            self._history.save(changed)
+
+    def record_reset(self, now_s: float) -> None:
+        """Stores that latches were cleared, and the states without them."""
+        self._history.record_reset()
+        self.save(now_s)
+
+    def _note(self, name: str, saved: SavedSignal) -> None:
+        if saved:
+            self._saved[name] = saved
+        else:
+            self._saved.pop(name, None)
+
+
+def _is_same(state: SavedSignal, saved: SavedSignal) -> bool:
+    """Whether two states are equal, apart from the jitter between two clocks."""
+    if {**state, "since": None} != {**saved, "since": None}:
+        return False
+    since, saved_since = state.get("since"), saved.get("since")
+    if not isinstance(since, Mapping) or not isinstance(saved_since, Mapping) or since.keys() != saved_since.keys():
+        return False
+    return all(abs(time - saved_since[key]) < _SAME_TIME_S for key, time in since.items())

@@ -1,0 +1,106 @@
+"""The state of one signal as plain JSON values, and the reader that trusts none of them.
+
+`Monitor.snapshot` writes it and `Monitor.restore` reads it. It comes from a file, so it may be of any form.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Mapping, Optional
+
+from .formatting import datum_text
+from .model import Level
+
+SavedSignal = Mapping[str, Any]
+"""State of one signal: numbers, texts, booleans, None and mappings of them. Empty: the signal is no longer watched.
+
+Durations are in seconds. Times are in seconds since 1970, and all of them are in the mapping `since`.
+"""
+
+LONGEST_S = 1e10
+"""Longer durations and ages are cut to this: 300 years."""
+
+
+class UnusableStateError(ValueError):
+    """A saved state has an unexpected form; `str()` names the key and what was found."""
+
+
+class Saved:
+    """Reads one mapping of a saved state; missing keys are their defaults."""
+
+    def __init__(self, values: object, path: str = "") -> None:
+        """Opens a mapping.
+
+        Args:
+            values: what was found.
+            path: dotted path of its keys, for errors.
+
+        Raises:
+            UnusableStateError: it is not a mapping.
+        """
+        if not isinstance(values, Mapping):
+            raise UnusableStateError(f"{path or 'state'}: expected a mapping, got {datum_text(values)}")
+        self._values = values
+        self._path = path
+
+    def section(self, key: str) -> Saved:
+        """Returns a nested mapping, empty if it is missing."""
+        return Saved(self._values.get(key, {}), self._name(key))
+
+    def has(self, key: str) -> bool:
+        """Whether a key is there."""
+        return key in self._values
+
+    def flag(self, key: str) -> bool:
+        """Returns true or false; false if it is missing."""
+        value = self._values.get(key, False)
+        if not isinstance(value, bool):
+            raise self._unexpected(key, "true or false")
+        return value
+
+    def text(self, key: str, default: str = "") -> str:
+        """Returns a text."""
+        value = self._values.get(key, default)
+        if not isinstance(value, str):
+            raise self._unexpected(key, "a text")
+        return value
+
+    def number(self, key: str) -> Optional[float]:
+        """Returns a finite number, None if it is missing or null."""
+        value = self._values.get(key)
+        if value is None:
+            return None
+        try:
+            number = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
+        except OverflowError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise self._unexpected(key, "a finite number")
+        return number
+
+    def duration_s(self, key: str) -> float:
+        """Returns a duration in seconds, 0 if it is missing or negative."""
+        return min(max(0.0, self.number(key) or 0.0), LONGEST_S)
+
+    def level(self, key: str) -> Level:
+        """Returns a level by its name; OK if it is missing."""
+        name = self.text(key, Level.OK.name)
+        if name not in Level.__members__:
+            raise self._unexpected(key, "a level")
+        return Level[name]
+
+    def _name(self, key: str) -> str:
+        return f"{self._path}.{key}" if self._path else key
+
+    def _unexpected(self, key: str, expected: str) -> UnusableStateError:
+        return UnusableStateError(f"{self._name(key)}: expected {expected}, got {datum_text(self._values.get(key))}")
+
+
+def age_s(since: Optional[float], wall_s: float) -> float:
+    """Returns how long ago a saved time was, in seconds.
+
+    Args:
+        since: the time in seconds since 1970; None: now.
+        wall_s: now, in seconds since 1970; the clock may have gone back since the state was saved.
+    """
+    return 0.0 if since is None else min(max(0.0, wall_s - since), LONGEST_S)
