@@ -79,9 +79,27 @@ CREATE TABLE configuration_changes (
     robot TEXT NOT NULL,
     hash TEXT NOT NULL REFERENCES configurations(hash)
 );
+CREATE TABLE silences (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    matchers TEXT NOT NULL,              -- robot=r3,signal=battery*
+    reason TEXT NOT NULL,
+    author TEXT NOT NULL,
+    created_s REAL NOT NULL,
+    until_s REAL,                        -- NULL: without a time limit
+    until_resolved INTEGER NOT NULL,     -- 1: only for the alerts in silenced_alerts, until they resolve
+    ended_s REAL                         -- NULL: not ended, except by until_s
+);
+CREATE TABLE silenced_alerts (
+    silence_id INTEGER NOT NULL REFERENCES silences(id),
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    resolved_s REAL,                     -- NULL: still open
+    PRIMARY KEY (silence_id, robot, signal)
+) WITHOUT ROWID;
+CREATE INDEX silenced_alerts_by_signal ON silenced_alerts(robot, signal);
 """
 
-LIVE_TABLES = ("signal_states",)
+LIVE_TABLES = ("signal_states", "silences", "silenced_alerts")
 """Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
 written the monitor goes on with a copy of them in memory."""
 

@@ -1,0 +1,99 @@
+"""Which alerts are meant: matchers such as `robot=r3,signal=battery*`, and patterns of names."""
+
+from __future__ import annotations
+
+import re
+from typing import List, NamedTuple, Sequence, Tuple
+
+from robot_health_monitor.core.errors import ConfigError
+
+__all__ = ["Matcher", "matchers_text", "matches_pattern", "parse_matchers"]
+
+MOST_MATCHERS = 20
+
+_LONGEST = 500
+_LABELS = ("robot", "signal")
+_MATCHER = re.compile(
+    r"\s*(?P<label>\w*)\s*(?P<operator>!=|=~|!~|=|)\s*"
+    r'(?:"(?P<quoted>[^"]*)"|(?P<plain>[^,"]*))\s*(?P<end>,|\Z|(?P<rest>.))',
+    re.DOTALL,
+)
+
+
+class Matcher(NamedTuple):
+    """A condition on one label of an alert."""
+
+    label: str
+    """`robot` or `signal`."""
+    equal: bool
+    """False: `!=`."""
+    pattern: str
+    """`*` stands for any text, `?` for any character."""
+
+    def matches(self, text: str) -> bool:
+        """Returns whether a label with this text fulfils the condition."""
+        return matches_pattern(text, self.pattern) is self.equal
+
+
+def parse_matchers(text: str) -> Tuple[Matcher, ...]:
+    """Reads matchers: `robot=r3,signal=battery*`.
+
+    `=` and `!=`; `*` and `?` as in file names; a value with a comma in double quotes.
+
+    Raises:
+        ConfigError: they are not of this form.
+    """
+    if len(text) > _LONGEST:
+        raise ConfigError(f"expected matchers of at most {_LONGEST} characters, got {len(text)}")
+    if not text.isprintable():
+        raise ConfigError(f"expected printable matchers, got {ascii(text)[:60]}")
+    matchers: List[Matcher] = []
+    position = 0
+    while position <= len(text):
+        found = _MATCHER.match(text, position)
+        part = text[position:].partition(",")[0].strip()
+        value = "" if found is None else (found["quoted"] if found["quoted"] is not None else found["plain"]).strip()
+        if found is None or found["rest"] or not found["label"] or not found["operator"] or not value:
+            raise ConfigError(f"expected matchers such as robot=r3,signal=battery*, got {part[:60]!r}")
+        if found["operator"] in ("=~", "!~"):
+            raise ConfigError(f"regular expressions are not supported; expected * and ? in {part[:60]!r}")
+        if found["label"] not in _LABELS:
+            raise ConfigError(f"expected the label robot or signal, got {found['label'][:60]!r}")
+        matchers.append(Matcher(found["label"], found["operator"] == "=", value))
+        if not found["end"]:
+            break
+        position = found.end()
+    if len(matchers) > MOST_MATCHERS:
+        raise ConfigError(f"expected at most {MOST_MATCHERS} matchers, got {len(matchers)}")
+    return tuple(matchers)
+
+
+def matchers_text(matchers: Sequence[Matcher]) -> str:
+    """Returns matchers as `parse_matchers` reads them."""
+
+    def quoted(pattern: str) -> str:
+        return f'"{pattern}"' if "," in pattern or pattern != pattern.strip() else pattern
+
+    return ",".join(f"{each.label}{'=' if each.equal else '!='}{quoted(each.pattern)}" for each in matchers)
+
+
+def matches_pattern(text: str, pattern: str) -> bool:
+    """Returns whether a text matches a pattern, in time proportional to the product of their lengths.
+
+    fnmatch needs exponential time for some patterns on Python 3.8, and clients may send patterns.
+    """
+    position = place = 0
+    star, retry = -1, 0
+    while position < len(text):
+        if place < len(pattern) and pattern[place] == "*":
+            star, retry = place, position
+            place += 1
+        elif place < len(pattern) and pattern[place] in ("?", text[position]):
+            place += 1
+            position += 1
+        elif star >= 0:
+            retry += 1
+            position, place = retry, star + 1
+        else:
+            return False
+    return pattern[place:].strip("*") == ""

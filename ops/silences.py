@@ -1,0 +1,475 @@
+"""Silences: suppress notifications of some alerts, for a time or until they resolve.
+
+They are stored in the history file. `Silences` is the copy of the running monitor; the functions that take a
+connection also serve `robot-health silence`, beside a running monitor or without one. Silences never affect judging,
+the log, /diagnostics or the history.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sqlite3
+import threading
+import time
+from dataclasses import dataclass
+from typing import Callable, Dict, FrozenSet, List, Optional, Protocol, Sequence, Set, Tuple, TypeVar
+
+from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.formatting import duration_text, printable
+from robot_health_monitor.core.model import Level, Transition
+
+from .matchers import Matcher, matchers_text, parse_matchers
+
+__all__ = [
+    "Alert",
+    "Silence",
+    "SilenceHistory",
+    "Silences",
+    "add_silence",
+    "expire_silence",
+    "open_alerts",
+    "parse_duration_s",
+    "parse_matchers",
+    "read_silences",
+    "silenced_transitions",
+]
+
+MOST_ACTIVE = 1000
+"""Largest number of active silences."""
+MOST_TEXT = 200
+"""Longest reason and author, in characters."""
+LONGEST_S = 366 * 86_400.0
+"""Longest silence, in s."""
+
+_MOST_KEPT = 10_000
+_MOST_CACHED = 20_000
+_REFRESH_S = 1.0
+_TIMEOUT_S = 2.0
+_FAULT = "silences"
+
+_DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
+_UNITS_S = (604_800, 86_400, 3600, 60, 1)
+
+Alert = Tuple[str, str]
+"""An alert: the names of its robot and its signal."""
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Silence:
+    """One silence."""
+
+    id: int
+    matchers: Tuple[Matcher, ...]
+    """An alert must fulfil all of them."""
+    reason: str
+    author: str
+    created_s: float
+    """In s since 1970, as all times here."""
+    until_s: Optional[float]
+    """When it expires; None: without a time limit."""
+    alerts: Optional[FrozenSet[Alert]]
+    """For a silence until they resolve: the alerts that are still open. None: every alert that matches."""
+    ended_s: Optional[float]
+    """When it was ended, or its last alert resolved; None: not yet."""
+
+    @property
+    def until_resolved(self) -> bool:
+        """Whether it ends when the alerts that were open at its begin have resolved."""
+        return self.alerts is not None
+
+    def is_active(self, now_s: float) -> bool:
+        """Returns whether it suppresses notifications at a time."""
+        return self.ended_s is None and (self.until_s is None or now_s < self.until_s)
+
+    def end_s(self, now_s: float) -> float:
+        """Returns when it ended or expired; `now_s` if it is active."""
+        ends = [now_s, *(end for end in (self.until_s, self.ended_s) if end is not None)]
+        return min(ends)
+
+    def covers(self, robot: str, signal: str) -> bool:
+        """Returns whether it applies to an alert."""
+        if self.alerts is not None and (robot, signal) not in self.alerts:
+            return False
+        return self.matches(robot, signal)
+
+    def matches(self, robot: str, signal: str) -> bool:
+        """Returns whether an alert fulfils all matchers."""
+        labels = {"robot": robot, "signal": signal}
+        return all(matcher.matches(labels[matcher.label]) for matcher in self.matchers)
+
+    @property
+    def text(self) -> str:
+        """The reason and the end, in one line: `fan is being replaced (until 2026-11-22 06:00 UTC)`."""
+        ends = []
+        if self.until_s is not None:
+            ends.append(time_text(self.until_s))
+        if self.until_resolved:
+            ends.append("resolved")
+        end = f"until {' or '.join(ends)}"
+        return f"{self.reason} ({end})" if self.reason else end
+
+
+class SilenceHistory(Protocol):
+    """What silences need of the history; `ops.history.History`."""
+
+    @property
+    def file(self) -> Optional[str]:
+        """Path of the file; None: the history is in memory."""
+
+    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
+        """Runs a function in a transaction.
+
+        Raises:
+            ServiceError: the database failed, or did not answer in time.
+        """
+
+    def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
+        """Runs a query.
+
+        Raises:
+            ServiceError: the database failed, or did not answer in time.
+            ConfigError: the file cannot be read.
+        """
+
+    def on_record(self, hook: Callable[[sqlite3.Connection, int, Transition, float], None]) -> None:
+        """Calls a function inside the transaction that stores a transition."""
+
+
+class Silences:
+    """The silences of a running monitor: an in-memory copy, which follows the history file within about a second.
+
+    All methods may be called from any thread.
+    """
+
+    def __init__(
+        self, history: SilenceHistory, faults: Optional[Faults] = None, wall_time_s: Callable[[], float] = time.time
+    ) -> None:
+        """Reads the silences; `close` ends following the file.
+
+        Args:
+            history: where they are stored.
+            faults: receives a fault while they cannot be read. Then the last known ones stay in force.
+            wall_time_s: seconds since 1970.
+        """
+        self._history = history
+        self._faults = faults
+        self._wall_time_s = wall_time_s
+        self._lock = threading.Lock()
+        self._active: Sequence[Silence] = ()
+        self._found: Dict[Alert, Optional[Silence]] = {}
+        self._next_end_s = float("inf")
+        self._version = 0
+        self._closing = threading.Event()
+        history.on_record(self._note_transition)
+        self._refresh(history.run)
+        if history.file is not None:  # others can write only to a file
+            threading.Thread(target=self._follow, name="silences", daemon=True).start()
+
+    def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
+        """Returns the silence of an alert, of several the one that ends last; None: it is not silenced."""
+        if not self._active:
+            return None
+        now_s = self._wall_time_s()
+        with self._lock:
+            if now_s >= self._next_end_s:
+                self._set_active(self._active, now_s)
+            key = printable(robot), printable(signal)
+            if key not in self._found:
+                if len(self._found) >= _MOST_CACHED:
+                    self._found.clear()
+                covering = [silence for silence in self._active if silence.covers(*key)]
+                self._found[key] = max(covering, key=_end_order, default=None)
+            silence = self._found[key]
+        return silence if silence is not None and silence.is_active(now_s) else None
+
+    def active(self) -> List[Silence]:
+        """Returns the active silences, oldest first."""
+        now_s = self._wall_time_s()
+        return [silence for silence in self._active if silence.is_active(now_s)]
+
+    def add(
+        self,
+        matchers: Sequence[Matcher],
+        *,
+        for_s: Optional[float] = None,
+        until_resolved: bool = False,
+        reason: str = "",
+        author: str = "",
+    ) -> Silence:
+        """Adds a silence, as `add_silence`.
+
+        Raises:
+            ConfigError: it is not possible.
+            ServiceError: the history failed or did not answer.
+        """
+        now_s = self._wall_time_s()
+        silence = self._history.run(
+            lambda connection: add_silence(
+                connection, matchers, now_s, for_s=for_s, until_resolved=until_resolved, reason=reason, author=author
+            ),
+            _TIMEOUT_S,
+        )
+        self._refresh(self._history.run)
+        return silence
+
+    def expire(self, number: int) -> Silence:
+        """Ends a silence.
+
+        Raises:
+            ConfigError: there is no such silence, or it has ended.
+            ServiceError: the history failed or did not answer.
+        """
+        now_s = self._wall_time_s()
+        silence = self._history.run(lambda connection: expire_silence(connection, number, now_s), _TIMEOUT_S)
+        self._refresh(self._history.run)
+        return silence
+
+    def close(self) -> None:
+        """Stops following the file; returns at once."""
+        self._closing.set()
+
+    def _follow(self) -> None:
+        while not self._closing.wait(_REFRESH_S):
+            self._refresh(self._history.read)
+
+    def _refresh(self, run: Callable[[Callable[[sqlite3.Connection], List[Silence]], float], List[Silence]]) -> None:
+        version = self._version
+        now_s = self._wall_time_s()
+        try:
+            silences = run(lambda connection: read_silences(connection, active_at_s=now_s), _TIMEOUT_S)
+        except (ConfigError, ServiceError, sqlite3.Error) as error:
+            if self._faults is not None and not self._closing.is_set():
+                self._faults.report(_FAULT, f"cannot be read, the last known ones stay in force: {error}", Level.WARN)
+            return
+        if self._faults is not None:
+            self._faults.clear(_FAULT)
+        with self._lock:
+            if version != self._version:
+                return  # an alert has resolved meanwhile; the next time shows it
+            if silences != list(self._active):
+                self._set_active(silences, now_s)
+
+    def _set_active(self, silences: Sequence[Silence], now_s: float) -> None:
+        """Call with the lock held."""
+        self._active = tuple(silence for silence in silences if silence.is_active(now_s))
+        self._found = {}
+        ends = [silence.until_s for silence in self._active if silence.until_s is not None]
+        self._next_end_s = min(ends, default=float("inf"))
+
+    def _note_transition(
+        self, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float
+    ) -> None:
+        """Ends silences whose last alert has resolved; runs in the transaction that stores the transition."""
+        if transition.to_level is not Level.OK:
+            return
+        alert = printable(transition.robot), printable(transition.signal)
+        if not resolve_alert(connection, alert, wall_s):
+            return
+        with self._lock:
+            self._version += 1
+            without = [
+                silence if silence.alerts is None else _without(silence, alert, wall_s) for silence in self._active
+            ]
+            self._set_active(without, self._wall_time_s())
+
+
+def parse_duration_s(text: str) -> float:
+    """Reads a duration: `30m`, `1h30m`, `7d`; the units are w, d, h, m and s.
+
+    Raises:
+        ConfigError: it is not of this form, is 0, or is longer than a year.
+    """
+    found = _DURATION.match(text) if text else None
+    if found is None:
+        raise ConfigError(f"expected a duration such as 30m, 1h30m or 7d, got {text[:60]!r}")
+    seconds = float(sum(int(count) * unit_s for count, unit_s in zip(found.groups("0"), _UNITS_S)))
+    _check_duration(seconds)
+    return seconds
+
+
+def _check_duration(seconds: float) -> None:
+    if not 0.0 < seconds <= LONGEST_S:
+        raise ConfigError(f"expected a duration above 0 and of at most 366 d, got {duration_text(seconds)}")
+
+
+def time_text(wall_s: float) -> str:
+    """Returns a time in the local time zone, with the zone's name."""
+    return time.strftime("%Y-%m-%d %H:%M %Z", time.localtime(wall_s))
+
+
+def add_silence(
+    connection: sqlite3.Connection,
+    matchers: Sequence[Matcher],
+    now_s: float,
+    *,
+    for_s: Optional[float] = None,
+    until_resolved: bool = False,
+    reason: str = "",
+    author: str = "",
+) -> Silence:
+    """Adds a silence. Call inside a transaction.
+
+    Args:
+        connection: the database.
+        matchers: which alerts.
+        now_s: in s since 1970.
+        for_s: how long, in s; None: without a time limit.
+        until_resolved: only for the alerts that are open now, until they resolve. With `for_s`: whichever comes first.
+        reason: why; one line of at most 200 characters.
+        author: who; one line of at most 200 characters.
+
+    Raises:
+        ConfigError: no end is given, no open alert matches, a text is too long, or there are too many silences.
+    """
+    if for_s is None and not until_resolved:
+        raise ConfigError("expected a duration, or until resolved; got neither")
+    if for_s is not None:
+        _check_duration(for_s)
+    for name, text in (("reason", reason), ("author", author)):
+        if len(text) > MOST_TEXT or not text.isprintable():
+            raise ConfigError(f"expected a {name} of one line, at most {MOST_TEXT} characters, got {ascii(text)[:60]}")
+    if not matchers:
+        raise ConfigError("expected matchers such as robot=r3,signal=battery*, got none")
+    if len(read_silences(connection, active_at_s=now_s)) >= MOST_ACTIVE:
+        raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
+    alerts: Optional[FrozenSet[Alert]] = None
+    if until_resolved:
+        candidate = Silence(0, tuple(matchers), reason, author, now_s, None, None, None)
+        alerts = frozenset(alert for alert in open_alerts(connection) if candidate.matches(*alert))
+        if not alerts:
+            raise ConfigError(f"no open alert matches {matchers_text(matchers)}")
+    until_s = None if for_s is None else now_s + for_s
+    number = connection.execute(
+        "INSERT INTO silences (matchers, reason, author, created_s, until_s, until_resolved) VALUES (?, ?, ?, ?, ?, ?)",
+        (matchers_text(matchers), reason, author, now_s, until_s, int(until_resolved)),
+    ).lastrowid
+    assert number is not None
+    connection.executemany(
+        "INSERT INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
+        [(number, *alert) for alert in sorted(alerts or ())],
+    )
+    # Ended ones are kept for `list`, in a bounded number.
+    oldest = number - _MOST_KEPT
+    ended = "id <= ? AND (ended_s IS NOT NULL OR until_s <= ?)"
+    connection.execute(
+        f"DELETE FROM silenced_alerts WHERE silence_id IN (SELECT id FROM silences WHERE {ended})", (oldest, now_s)
+    )
+    connection.execute(f"DELETE FROM silences WHERE {ended}", (oldest, now_s))
+    return Silence(number, tuple(matchers), reason, author, now_s, until_s, alerts, None)
+
+
+def expire_silence(connection: sqlite3.Connection, number: int, now_s: float) -> Silence:
+    """Ends a silence. Call inside a transaction.
+
+    Raises:
+        ConfigError: there is no such silence, or it has ended.
+    """
+    found = [silence for silence in read_silences(connection) if silence.id == number]
+    if not found:
+        raise ConfigError(f"there is no silence {number}")
+    if not found[0].is_active(now_s):
+        raise ConfigError(f"silence {number} has ended already, at {time_text(found[0].end_s(now_s))}")
+    connection.execute("UPDATE silences SET ended_s = ? WHERE id = ?", (now_s, number))
+    return found[0]
+
+
+def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] = None) -> List[Silence]:
+    """Returns the silences, oldest first.
+
+    Args:
+        connection: the database.
+        active_at_s: only those that are active at this time, in s since 1970; None: all.
+    """
+    condition, values = "1", []
+    if active_at_s is not None:
+        condition, values = "ended_s IS NULL AND (until_s IS NULL OR until_s > ?)", [active_at_s]
+    rows = connection.execute(
+        "SELECT id, matchers, reason, author, created_s, until_s, until_resolved, ended_s FROM silences "
+        f"WHERE {condition} ORDER BY id",
+        values,
+    ).fetchall()
+    alerts: Dict[int, Set[Alert]] = {}
+    if any(row[6] for row in rows):
+        for number, robot, signal in connection.execute(
+            "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
+        ):
+            alerts.setdefault(number, set()).add((robot, signal))
+    silences = []
+    for number, text, reason, author, created_s, until_s, until_resolved, ended_s in rows:
+        try:
+            matchers = parse_matchers(text)
+        except ConfigError:  # of a newer version, or edited by hand
+            continue
+        of_silence = frozenset(alerts.get(number, ())) if until_resolved else None
+        silences.append(
+            Silence(number, matchers, printable(reason), printable(author), created_s, until_s, of_silence, ended_s)
+        )
+    return silences
+
+
+def resolve_alert(connection: sqlite3.Connection, alert: Alert, now_s: float) -> bool:
+    """Notes that an alert has resolved. Call inside a transaction.
+
+    Returns:
+        Whether a silence until resolved applied to it.
+    """
+    resolved = connection.execute(
+        "UPDATE silenced_alerts SET resolved_s = ? WHERE robot = ? AND signal = ? AND resolved_s IS NULL",
+        (now_s, *alert),
+    ).rowcount
+    if resolved:
+        connection.execute(
+            "UPDATE silences SET ended_s = ? WHERE until_resolved AND ended_s IS NULL AND NOT EXISTS "
+            "(SELECT 1 FROM silenced_alerts WHERE silence_id = silences.id AND resolved_s IS NULL)",
+            (now_s,),
+        )
+    return resolved > 0
+
+
+def open_alerts(connection: sqlite3.Connection) -> Dict[Alert, Level]:
+    """Returns the alerts that are open: the announced level of every signal that is not OK."""
+    found: Dict[Alert, Level] = {}
+    for robot, signal, state in connection.execute(
+        "SELECT robot, signal, state FROM signal_states ORDER BY robot, signal"
+    ):
+        try:
+            level = Level[json.loads(state)["announced"]["level"]]
+        except (ValueError, KeyError, TypeError):
+            continue
+        if level is not Level.OK:
+            found[robot, signal] = level
+    return found
+
+
+def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s: float) -> int:
+    """Returns how many changes to a level other than OK a silence has applied to so far."""
+    counts = connection.execute(
+        "SELECT robot, signal, count(*) FROM transitions WHERE wall_s >= ? AND wall_s < ? AND to_level <> 0 "
+        "AND NOT repeated GROUP BY robot, signal",
+        (silence.created_s, silence.end_s(now_s)),
+    ).fetchall()
+    alerts: Optional[Set[Alert]] = None
+    if silence.until_resolved:
+        rows = connection.execute("SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?", (silence.id,))
+        alerts = set(rows.fetchall())
+    return sum(
+        count
+        for robot, signal, count in counts
+        if silence.matches(robot, signal) and (alerts is None or (robot, signal) in alerts)
+    )
+
+
+def _end_order(silence: Silence) -> float:
+    return float("inf") if silence.until_s is None else silence.until_s
+
+
+def _without(silence: Silence, alert: Alert, now_s: float) -> Silence:
+    alerts = (silence.alerts or frozenset()) - {alert}
+    return Silence(
+        silence.id, silence.matchers, silence.reason, silence.author, silence.created_s, silence.until_s, alerts,
+        silence.ended_s if alerts else now_s,
+    )  # fmt: skip

@@ -1,0 +1,81 @@
+"""Matchers and patterns. The expected values are written by hand."""
+
+from __future__ import annotations
+
+from typing import Tuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.ops.matchers import Matcher, matchers_text, matches_pattern, parse_matchers
+
+
+@pytest.mark.parametrize(
+    ("text", "matchers"),
+    [
+        ("robot=r3,signal=battery*", (Matcher("robot", True, "r3"), Matcher("signal", True, "battery*"))),
+        (" robot = r3 , signal != link ", (Matcher("robot", True, "r3"), Matcher("signal", False, "link"))),
+        ('robot="r3, left"', (Matcher("robot", True, "r3, left"),)),
+        ("signal!=a,signal!=b", (Matcher("signal", False, "a"), Matcher("signal", False, "b"))),
+    ],
+)
+def test_matchers_are_read(text: str, matchers: Tuple[Matcher, ...]) -> None:
+    assert parse_matchers(text) == matchers
+    assert parse_matchers(matchers_text(matchers)) == matchers
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "expected matchers such as robot=r3,signal=battery*, got ''"),
+        ("r3", "expected matchers such as robot=r3,signal=battery*, got 'r3'"),
+        ("robot=", "expected matchers such as robot=r3,signal=battery*, got 'robot='"),
+        ("robot=r3,", "expected matchers such as robot=r3,signal=battery*, got ''"),
+        ('robot="r3', "expected matchers such as robot=r3,signal=battery*, got 'robot=\"r3'"),
+        ('robot="r3" left', "expected matchers such as robot=r3,signal=battery*, got 'robot=\"r3\" left'"),
+        ("robot=~r.*", "regular expressions are not supported; expected * and ? in 'robot=~r.*'"),
+        ("level=WARN", "expected the label robot or signal, got 'level'"),
+        ("robot=a\nb", "expected printable matchers, got 'robot=a\\nb'"),
+        ("robot=" + "a" * 500, "expected matchers of at most 500 characters, got 506"),
+        (",".join(["robot=a"] * 21), "expected at most 20 matchers, got 21"),
+    ],
+)
+def test_matchers_of_another_form_are_refused(text: str, problem: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_matchers(text)
+    assert str(caught.value) == problem
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_read_or_refused_and_what_is_read_can_be_written(text: str) -> None:
+    try:
+        matchers = parse_matchers(text)
+    except ConfigError:
+        return
+    assert parse_matchers(matchers_text(matchers)) == matchers
+
+
+@pytest.mark.parametrize(
+    ("text", "pattern", "matches"),
+    [
+        ("battery_level", "battery*", True),
+        ("battery", "battery*", True),
+        ("my_battery", "battery*", False),
+        ("my_battery", "*battery", True),
+        ("r3", "r?", True),
+        ("r33", "r?", False),
+        ("", "*", True),
+        ("", "?", False),
+        ("a.b", "a[.]b", False),  # brackets are ordinary characters
+        ("a[1]", "a[1]", True),
+        ("abcbcd", "a*bcd", True),
+    ],
+)
+def test_patterns(text: str, pattern: str, matches: bool) -> None:
+    assert matches_pattern(text, pattern) is matches
+
+
+def test_a_pattern_of_many_stars_is_not_slow() -> None:
+    assert matches_pattern("a" * 200, "*a" * 60 + "b") is False  # takes centuries with fnmatch of Python 3.8
