@@ -77,6 +77,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         "replay": lambda: _replay(arguments),
         "suggest": lambda: _suggest(arguments),
         "test": lambda: _test(arguments),
+        "export": lambda: _export(arguments),
     }
     try:
         return commands[arguments.command]()
@@ -150,6 +151,13 @@ def _test(arguments: argparse.Namespace) -> int:
     from .test_command import run_tests
 
     return run_tests(arguments.files)
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from .export_command import export
+
+    export(arguments)
+    return FINE
 
 
 def _prepare_streams() -> None:

@@ -74,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_replay(commands)
     _add_suggest(commands)
     _add_test(commands)
+    _add_export(commands)
     return parser
 
 
@@ -224,6 +225,41 @@ def _add_test(commands: Any) -> None:
         "Ends with code 1 if a test fails, and shows the differences.",
     )
     command.add_argument("files", metavar="FILE", nargs="+", help="tests; docs/recordings.md describes the format")
+
+
+def _add_export(commands: Any) -> None:
+    command = commands.add_parser(
+        "export",
+        help="write alerting rules for Prometheus or a dashboard for Grafana",
+        description="Writes the thresholds of a file for other systems, on stdout. They read the metrics that a "
+        "monitor serves at /metrics.",
+    )
+    targets = command.add_subparsers(dest="target", metavar="TARGET", required=True, parser_class=_Parser)
+    prometheus = targets.add_parser(
+        "prometheus",
+        help="alerting rules",
+        description="Writes a rule file for Prometheus 2.42 or newer. What PromQL cannot express is a comment at its "
+        "rule and a line on stderr.",
+    )
+    prometheus.add_argument(
+        "--robot",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="robot that the rules apply to (repeatable; default: all)",
+    )
+    prometheus.add_argument(
+        "--interval",
+        metavar="SECONDS",
+        type=_seconds,
+        default=15.0,
+        help="interval of scrapes and evaluations; durations are rounded up to it (default: 15)",
+    )
+    grafana = targets.add_parser(
+        "grafana", help="a dashboard", description="Writes a dashboard in JSON, to import into Grafana 9 or newer."
+    )
+    for target in (prometheus, grafana):
+        target.add_argument("file", metavar="FILE", help="a thresholds.yaml")
 
 
 def _port(text: str) -> int:

@@ -1,0 +1,282 @@
+"""Alerting rules of Prometheus for the thresholds of a configuration, over the metrics that a monitor serves.
+
+The rules repeat what docs/rules.md says, as far as PromQL can express it:
+
+* Prometheus has no hysteresis. A recording rule that reads its own previous result has one: its series exists while
+  the value is beyond the bound, and as long as the value is not back by the hysteresis.
+* `for` and `keep_firing_for` are Prometheus's own.
+* Staleness, invalid data and the link are the monitor's verdict, which is a metric.
+
+A rule that says more than PromQL can express gets a comment, and a line in `Export.problems`.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import List, NamedTuple, Optional, Sequence
+
+from robot_health_monitor.core.config import LINK, Condition, MonitorConfig, SignalConfig
+from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
+
+ALERT = "RobotHealth"
+"""Name of every alert; the same as in notifications."""
+BEYOND = "robot_health:beyond_bound"
+"""Recorded series: the value of a signal while it is beyond a bound, with its hysteresis."""
+_SEVERITIES = {"WARN": "warning", "ERROR": "critical", "STALE": "warning"}
+_OPERATORS = {"below": "<", "above": ">"}
+_UNITS = {"rate": "{}/s", "frequency_hz": "Hz"}
+_MEMORY = "1d"
+"""For how long a monitor that is gone is missed."""
+
+_HEADER = """\
+# Alerting rules of Robot Health Monitor for Prometheus, made by `robot-health export prometheus`.
+# They need the metrics that a monitor serves at /metrics, scraped every {interval}.
+# Unlike the monitor:
+# - Durations are rounded up to the interval, and what happens between two scrapes is not seen.
+# - WARN also fires while ERROR does. In Alertmanager, inhibit it:
+#     inhibit_rules:
+#       - source_matchers: [alertname="{alert}", severity="critical"]
+#         target_matchers: [alertname="{alert}", severity="warning"]
+#         equal: [robot, signal]
+# - While a signal is stale or its robot cannot be reached, durations and conditions on other signals go on; its last
+#   value counts.
+# - While a robot cannot be reached, its STALE alerts resolve.
+"""
+
+
+class Export(NamedTuple):
+    """A file for another system."""
+
+    text: str
+    problems: Sequence[str]
+    """What the other system cannot express, one line each."""
+
+
+def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_s: float = 15.0) -> Export:
+    """Returns a rule file for Prometheus, in YAML.
+
+    Args:
+        config: the signals and their bounds.
+        robots: names of the robots that it applies to; empty: all.
+        interval_s: interval of scrapes and evaluations, in s.
+    """
+    lines: List[str] = _HEADER.format(interval=_duration(interval_s), alert=ALERT).splitlines()
+    problems: List[str] = []
+    lines += ["groups:", f"  - name: {_name_of_group(robots)}", f"    interval: {_duration(interval_s)}", "    rules:"]
+    for signal in config.signals.values():
+        if signal.name != LINK:
+            lines += _Rules(config, signal, robots, problems).lines()
+    lines += _link_rule(robots)
+    lines += _monitor_rule(robots, interval_s)
+    return Export("\n".join(lines) + "\n", problems)
+
+
+class _Rules:
+    """The rules of one signal."""
+
+    def __init__(self, config: MonitorConfig, signal: SignalConfig, robots: Sequence[str], problems: List[str]) -> None:
+        self._config = config
+        self._signal = signal
+        self._robots = robots
+        self._problems = problems
+        self._unit = _UNITS.get(signal.statistic, "{}").format(signal.unit)
+
+    def lines(self) -> List[str]:
+        lines = ["", f"      # {self._signal.name}"]
+        for level in ("ERROR", "WARN"):
+            sides = [side for side in _OPERATORS if self._bound(level, side) is not None]
+            for side in sides:
+                lines += self._record(level, side)
+            if sides:
+                lines += self._comments(level)
+                lines += self._alert(level, sides)
+        lines += self._invalid()
+        if self._signal.stale_after_s > 0.0:
+            lines += self._stale()
+        return lines
+
+    def _metric(self, metric: str, aggregation: str = "max", signal: str = "") -> str:
+        """Returns a metric of a signal, one series per robot: several monitors may watch one robot."""
+        selected = _selector(self._robots, f'signal="{signal or self._signal.name}"')
+        return f"{aggregation} by (robot, signal) (robot_health_{metric}{selected})"
+
+    def _bound(self, level: str, side: str) -> Optional[float]:
+        bound: Optional[float] = getattr(self._signal, f"{level.lower()}_{side}")
+        return bound
+
+    def _record(self, level: str, side: str) -> List[str]:
+        bound = self._bound(level, side) or 0.0
+        operator = _OPERATORS[side]
+        value = self._metric("value", "min" if side == "below" else "max")
+        expression = f"{value} {operator} {_number(bound)}"
+        if self._signal.hysteresis:
+            clears_at = _number(self._clears_at(side, bound))
+            before = self._beyond(level, f', side="{side}"')
+            expression += f"\nor ({value} {operator} {clears_at} and on (robot, signal) {before})"
+        labels = f"{{signal: {self._signal.name}, level: {level}, side: {side}}}"
+        return ["", f"      - record: {BEYOND}", f"        labels: {labels}", *_block("expr", expression)]
+
+    def _beyond(self, level: str, further: str = "") -> str:
+        return BEYOND + _selector(self._robots, f'signal="{self._signal.name}", level="{level}"{further}')
+
+    def _comments(self, level: str) -> List[str]:
+        """Reports what the rule of a level cannot express."""
+        signal = self._signal
+        lost = []
+        if signal.latch:
+            lost.append("latch: the alert ends when the rule no longer fires")
+        if signal.flap_detection:
+            lost.append("flap_detection: every change is an alert")
+        if signal.repeat_s > 0.0:
+            lost.append("repeat_s: set repeat_interval in Alertmanager")
+        if signal.statistic != "last":
+            lost.append(f"an undefined {signal.statistic}: the alert ends when the window has too few samples")
+        if signal.only_if is not None and self._follows_statistic(signal.only_if):
+            lost.append(f"only_if: the metric of {signal.only_if.signal} is a statistic, not its latest value")
+        self._problems += [f"{signal.name} {level}: not expressed: {each}" for each in lost]
+        return [f"      # Not expressed: {each}." for each in lost]
+
+    def _follows_statistic(self, condition: Condition) -> bool:
+        followed = self._config.signals.get(condition.signal)
+        return followed is not None and followed.statistic != "last"
+
+    def _alert(self, level: str, sides: Sequence[str]) -> List[str]:
+        signal = self._signal
+        aggregation = "min" if sides == ["below"] else "max"
+        expression = f"{aggregation} by (robot, signal) ({self._beyond(level)})"
+        if signal.only_if is not None and not self._follows_statistic(signal.only_if):
+            expression += f"\nunless on (robot) ({self._contradiction(signal.only_if)})"
+        for_s = signal.for_s if level == "WARN" else signal.error_for_s
+        keep_s = signal.keep_firing_for_s if level == "WARN" else signal.error_keep_firing_for_s
+        return _alert(signal.name, level, expression, self._reason(level, sides), for_s, keep_s)
+
+    def _contradiction(self, condition: Condition) -> str:
+        """Returns an expression for: the other signal is known, and the condition on it does not hold."""
+        other = condition.signal
+        number = _number(condition.number)
+        value = self._metric("value", signal=other)
+        if condition.comparison in ("below", "above"):
+            holds = "<" if condition.comparison == "below" else ">"
+            fails = f"{value} {'>=' if holds == '<' else '<='} {number}"
+        else:
+            close = _number(abs(condition.number) * 1e-6)
+            fails = f"abs({value} - {number}) {'>' if condition.comparison == 'is' else '<='} {close}"
+        known = f"{self._metric('level', signal=other)} != 3 and {self._metric('data_valid', signal=other)} == 1"
+        return f"{fails} and {known}"
+
+    def _reason(self, level: str, sides: Sequence[str]) -> str:
+        """Returns the template of the reason, worded as in the line of the monitor's alert."""
+        signal = self._signal
+        value = with_unit('{{ $value | printf "%.4g" }}', _escaped(self._unit))
+        if signal.statistic != "last":
+            value = f"{'rate' if signal.statistic == 'frequency_hz' else signal.statistic} {value}"
+        bounds = {side: self._bound(level, side) or 0.0 for side in sides}
+        named = {side: f"{side} {self._with_unit(bound)}" for side, bound in bounds.items()}
+        if len(sides) == 1 and not signal.hysteresis:
+            return f"{value} is {named[sides[0]]}"
+        comparisons = {"below": "lt", "above": "gt"}
+        cases = "else ".join(
+            f"if {comparisons[side]} $value {_float(bound)} }}}}is {named[side]}{{{{ " for side, bound in bounds.items()
+        )
+        clears = " or ".join(self._with_unit(self._clears_at(side, bound)) for side, bound in bounds.items())
+        return f"{value} {{{{ {cases}else }}}}was {' or '.join(named.values())}, clears at {clears}{{{{ end }}}}"
+
+    def _clears_at(self, side: str, bound: float) -> float:
+        return bound + self._signal.hysteresis if side == "below" else bound - self._signal.hysteresis
+
+    def _with_unit(self, number: float) -> str:
+        return with_unit(bound_text(number), _escaped(self._unit))
+
+    def _invalid(self) -> List[str]:
+        lines = _alert(
+            self._signal.name, "ERROR", f"{self._metric('data_valid')} == 0", "invalid data", self._signal.invalid_for_s
+        )
+        # Without a label of its own it would be the alert of the bound: Prometheus keeps one per set of labels.
+        return [line.replace("severity:", 'cause: "invalid data", severity:') for line in lines]
+
+    def _stale(self) -> List[str]:
+        signal = self._signal
+        level, samples = self._metric("level"), self._metric("samples_total", "sum")
+        longer_than_grace = _duration(signal.startup_grace_s + 0.001)
+        earlier = f"{level[:-1]} offset {longer_than_grace})"
+        expression = (
+            f"{level} == 3\n"
+            f"and ({samples} > 0 or {earlier} == 3)\n"
+            f"unless on (robot) robot_health_link_up{_selector(self._robots)} == 0"
+        )
+        limit = duration_text(signal.stale_after_s)
+        return _alert(signal.name, "STALE", expression, f"no sample (limit {limit})")
+
+
+def _link_rule(robots: Sequence[str]) -> List[str]:
+    expression = f"max by (robot) (robot_health_link_up{_selector(robots)}) == 0"
+    return ["", "      # The link to a robot; while it is down, its other alerts stay as they are.",
+            *_alert(LINK, "ERROR", expression, "down", 0.0, 2.0)]  # fmt: skip
+
+
+def _monitor_rule(robots: Sequence[str], interval_s: float) -> List[str]:
+    """Returns the rule for a monitor that no longer works, or is no longer there."""
+    level = f"robot_health_level{_selector(robots)}"
+    limit_s = max(30.0, 4.0 * interval_s)
+    expression = (
+        "max by (robot) (\n"
+        f"  {level}\n"
+        f"  and on (job, instance) (time() - robot_health_last_tick_timestamp_seconds > {_number(limit_s)})\n"
+        ")\n"
+        f"or (max by (robot) (last_over_time({level}[{_MEMORY}])) unless max by (robot) ({level}))"
+    )
+    return ["", "      # The monitor of a robot does not work, or cannot be scraped.",
+            *_alert("monitor", "ERROR", expression, "does not run", for_s=2.0 * interval_s)]  # fmt: skip
+
+
+def _alert(
+    signal: str, level: str, expression: str, reason: str, for_s: float = 0.0, keep_firing_for_s: float = 0.0
+) -> List[str]:
+    lines = ["", f"      - alert: {ALERT}", *_block("expr", expression)]
+    if for_s > 0.0:
+        lines.append(f"        for: {_duration(for_s)}")
+    if keep_firing_for_s > 0.0:
+        lines.append(f"        keep_firing_for: {_duration(keep_firing_for_s)}")
+    lines.append(f"        labels: {{signal: {signal}, level: {level}, severity: {_SEVERITIES[level]}}}")
+    summary = json.dumps(f"{signal} {level}: {reason}")
+    return [*lines, f"        annotations: {{summary: {summary}}}"]
+
+
+def _block(key: str, text: str) -> List[str]:
+    return [f"        {key}: |-", *(f"          {line}" for line in text.splitlines())]
+
+
+def _selector(robots: Sequence[str], further: str = "") -> str:
+    matchers = [further] if further else []
+    if len(robots) == 1:
+        matchers.insert(0, f"robot={json.dumps(robots[0], ensure_ascii=False)}")
+    elif robots:
+        # Names match as they are: every character that is special in RE2 is escaped.
+        pattern = "|".join("".join(c if c.isalnum() or c == "_" else f"\\{c}" for c in name) for name in robots)
+        matchers.insert(0, f"robot=~{json.dumps(pattern, ensure_ascii=False)}")
+    return f"{{{', '.join(matchers)}}}" if matchers else ""
+
+
+def _name_of_group(robots: Sequence[str]) -> str:
+    return json.dumps("robot_health" + "".join(f" {name}" for name in robots))
+
+
+def _duration(seconds: float) -> str:
+    """Returns a duration as Prometheus reads it; it resolves milliseconds."""
+    whole, milliseconds = divmod(round(seconds * 1000.0), 1000)
+    return f"{f'{whole}s' if whole or not milliseconds else ''}{f'{milliseconds}ms' if milliseconds else ''}"
+
+
+def _number(value: float) -> str:
+    """Returns a number that PromQL reads without loss."""
+    return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
+
+
+def _float(value: float) -> str:
+    """Returns a number that a template reads as a floating-point number: it compares only like with like."""
+    return repr(float(value))
+
+
+def _escaped(text: str) -> str:
+    """Returns a text that a template does not read as an action."""
+    return text.replace("{{", '{{ "{{" }}')

@@ -1,0 +1,67 @@
+"""`robot-health export`: what it writes where, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Callable, List, Tuple
+
+import pytest
+from harness.line_process import LineProcess
+
+Start = Callable[..., LineProcess]
+
+THRESHOLDS = """
+alert_system:
+  ros__parameters:
+    signals:
+      battery_level: {unit: "%", warn_below: 20.0, latch: true}
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "thresholds.yaml"
+    path.write_text(THRESHOLDS)
+    return path
+
+
+def outcome(process: LineProcess) -> Tuple[int, List[str], List[str]]:
+    """Returns the exit code, and the lines on stdout and stderr."""
+    code = process.wait()
+    return code, [line.text for line in process.lines if line.stream == "out"], process.errors
+
+
+def test_rules_are_written_on_stdout_and_what_they_lack_on_stderr(robot_health: Start, file: Path) -> None:
+    process = robot_health("export", "prometheus", file, "--robot", "r1", "--robot", "r2", "--interval", "5")
+
+    code, out, err = outcome(process)
+
+    assert code == 0
+    assert err == ["WARN: battery_level WARN: not expressed: latch: the alert ends when the rule no longer fires"]
+    assert '          min by (robot, signal) (robot_health_value{robot=~"r1|r2", signal="battery_level"}) < 20' in out
+    assert "    interval: 5s" in out
+
+
+def test_a_dashboard_is_written_on_stdout(robot_health: Start, file: Path) -> None:
+    code, out, err = outcome(robot_health("export", "grafana", file))
+
+    assert (code, err) == (0, [])
+    assert json.loads("".join(out))["title"] == "Robot health"
+
+
+@pytest.mark.parametrize("target", ["prometheus", "grafana"])
+def test_a_mistake_in_the_file_is_one_line_and_code_2(robot_health: Start, file: Path, target: str) -> None:
+    file.write_text(THRESHOLDS.replace("20.0", "low"))
+
+    code, out, err = outcome(robot_health("export", target, file))
+
+    path = "alert_system.ros__parameters.signals.battery_level.warn_below"
+    assert (code, out, err) == (2, [], [f"{file}:5: {path}: expected a number, got 'low'"])
+
+
+def test_a_target_is_required(robot_health: Start, file: Path) -> None:
+    code, out, err = outcome(robot_health("export", file))
+
+    assert (code, out, len(err)) == (2, [], 1)
+    assert "prometheus" in err[0] and "grafana" in err[0]

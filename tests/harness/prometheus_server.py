@@ -1,0 +1,96 @@
+"""A real Prometheus on loopback, which scrapes one address and ends with the test."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Optional, Sequence, TypeVar
+
+import pytest
+
+PROMETHEUS = shutil.which("prometheus")
+
+needs_prometheus = pytest.mark.skipif(PROMETHEUS is None, reason="Debian's package prometheus is not installed")
+
+T = TypeVar("T")
+_LIMIT_S = 30.0
+
+
+class PrometheusServer:
+    """Prometheus with its data in a temporary folder."""
+
+    def __init__(self, folder: Path, target: str, rules: str = "", authorization: Optional[str] = None) -> None:
+        """Starts it.
+
+        Args:
+            folder: for its files.
+            target: `host:port` to scrape, every 0.2 s, at /metrics.
+            rules: a rule file, evaluated every 0.2 s.
+            authorization: bearer token to present to the target.
+        """
+        assert PROMETHEUS is not None
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = int(probe.getsockname()[1])
+        (folder / "rules.yaml").write_text(rules or "groups: []")
+        job: Dict[str, Any] = {"job_name": "robot_health", "static_configs": [{"targets": [target]}]}
+        if authorization is not None:
+            job["authorization"] = {"credentials": authorization}
+        config = {
+            "global": {"scrape_interval": "200ms", "scrape_timeout": "200ms", "evaluation_interval": "200ms"},
+            "rule_files": ["rules.yaml"],
+            "scrape_configs": [job],
+        }
+        (folder / "prometheus.yaml").write_text(json.dumps(config))
+        self._log = open(folder / "prometheus.log", "w")  # lasts as long as the process
+        self._process = subprocess.Popen(
+            [
+                PROMETHEUS,
+                "--config.file=prometheus.yaml",
+                f"--storage.tsdb.path={folder / 'data'}",
+                f"--web.listen-address=127.0.0.1:{self.port}",
+            ],
+            cwd=folder,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+        )
+
+    def query(self, expression: str) -> List[Dict[str, Any]]:
+        """Returns the result of an instant query: a list of `metric` and `value`."""
+        address = f"http://127.0.0.1:{self.port}/api/v1/query?{urllib.parse.urlencode({'query': expression})}"
+        with urllib.request.urlopen(address, timeout=5.0) as answer:
+            result: List[Dict[str, Any]] = json.load(answer)["data"]["result"]
+        return result
+
+    def wait_for(
+        self, expression: str, wanted: Callable[[Sequence[Dict[str, Any]]], bool] = bool
+    ) -> List[Dict[str, Any]]:
+        """Queries until the result is as wanted; returns it."""
+        end_s = time.monotonic() + _LIMIT_S
+        result: Any = "no answer"
+        while time.monotonic() < end_s:
+            try:
+                result = self.query(expression)
+            except urllib.error.HTTPError as error:
+                if error.code != 503:  # it is starting
+                    raise AssertionError(f"{expression}: {error.read().decode()}") from None
+            except OSError:
+                pass
+            else:
+                if wanted(result):
+                    return list(result)
+            time.sleep(0.05)
+        raise AssertionError(f"{expression}: {result}")
+
+    def close(self) -> None:
+        """Ends it."""
+        self._process.terminate()
+        self._process.wait(10.0)
+        self._log.close()

@@ -1,0 +1,164 @@
+"""The dashboard: every query returns, from a real Prometheus, the data that was put in."""
+
+from __future__ import annotations
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Set, Tuple
+
+import pytest
+from harness.prometheus_server import PrometheusServer, needs_prometheus
+
+from robot_health_monitor.core import load_config
+from robot_health_monitor.ops.export.grafana import export_dashboard
+from robot_health_monitor.ops.export.prometheus import export_rules
+
+SIGNALS = {
+    "battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0, "stale_after_s": 0.0},
+    "temperature": {"unit": "degC", "warn_above": 80.0},
+    "motor": {"unit": "rpm", "statistic": "rate"},
+}
+METRICS = """\
+robot_health_level{robot="r1",signal="battery_level"} 1
+robot_health_level{robot="r1",signal="temperature"} 0
+robot_health_level{robot="r1",signal="motor"} 0
+robot_health_level{robot="r2",signal="battery_level"} 2
+robot_health_level{robot="r2",signal="temperature"} 3
+robot_health_level{robot="r3",signal="battery_level"} 0
+robot_health_value{robot="r1",signal="battery_level"} 15
+robot_health_value{robot="r1",signal="temperature"} 50
+robot_health_value{robot="r1",signal="motor"} 7
+robot_health_value{robot="r2",signal="battery_level"} 5
+robot_health_data_valid{robot="r1",signal="battery_level"} 1
+robot_health_link_up{robot="r1"} 1
+robot_health_link_up{robot="r2"} 0
+robot_health_samples_total{robot="r1",signal="battery_level",quality="good"} 10
+robot_health_samples_total{robot="r1",signal="battery_level",quality="bad"} 0
+robot_health_transitions_total{robot="r1",signal="battery_level",to="WARN"} 1
+robot_health_notifications_waiting 4
+robot_health_last_tick_timestamp_seconds 1e9
+"""
+
+
+class _Target(BaseHTTPRequestHandler):
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/plain; version=0.0.4")
+        self.end_headers()
+        self.wfile.write(METRICS.encode())
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def prometheus(tmp_path: Path) -> Iterator[PrometheusServer]:
+    target = ThreadingHTTPServer(("127.0.0.1", 0), _Target)
+    thread = threading.Thread(target=target.serve_forever)
+    thread.start()
+    server = PrometheusServer(
+        tmp_path,
+        f"127.0.0.1:{target.server_port}",
+        export_rules(load_config({"signals": SIGNALS}), interval_s=0.2).text,
+    )
+    yield server
+    server.close()
+    target.shutdown()
+    thread.join()
+    target.server_close()
+
+
+def dashboard() -> Dict[str, Any]:
+    board: Dict[str, Any] = json.loads(export_dashboard(load_config({"signals": SIGNALS})))
+    return board
+
+
+def queries() -> Dict[str, str]:
+    """The query of each panel, by its title, with all robots selected."""
+    return {
+        panel["title"]: target["expr"].replace("$robot", ".*").replace("$__rate_interval", "10s")
+        for panel in dashboard()["panels"]
+        for target in panel["targets"]
+    }
+
+
+def labelled(result: List[Dict[str, Any]], *labels: str) -> Set[Tuple[Any, ...]]:
+    return {(*(each["metric"].get(name) for name in labels), float(each["value"][1])) for each in result}
+
+
+@needs_prometheus
+def test_every_query_returns_the_data_that_was_put_in(prometheus: PrometheusServer) -> None:
+    of = queries()
+    prometheus.wait_for(
+        "count_over_time(robot_health_level[10s])", lambda found: float(found[0]["value"][1]) > 2 if found else False
+    )
+    alerts = {("r1", "battery_level", "WARN", 1.0), ("r2", "battery_level", "ERROR", 1.0), ("r2", "link", "ERROR", 1.0)}
+
+    assert labelled(prometheus.query(of.pop("Robots"))) == {(3.0,)}
+    assert labelled(prometheus.query(of.pop("Robots not OK"))) == {(2.0,)}
+    assert labelled(prometheus.query(of.pop("Worst level per robot")), "robot") == {
+        ("r1", 1.0),
+        ("r2", 2.0),
+        ("r3", 0.0),
+    }
+    assert labelled(prometheus.query(of.pop("Link")), "robot") == {("r1", 0.0), ("r2", 1.0)}
+    assert labelled(prometheus.query(of.pop("battery_level")), "robot") == {("r1", 15.0), ("r2", 5.0)}
+    assert labelled(prometheus.query(of.pop("battery_level: level")), "robot") == {
+        ("r1", 1.0),
+        ("r2", 2.0),
+        ("r3", 0.0),
+    }
+    assert labelled(prometheus.query(of.pop("temperature")), "robot") == {("r1", 50.0)}
+    assert labelled(prometheus.query(of.pop("temperature: level")), "robot") == {("r1", 0.0), ("r2", 3.0)}
+    assert labelled(prometheus.query(of.pop("motor")), "robot") == {("r1", 7.0)}
+    assert labelled(prometheus.query(of.pop("motor: level")), "robot") == {("r1", 0.0)}
+    assert labelled(prometheus.query(of.pop("Notifications waiting"))) == {(4.0,)}
+    (age,) = prometheus.query(of.pop("Time since the last tick"))
+    assert float(age["value"][1]) > 7e8
+    assert labelled(prometheus.query(of.pop("Samples per second")), "robot", "quality") == {
+        ("r1", "good", 0.0),
+        ("r1", "bad", 0.0),
+    }
+    assert labelled(prometheus.query(of.pop("Alerts per hour")), "robot", "signal", "to") == {
+        ("r1", "battery_level", "WARN", 0.0)
+    }
+    firing = prometheus.wait_for(
+        of.pop("Firing alerts"),
+        lambda found: alerts <= labelled(list(found), "robot", "signal", "level"),
+    )
+    assert {each["metric"]["alertname"] for each in firing} == {"RobotHealth"}
+    assert of == {}
+
+
+def test_bounds_are_the_thresholds_of_their_plot() -> None:
+    panels = {panel["title"]: panel["fieldConfig"]["defaults"] for panel in dashboard()["panels"]}
+
+    battery, temperature = panels["battery_level"], panels["temperature"]
+
+    assert battery["thresholds"]["steps"] == [
+        {"color": "red", "value": None},
+        {"color": "orange", "value": 10.0},
+        {"color": "transparent", "value": 20.0},
+    ]
+    assert temperature["thresholds"]["steps"] == [
+        {"color": "transparent", "value": None},
+        {"color": "orange", "value": 80.0},
+    ]
+    assert [panels[name]["unit"] for name in SIGNALS] == ["percent", "celsius", "suffix:rpm/s"]
+
+
+def test_panels_have_numbers_and_do_not_overlap() -> None:
+    panels = dashboard()["panels"]
+    cells = [
+        (x, y)
+        for panel in panels
+        for at in [panel["gridPos"]]
+        for x in range(at["x"], at["x"] + at["w"])
+        for y in range(at["y"], at["y"] + at["h"])
+    ]
+
+    assert [panel["id"] for panel in panels] == list(range(1, len(panels) + 1))
+    assert len(cells) == len(set(cells))
+    assert max(x for x, _ in cells) == 23

@@ -1,0 +1,321 @@
+"""The exported rules, judged by Prometheus's own promtool: it accepts them, and they fire when the monitor does."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import subprocess
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+import pytest
+from harness.promtool import PROMTOOL, needs_promtool, random_timeline, seed_of_this_run
+
+from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
+from robot_health_monitor.core.config import MonitorConfig
+from robot_health_monitor.ops.export.prometheus import Export, export_rules
+
+ROOT = Path(__file__).resolve().parents[3]
+STEPS = 50
+
+Series = Dict[str, List[Optional[float]]]
+
+
+def exported(signals: Mapping[str, Any], **options: Any) -> Export:
+    return export_rules(load_config({"signals": signals}), **options)
+
+
+def promtool(folder: Path, *arguments: str) -> str:
+    """Returns what promtool reports about files in a folder; empty if it accepts them."""
+    assert PROMTOOL is not None
+    done = subprocess.run([PROMTOOL, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    return "" if done.returncode == 0 else done.stdout + done.stderr
+
+
+@needs_promtool
+@pytest.mark.parametrize("file", sorted(path.name for path in (ROOT / "config").glob("*.yaml")))
+def test_promtool_accepts_the_rules_of_every_shipped_configuration(tmp_path: Path, file: str) -> None:
+    (tmp_path / "rules.yaml").write_text(export_rules(load_config(ROOT / "config" / file)).text)
+
+    assert promtool(tmp_path, "check", "rules", "rules.yaml") == ""
+
+
+@needs_promtool
+@pytest.mark.parametrize(
+    "signals",
+    [
+        pytest.param({"a": {"warn_below": 1e300, "unit": '"{{ x }}" µ\\'}}, id="unit"),
+        pytest.param({"a": {"warn_below": -1e-300, "warn_above": 5e-324, "for_s": 0.0005}}, id="tiny numbers"),
+        pytest.param({"a": {"stale_after_s": 0.0}}, id="no rule but invalid data"),
+    ],
+)
+def test_promtool_accepts_the_rules_of_odd_configurations(tmp_path: Path, signals: Mapping[str, Any]) -> None:
+    (tmp_path / "rules.yaml").write_text(exported(signals, robots=['r"1\\', "ä|b", "x.y"]).text)
+
+    assert promtool(tmp_path, "check", "rules", "rules.yaml") == ""
+
+
+@needs_promtool
+def test_labels_and_summary_are_those_of_the_monitors_alert(tmp_path: Path) -> None:
+    text = exported({"battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0, "for_s": 2.0}}).text
+    series = {'robot_health_value{robot="r1", signal="battery_level", instance="a:9090"}': "25 19.5 19.5 19.5 9 9 9"}
+    (tmp_path / "rules.yaml").write_text(text)
+    labels = {"robot": "r1", "signal": "battery_level"}
+    warn = {
+        "exp_labels": {**labels, "level": "WARN", "severity": "warning"},
+        "exp_annotations": {"summary": "battery_level WARN: 19.5 % is below 20 %"},
+    }
+    error = {
+        "exp_labels": {**labels, "level": "ERROR", "severity": "critical"},
+        "exp_annotations": {"summary": "battery_level ERROR: 9 % is below 10 %"},
+    }
+    still_warn = {**warn, "exp_annotations": {"summary": "battery_level WARN: 9 % is below 20 %"}}
+    expected = [("2s", []), ("3s", [warn]), ("6s", [still_warn, error])]
+    test = {
+        "rule_files": ["rules.yaml"],
+        "evaluation_interval": "1s",
+        "tests": [
+            {
+                "interval": "1s",
+                "input_series": [{"series": name, "values": values} for name, values in series.items()],
+                "alert_rule_test": [
+                    {"eval_time": time, "alertname": "RobotHealth", "exp_alerts": alerts} for time, alerts in expected
+                ],
+            }
+        ],
+    }
+    (tmp_path / "test.yaml").write_text(json.dumps(test))
+
+    assert promtool(tmp_path, "test", "rules", "test.yaml") == ""
+
+
+class Robot:
+    """A monitor that is played, and its metrics as /metrics would show them after each second."""
+
+    def __init__(self, name: str, config: MonitorConfig) -> None:
+        self.monitor = Monitor(config, name)
+        self.name = name
+        self.series: Series = {}
+        self.levels: List[Dict[str, Level]] = []
+        """The announced levels after each second; of the link, the true one, because its flapping is withheld."""
+        self.valid: Dict[str, float] = {}
+
+    def play(self, step: int, values: Mapping[str, object], link: Optional[bool] = None) -> None:
+        now_s = float(step)
+        changes: List[Transition] = []
+        levels = dict(self.levels[-1]) if self.levels else dict.fromkeys(self.monitor.config.signals, Level.OK)
+        if link is not None:
+            changes += self.monitor.set_link(link, "refused", now_s)
+            self._add(f'robot_health_link_up{{robot="{self.name}"}}', float(link))
+        for name, value in values.items():
+            changes += self.monitor.observe(Sample(name, value, now_s))
+            self.valid[name] = float(isinstance(value, float) and math.isfinite(value))
+        changes += self.monitor.tick(now_s)
+        self._add("robot_health_last_tick_timestamp_seconds", now_s)
+        statuses = self.monitor.report(now_s).statuses
+        levels.update({change.signal: change.to_level for change in changes})
+        if link is not None:
+            levels["link"] = statuses["link"].level
+        self.levels.append(levels)
+        for name in self.monitor.config.signals:
+            labels = f'{{robot="{self.name}", signal="{name}"}}'
+            self._add(f"robot_health_level{labels}", float(statuses[name].level))
+            self._add(f"robot_health_value{labels}", self.monitor.judged_value(name))
+            self._add(f"robot_health_data_valid{labels}", self.valid.get(name))
+            for quality in ("good", "bad"):
+                count = float(statuses[name].values[f"{quality}_samples"])
+                self._add(f'robot_health_samples_total{labels[:-1]}, quality="{quality}"}}', count)
+
+    def _add(self, series: str, value: Optional[float]) -> None:
+        values = self.series.setdefault(series, [])
+        values.append(value)
+
+
+def promtool_test(folder: Path, robots: Sequence[Robot], expected: Sequence[Mapping[Tuple[str, str], Level]]) -> str:
+    """Returns promtool's findings; empty if after each second the worst firing alert of each signal is as expected."""
+    numbers = {Level.ERROR: "2", Level.STALE: "3", Level.WARN: "1"}
+    firing = 'ALERTS{{alertstate="firing", level="{}", signal!~"monitor|link"}}'
+    worst = " or ".join(
+        f"max by (robot, signal) ({firing.format(level.name)} * {number})" for level, number in numbers.items()
+    )
+    link = 'max by (robot, signal) (ALERTS{alertstate="firing", signal="link"} * 2)'
+    # While a robot cannot be reached, the rules of its other signals do not claim to agree.
+    worst = f"(({worst}) unless on (robot) robot_health_link_up == 0) or {link}"
+    reachable = {
+        robot.name: robot.series.get(f'robot_health_link_up{{robot="{robot.name}"}}', [1.0] * STEPS) for robot in robots
+    }
+    tests = [
+        {
+            "expr": worst,
+            "eval_time": f"{step}s",
+            "exp_samples": [
+                {"labels": f'{{robot="{robot}", signal="{signal}"}}', "value": int(level)}
+                for (robot, signal), level in of_step.items()
+                if level is not Level.OK and (signal == "link" or reachable[robot][step])
+            ],
+        }
+        for step, of_step in enumerate(expected)
+    ]
+    series = {name: values for robot in robots for name, values in robot.series.items()}
+    test = {
+        "rule_files": [f"{robot.name}.yaml" for robot in robots],
+        "evaluation_interval": "1s",
+        "tests": [
+            {
+                "interval": "1s",
+                "input_series": [
+                    {"series": name, "values": " ".join("_" if value is None else repr(value) for value in values)}
+                    for name, values in series.items()
+                ],
+                "promql_expr_test": tests,
+            }
+        ],
+    }
+    for robot in robots:
+        text = export_rules(robot.monitor.config, robots=[robot.name], interval_s=1.0).text
+        (folder / f"{robot.name}.yaml").write_text(text)
+    (folder / "test.yaml").write_text(json.dumps(test))
+    return promtool(folder, "test", "rules", "test.yaml")
+
+
+def levels_of(robots: Sequence[Robot]) -> Iterator[Dict[Tuple[str, str], Level]]:
+    for step in range(STEPS):
+        yield {(robot.name, name): level for robot in robots for name, level in robot.levels[step].items()}
+
+
+@needs_promtool
+def test_bounds_hysteresis_and_durations_fire_when_the_monitor_does(tmp_path: Path) -> None:
+    """Random timelines. A step without a sample is silence, which is no alert in these."""
+    seed = seed_of_this_run()
+    chance = random.Random(seed)
+    timelines = [random_timeline(chance, f"t{number}") for number in range(150)]
+    robot = Robot("r1", load_config({"signals": {each.name: each.signal for each in timelines}}))
+    for step in range(STEPS):
+        samples = {each.name: each.values[step] for each in timelines if each.values[step] is not None}
+        robot.play(step, samples)
+    expected = list(levels_of([robot]))
+    assert {level for of_step in expected for level in of_step.values()} == {Level.OK, Level.WARN, Level.ERROR}
+
+    findings = promtool_test(tmp_path, [robot], expected)
+
+    assert not findings, f"REFEREE_SEED={seed}\n{findings[:3000]}"
+
+
+def random_faults(chance: random.Random, name: str) -> Tuple[Dict[str, Any], List[object]]:
+    """Returns a signal without durations, and values among which some are missing or invalid."""
+    signal: Dict[str, Any] = {
+        "stale_after_s": 3.0,
+        "startup_grace_s": chance.choice((0.0, 4.0, 6.0)),
+        "warn_below": chance.choice((20.0, 21.0)),
+        "error_above": chance.choice((80.0, 81.0)),
+        "hysteresis": chance.choice((0.0, 2.0)),
+    }
+    condition = chance.choice((None, {"is": 1.0}, {"is_not": 1.0}, {"below": 0.5}, {"above": 0.5}))
+    if condition is not None:
+        signal["only_if"] = {"signal": "switch", **condition}
+    values: List[object] = []
+    while len(values) < STEPS:
+        kind = chance.random()
+        if kind < 0.2:
+            values += [None] * chance.randint(1, 8 if condition is None else 2)  # conditions stand still during silence
+        elif kind < 0.3:
+            values.append(math.nan)
+        else:
+            values += [chance.choice((15.0, 21.0, 50.0, 79.0, 85.0))] * chance.randint(1, 4)
+    return signal, values[:STEPS]
+
+
+@needs_promtool
+def test_silence_invalid_data_conditions_and_links_alert_when_the_monitor_does(tmp_path: Path) -> None:
+    seed = seed_of_this_run()
+    chance = random.Random(seed)
+    robots: List[Robot] = []
+    expected: List[Dict[Tuple[str, str], Level]] = [{} for _ in range(STEPS)]
+    for name in ("still", "linked"):
+        faults = {f"s{number}": random_faults(chance, f"s{number}") for number in range(40)}
+        switch = [value for _ in range(STEPS // 5) for value in [chance.choice((None, 0.0, 1.0, math.nan))] * 5]
+        signals = {"switch": {"stale_after_s": 3.0}, **{key: signal for key, (signal, _) in faults.items()}}
+        robot = Robot(name, load_config({"signals": signals}))
+        up = [True] * 3 + [chance.random() < 0.8 for _ in range(STEPS)]
+        for step in range(STEPS):
+            link = up[step // 4] if name == "linked" else None
+            values = {"switch": switch[step], **{key: values[step] for key, (_, values) in faults.items()}}
+            known = {key: value for key, value in values.items() if value is not None and link is not False}
+            robot.play(step, known, link)
+            expected[step].update({(name, key): level for key, level in robot.levels[step].items()})
+        robots.append(robot)
+    seen = {level for of_step in expected for level in of_step.values()}
+    assert seen == set(Level)
+
+    findings = promtool_test(tmp_path, robots, expected)
+
+    assert not findings, f"REFEREE_SEED={seed}\n{findings[:3000]}"
+
+
+@needs_promtool
+def test_a_monitor_that_stops_ticking_or_disappears_is_an_alert(tmp_path: Path) -> None:
+    text = exported({"a": {"warn_below": 20.0}}, interval_s=1.0).text
+    (tmp_path / "rules.yaml").write_text(text)
+    labels = 'job="robots", instance="{}"'
+    series = {
+        f'robot_health_level{{robot="works", signal="a", {labels.format("one")}}}': "0x200",
+        f"robot_health_last_tick_timestamp_seconds{{{labels.format('one')}}}": "0+1x200",
+        f'robot_health_level{{robot="hangs", signal="a", {labels.format("two")}}}': "0x200",
+        f"robot_health_last_tick_timestamp_seconds{{{labels.format('two')}}}": "0+1x100 100x99",
+        f'robot_health_level{{robot="gone", signal="a", {labels.format("three")}}}': "0x100 stale",
+        f"robot_health_last_tick_timestamp_seconds{{{labels.format('three')}}}": "0+1x100 stale",
+    }
+    alert = 'sum by (robot, signal, level) (ALERTS{alertname="RobotHealth", alertstate="firing"})'
+    gone, hangs = (
+        {"labels": f'{{robot="{name}", signal="monitor", level="ERROR"}}', "value": 1} for name in ("gone", "hangs")
+    )
+    expected = [
+        ("100s", []),
+        ("102s", []),
+        ("103s", [gone]),
+        ("132s", [gone]),
+        ("133s", [gone, hangs]),
+        ("200s", [gone, hangs]),
+    ]
+    test = {
+        "rule_files": ["rules.yaml"],
+        "evaluation_interval": "1s",
+        "tests": [
+            {
+                "interval": "1s",
+                "input_series": [{"series": name, "values": values} for name, values in series.items()],
+                "promql_expr_test": [
+                    {"expr": alert, "eval_time": time, "exp_samples": samples} for time, samples in expected
+                ],
+            }
+        ],
+    }
+    (tmp_path / "test.yaml").write_text(json.dumps(test))
+
+    assert promtool(tmp_path, "test", "rules", "test.yaml") == ""
+
+
+def test_what_promql_cannot_express_is_a_comment_at_its_rule_and_a_problem() -> None:
+    export = exported(
+        {
+            "a": {"warn_below": 20.0, "latch": True, "repeat_s": 60.0},
+            "b": {
+                "warn_above": 5.0,
+                "flap_detection": True,
+                "statistic": "mean",
+                "only_if": {"signal": "c", "is": 1.0},
+            },
+            "c": {"statistic": "max"},
+        }
+    )
+
+    assert export.problems == [
+        "a WARN: not expressed: latch: the alert ends when the rule no longer fires",
+        "a WARN: not expressed: repeat_s: set repeat_interval in Alertmanager",
+        "b WARN: not expressed: flap_detection: every change is an alert",
+        "b WARN: not expressed: an undefined mean: the alert ends when the window has too few samples",
+        "b WARN: not expressed: only_if: the metric of c is a statistic, not its latest value",
+    ]
+    for problem in export.problems:
+        assert f"      # Not expressed: {problem.partition(': not expressed: ')[2]}.\n" in export.text
