@@ -11,6 +11,9 @@ A new sample updates the back's aggregate. A sample that leaves drops its aggreg
 empty, the whole back becomes the new front, in one pass. Each sample takes part in one such pass. The statistics
 combine the front's current aggregate with the back's.
 
+Aggregates are computed when a statistic is read, which most signals need once per second or never. The results do not
+depend on when that is: which samples are the front follows from the samples alone.
+
 An aggregate holds minimum, maximum, and the sums of the distances, and squared distances, to a reference: a sample
 that belongs to the aggregate, so that the sums lose few digits. Where squares would overflow, distances are scaled.
 """
@@ -21,7 +24,7 @@ import math
 import sys
 from array import array
 from collections import deque
-from itertools import accumulate
+from itertools import accumulate, islice
 from operator import mul
 from typing import Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -41,6 +44,7 @@ class Window:
     """
 
     __slots__ = (
+        "_back",
         "_back_max",
         "_back_min",
         "_back_reference",
@@ -49,6 +53,7 @@ class Window:
         "_back_sum",
         "_began_s",
         "_front",
+        "_front_is_built",
         "_front_max",
         "_front_min",
         "_front_reference",
@@ -87,6 +92,7 @@ class Window:
         self._values: Deque[float] = deque()
         self._began_s: Optional[float] = None
         self._front = 0
+        self._front_is_built = True
         self._front_reference = 0.0
         self._front_scaled = 0
         # Entry n is the aggregate of the newest n + 1 samples of the front, of which `_front` are left.
@@ -111,19 +117,13 @@ class Window:
         self._values.append(value)
         if self._began_s is None:
             self._began_s = now_s
-        distance = value * self._back_scale - self._back_reference
-        if not -_LARGEST_DISTANCE < distance < _LARGEST_DISTANCE:  # NaN: the back is empty
-            distance = self._rescale_back(value)
-        self._back_sum += distance
-        self._back_squares += distance * distance
-        if value < self._back_min:
-            self._back_min = value
-        if value > self._back_max:
-            self._back_max = value
         oldest_s = now_s - self.window_s
         while times[0] < oldest_s or len(times) > self.window_samples:
             if not self._front:
-                self._flip()
+                self.flips += 1
+                self._front = len(times)
+                self._front_is_built = False
+                self._clear_back()
             times.popleft()
             self._values.popleft()
             self._front -= 1
@@ -187,22 +187,18 @@ class Window:
 
     def min(self) -> Optional[float]:
         """The smallest value."""
-        if not self._values:
-            return None
-        front = self._front
-        return min(self._front_min[front - 1], self._back_min) if front else self._back_min
+        return self._extremes()[0] if self._values else None
 
     def max(self) -> Optional[float]:
         """The largest value."""
-        if not self._values:
-            return None
-        front = self._front
-        return max(self._front_max[front - 1], self._back_max) if front else self._back_max
+        return self._extremes()[1] if self._values else None
 
     def mean(self) -> Optional[float]:
         """The arithmetic mean."""
-        smallest, largest = self.min(), self.max()
-        if smallest is None or largest is None or smallest == largest:
+        if not self._values:
+            return None
+        smallest, largest = self._extremes()
+        if smallest == largest:
             return smallest
         mean, _, scale = self._moments()
         # Rounding must not carry it beyond the samples, nor beyond the doubles.
@@ -210,9 +206,11 @@ class Window:
 
     def stddev(self) -> Optional[float]:
         """The population standard deviation."""
-        smallest, largest = self.min(), self.max()
-        if smallest is None or smallest == largest:
-            return None if smallest is None else 0.0
+        if not self._values:
+            return None
+        smallest, largest = self._extremes()
+        if smallest == largest:
+            return 0.0
         _, variance, scale = self._moments()
         return min(math.sqrt(variance) / scale, _LARGEST)
 
@@ -237,12 +235,43 @@ class Window:
         return frequency if math.isfinite(frequency) else None
 
     def _clear_back(self) -> None:
+        self._back = 0
         self._back_reference = math.nan
         self._back_scale = 1.0
         self._back_sum = 0.0
         self._back_squares = 0.0
         self._back_min = math.inf
         self._back_max = -math.inf
+
+    def _extremes(self) -> Tuple[float, float]:
+        """Returns the smallest and the largest value, and brings the aggregates up to date. Not without samples."""
+        values, front = self._values, self._front
+        if front and not self._front_is_built:
+            self._build_front()
+        new = len(values) - front - self._back
+        if new == 1:
+            self._add_to_back(values[-1])
+        elif new:
+            for value in reversed(list(islice(reversed(values), new))):
+                self._add_to_back(value)
+        smallest, largest = self._back_min, self._back_max
+        if front:
+            front_min, front_max = self._front_min[front - 1], self._front_max[front - 1]
+            smallest = front_min if front_min < smallest else smallest
+            largest = front_max if front_max > largest else largest
+        return smallest, largest
+
+    def _add_to_back(self, value: float) -> None:
+        self._back += 1
+        distance = value * self._back_scale - self._back_reference
+        if not -_LARGEST_DISTANCE < distance < _LARGEST_DISTANCE:  # NaN: the back is empty
+            distance = self._rescale_back(value)
+        self._back_sum += distance
+        self._back_squares += distance * distance
+        if value < self._back_min:
+            self._back_min = value
+        if value > self._back_max:
+            self._back_max = value
 
     def _rescale_back(self, value: float) -> float:
         """Makes the first sample the reference, and scales the aggregate before a distance too large to be squared.
@@ -260,10 +289,11 @@ class Window:
             self._back_squares = self._back_squares * _SCALE * _SCALE
         return value * _SCALE - self._back_reference
 
-    def _flip(self) -> None:
-        """Makes the whole back the new front: the aggregates of every sample and all newer ones."""
-        self.flips += 1
-        newest_first = list(reversed(self._values))
+    def _build_front(self) -> None:
+        """Computes the front's aggregates: of every sample and all newer ones of the front."""
+        self._front_is_built = True
+        newest_first = list(islice(self._values, self._front))
+        newest_first.reverse()
         reference = self._front_reference = newest_first[0]
         distances = [value - reference for value in newest_first]
         sums = array("d", accumulate(distances))
@@ -275,15 +305,15 @@ class Window:
             sums[first:] = array("d", accumulate(small))[first:]
             squares[first:] = array("d", accumulate(map(mul, small, small)))[first:]
             self._front_scaled = first
-        self._front = len(distances)
         self._front_sums = sums
         self._front_squares = squares
         self._front_min = array("d", accumulate(newest_first, min))
         self._front_max = array("d", accumulate(newest_first, max))
-        self._clear_back()
 
     def _moments(self) -> Tuple[float, float, float]:
-        """Combines front and back (Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm", 1979).
+        """Combines front and back; call `_extremes` before.
+
+        Source: Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm", 1979.
 
         Returns:
             Mean and variance of the values times a scale, and the scale.

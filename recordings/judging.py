@@ -159,7 +159,7 @@ class Judge:
     def _start_tape(
         self, node: RecordedMiddleware, judged: _JudgedSignal, read: Optional[Callable[[], Optional[float]]]
     ) -> _Tape:
-        tape = _Tape(self._player, node, judged.topic, read)
+        tape = _Tape(node, judged.topic, read)
         self._player.subscribe(tape, judged.config.type, judged.config.field or None)
         return tape
 
@@ -169,7 +169,6 @@ class _Tape(Subscription):
 
     def __init__(
         self,
-        player: Player,
         node: RecordedMiddleware,
         topic: str,
         read: Optional[Callable[[], Optional[float]]] = None,
@@ -177,7 +176,6 @@ class _Tape(Subscription):
         """Starts empty.
 
         Args:
-            player: has the time.
             node: the node in whose name it subscribes.
             topic: the absolute topic.
             read: returns the value to collect at each message; None: the value of the message.
@@ -185,15 +183,15 @@ class _Tape(Subscription):
         super().__init__(node, topic, _ignore)
         self.consumers: List[Callable[[Any, Any], None]] = []
         """Each gets the times and values of a chunk, as arrays of doubles."""
-        self._player = player
         self._read = read
         self._times: List[float] = []
         self._values: List[Any] = []
 
-    def deliver(self, value: Any) -> None:
+    def deliver(self, value: Any, wall_s: float) -> None:
+        times = self._times
         self._values.append(value if self._read is None else self._read())
-        self._times.append(self._player.wall_s)
-        if len(self._times) >= CHUNK:
+        times.append(wall_s)
+        if len(times) >= CHUNK:
             self.flush()
 
     def flush(self) -> None:

@@ -39,17 +39,21 @@ class Subscription:
         self.callback = callback
         self.active = True
 
-    def deliver(self, value: Any) -> None:
+    def deliver(self, value: Any, wall_s: float) -> None:
         """Passes a value to the node, unless the subscription has ended.
 
         Without simulated time it does what `MappingNode.call_back` does, without locks: this is the cost of a replay.
+
+        Args:
+            value: the field of the message.
+            wall_s: log time of the message, in seconds since 1970.
         """
         node = self.node
         if node.use_sim_time:
             node.call_back(self, value)
         elif self.active and not node.closed:
             try:
-                self.callback(value, node.player.wall_s)
+                self.callback(value, wall_s)
             except Exception as error:
                 node.log_failure(error)
 
@@ -57,7 +61,7 @@ class Subscription:
 class _ClockSubscription(Subscription):
     """Passes simulated time to a node."""
 
-    def deliver(self, value: Any) -> None:
+    def deliver(self, value: Any, wall_s: float) -> None:
         self.node.take_clock(value)
 
 
@@ -70,12 +74,12 @@ class _Reader:
         self._get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
         self._on_undecodable = on_undecodable
 
-    def bind(self) -> Callable[[bytes], None]:
-        """Returns a function that reads the field from a serialized message and passes it to the subscriptions."""
+    def bind(self) -> Callable[[bytes, float], None]:
+        """Returns a function that passes the field of a serialized message, with its time, to the subscriptions."""
         get, topic, on_undecodable = self._get, self._topic, self._on_undecodable
         delivers = tuple(subscription.deliver for subscription in self.subscriptions)
 
-        def deliver(data: bytes) -> None:
+        def deliver(data: bytes, wall_s: float) -> None:
             try:
                 value = get(data)
             except ValueError:
@@ -83,7 +87,7 @@ class _Reader:
                 return
             if value is not ABSENT:
                 for each in delivers:
-                    each(value)
+                    each(value, wall_s)
 
         return deliver
 
@@ -259,6 +263,7 @@ class Player:
         start_ns, end_ns = self._start_ns, self._end_ns
         step_ns = max(1, (end_ns - start_ns) // 1000)
         last_ns = progress_ns = start_ns
+        now_s = self.wall_s
         first_ns, past_ns = self._recordings.span_ns or (0, 0)
         if not self._use_sim_time:
             self._gaps_ns = [gap for gap in self._recordings.gaps_ns if start_ns < gap[0] and gap[1] <= end_ns]
@@ -283,7 +288,7 @@ class Player:
             elif time_ns < last_ns:
                 self.late += 1
             for deliver in of_channel:
-                deliver(data)
+                deliver(data, now_s)
         # A damaged recording may have ended before the time that its index gives: the rest is not silence.
         _, read_ns = self._recordings.span_ns or (0, 0)
         self._cross_gaps(min(end_ns, read_ns))

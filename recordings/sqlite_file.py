@@ -98,13 +98,13 @@ class SqliteFile:
                 rows = cursor.fetchmany(count)
                 if not rows:
                     return
-                good = [row for row in rows if type(row[1]) is int and type(row[2]) is bytes]
-                if len(good) < len(rows):
+                columns = _columns(rows)
+                if set(map(type, columns[1])) != {int} or set(map(type, columns[2])) != {bytes}:
                     self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
-                if good:
-                    numbers, times, data = zip(*good)
-                    count = min(_BATCH, 1 + _BATCH_BYTES * len(data) // (1 + sum(map(len, data))))
-                    yield numbers, times, data
+                    columns = _columns([row for row in rows if type(row[1]) is int and type(row[2]) is bytes])
+                if columns[0]:
+                    count = min(_BATCH, 1 + _BATCH_BYTES * len(columns[0]) // (1 + sum(map(len, columns[2]))))
+                    yield columns
         finally:
             database.close()
 
@@ -130,6 +130,11 @@ class SqliteFile:
         except _DAMAGE as error:
             self._note_damage(error)
         self.span_ns = (times[0], times[1]) if times else None
+
+
+def _columns(rows: Sequence[Tuple[Any, Any, Any]]) -> _Columns:
+    numbers, times, data = zip(*rows) if rows else ((), (), ())
+    return numbers, times, data
 
 
 def _has_journal(path: str) -> bool:
