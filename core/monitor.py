@@ -252,6 +252,17 @@ class Monitor:
             _add(changes, signal.reset(self._now_s))
         return changes
 
+    def end(self) -> Changes:
+        """Ends every alert: the robot is no longer watched.
+
+        Returns:
+            A transition to OK for each signal that was not OK, the link included, at the time of the last call.
+        """
+        changes = Changes()
+        for signal in self._signals.values():
+            _add(changes, signal.end(self._now_s))
+        return changes
+
     def configure(self, config: MonitorConfig) -> Changes:
         """Applies a new configuration; signals whose own configuration is the same are not disturbed.
 

@@ -89,12 +89,14 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
 
 
 def _run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    interrupts.take_hangups()
     from .run_command import run
 
     return ALERTS_FOUND if run(arguments, interrupts) else FINE
 
 
 def _connect(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    interrupts.take_hangups()
     from .connect_command import connect
 
     return ALERTS_FOUND if connect(arguments, interrupts) else FINE

@@ -19,7 +19,11 @@ def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
     Raises:
         SystemExit: they are wrong (code 2, one line on stderr), or requested help or the version (code 0).
     """
-    return _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if arguments.command == "connect" and not (arguments.urls or arguments.fleet):
+        parser.error("connect: expected the URL of a robot, or --fleet FILE")
+    return arguments
 
 
 class _Parser(argparse.ArgumentParser):
@@ -123,14 +127,21 @@ def _add_connect(commands: Any) -> None:
         help="monitor robots over rosbridge, without ROS",
         description="Monitors robots through their rosbridge servers. A link that is down is one alert, and is "
         "re-established automatically; meanwhile the robot's signals raise no alerts. Nothing is published on the "
-        "robots.",
+        "robots. SIGHUP reads the configuration again and changes only what differs.",
     )
     command.add_argument(
-        "urls", metavar="URL", nargs="+", help="ws://host:port, wss://host:port, or NAME=ws://... to name the robot"
+        "urls", metavar="URL", nargs="*", help="ws://host:port, wss://host:port, or NAME=ws://... to name the robot"
+    )
+    command.add_argument(
+        "--fleet",
+        metavar="FILE",
+        default="",
+        help="a fleet.yaml with further robots; --thresholds, --namespace, --token-file and --ca apply where it names "
+        "none",
     )
     command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the robots' topics")
     _add_token_file(command, "file with the token to present to the servers")
-    command.add_argument("--ca", metavar="FILE", help="certificate authorities to trust, for wss://")
+    command.add_argument("--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss://")
     _add_common(command)
 
 
@@ -161,7 +172,7 @@ def _add_check(commands: Any) -> None:
         help="check configuration files, without starting anything",
         description="Checks configuration files as the nodes do, and reports mistakes with file, line and key.",
     )
-    command.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml or ops.yaml")
+    command.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml, ops.yaml or fleet.yaml")
 
 
 def _add_sources(commands: Any) -> None:

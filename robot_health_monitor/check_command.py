@@ -25,6 +25,7 @@ from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySens
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.configuration import SECTIONS, OpsConfig, read_ops
 
+from .fleet_configuration import RobotEntry, is_fleet_file, read_entries
 from .message_types import check_field, known_definitions
 
 _NODES: Mapping[str, Callable[[Middleware], Any]] = {
@@ -200,5 +201,26 @@ def _check_ops(file: YamlFile, problems: Problems) -> str:
     return "; ".join(parts) or "no section"
 
 
-_KINDS = (_Kind(_looks_like_ops, _check_ops), _Kind(lambda tree: True, _check_thresholds))
+def _check_fleet(file: YamlFile, problems: Problems) -> str:
+    entries: List[RobotEntry] = []
+    with problems:
+        entries = read_entries(file)
+    parts = [_count(len(entries), "robot")]
+    thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
+    for name in thresholds:
+        for error in _check_file(name)[1]:
+            problems.add(error)
+    if thresholds:
+        parts.append(f"thresholds: {', '.join(thresholds)}")
+    unread = dict.fromkeys(path for entry in entries for path in (entry.token_file, entry.ca) if path)
+    if unread:
+        parts.append(f"not read here: {', '.join(unread)}")
+    return "; ".join(parts)
+
+
+_KINDS = (
+    _Kind(_looks_like_ops, _check_ops),
+    _Kind(is_fleet_file, _check_fleet),
+    _Kind(lambda tree: True, _check_thresholds),
+)
 """Kinds of files, the last one for all others."""

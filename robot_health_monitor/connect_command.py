@@ -3,49 +3,46 @@
 from __future__ import annotations
 
 import argparse
-import ssl
 import time
 from contextlib import asynccontextmanager
-from typing import AsyncIterator, Awaitable, Optional
+from typing import AsyncIterator, Awaitable
 
-from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.yaml_file import read_yaml
 
-from .fleet import Fleet, read_addresses
+from .fleet import Fleet
+from .fleet_configuration import FleetReader, Options, read_addresses
 from .installed_files import find_installed
 from .interrupts import Interrupts
 from .live_session import run_session
 from .output.choice import choose_output
 from .output.events import Events
-from .tokens import find_token
 
 
 def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
-    """Watches robots until an interrupt, or for `--duration`.
+    """Watches robots until an interrupt, or for `--duration`. SIGHUP reloads their configuration.
 
     Returns:
         Whether the duration has passed and there were alerts.
 
     Raises:
-        ConfigError: an address, the token file or the configuration cannot be used; or, at the end of the duration, a
-            robot refuses this client.
+        ConfigError: an address or a file cannot be used; or, at the end of the duration, a robot refuses this client.
     """
     addresses = read_addresses(arguments.urls)
-    file = arguments.thresholds or find_installed("config/thresholds.yaml")
-    output = choose_output(arguments.json, name_robots=len(addresses) > 1)
+    output = choose_output(arguments.json, name_robots=len(addresses) > 1 or bool(arguments.fleet))
     events = Events(output.add, Severity[arguments.log_level])
 
     def warn(text: str) -> None:
         events.on_log(LogLine(time.monotonic(), "connect", Severity.WARN, text))
 
-    fleet = Fleet(
-        addresses,
-        read_yaml(file) if file else None,
+    options = Options(
+        thresholds=str(arguments.thresholds or find_installed("config/thresholds.yaml") or ""),
         namespace=arguments.namespace,
-        token=find_token(arguments.token_file, warn),
-        ssl_context=_trust(arguments.ca),
+        token_file=arguments.token_file,
+        ca=arguments.ca,
+    )
+    fleet = Fleet(
+        FleetReader(addresses, arguments.fleet, options, warn),
         clock=time.monotonic,
         on_log=events.on_log,
         outlet=events.outlet,
@@ -59,13 +56,3 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()
     return alerts_found
-
-
-def _trust(ca_file: Optional[str]) -> Optional[ssl.SSLContext]:
-    """Returns the TLS settings that trust the certificate authorities in a file; None: those of the system."""
-    if ca_file is None:
-        return None
-    try:
-        return ssl.create_default_context(cafile=ca_file)
-    except (OSError, ssl.SSLError) as error:
-        raise ConfigError(f"cannot be read as certificates: {error.strerror or error}", file=ca_file) from None

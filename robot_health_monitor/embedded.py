@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import time
+from functools import partial
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import Section, find_section, list_sections, refuse_second_section
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.local import LocalBus, LogLine
-from robot_health_monitor.core.middleware import Middleware
+from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
+from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors.configuration import METRICS
-from robot_health_monitor.core.yaml_file import YamlFile
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.rosbridge.daemon_thread import run_in_daemon_thread
 
 NODES = ("alert_system", "aggregator", "battery_sensor")
 """The nodes that run here, by their names in a configuration file."""
@@ -57,8 +59,9 @@ class EmbeddedMonitor:
         self._clock = clock
         self.bus = LocalBus(on_log=on_log, wall_time_s=wall_time_s, clock=clock)
         self._nodes: List[Any] = []
-        self._middlewares: Dict[str, Middleware] = {}
+        self._middlewares: Dict[str, LocalMiddleware] = {}
         self._file = file
+        self._reload_requested: Optional[asyncio.Event] = None
         self._sections = {} if file is None else sections_of_nodes(file)
         self.unused_sections = sorted(self._sections.keys() - set(NODES))
         """Names of nodes in the file that do not run here."""
@@ -77,9 +80,14 @@ class EmbeddedMonitor:
         self._nodes.append(listener)
 
     @property
-    def monitors(self) -> Sequence[Monitor]:
-        """The monitor of the one robot."""
-        return (self.alert_system.monitor,)
+    def robots(self) -> Sequence[EmbeddedMonitor]:
+        """The one robot."""
+        return (self,)
+
+    @property
+    def monitor(self) -> Monitor:
+        """Judges the robot's signals."""
+        return self.alert_system.monitor
 
     @property
     def now_s(self) -> float:
@@ -105,21 +113,59 @@ class EmbeddedMonitor:
         return value if self.bus.now_s - published_s <= _KEPT_PERIODS / float(rate_hz) else None
 
     async def run(self) -> None:
-        """Runs the timers of the nodes in real time, until it is cancelled."""
-        while True:
-            self.bus.run_due(self._clock())
-            due_s = self.bus.next_due_s()
-            await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
+        """Runs the timers of the nodes in real time, and reloads when asked to, until it is cancelled."""
+        self._reload_requested = asyncio.Event()
+        reloading = asyncio.ensure_future(self._reload_on_request(self._reload_requested))
+        try:
+            while True:
+                self.bus.run_due(self._clock())
+                due_s = self.bus.next_due_s()
+                await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
+        finally:
+            reloading.cancel()
+
+    def reload(self) -> None:
+        """Reads the configuration file again soon, in the loop. A node that rejects it keeps its old values."""
+        if self._reload_requested is not None:
+            self._reload_requested.set()
 
     def close(self) -> None:
         """Ends the nodes."""
         for node in self._nodes:
             node.close()
 
+    async def _reload_on_request(self, requested: asyncio.Event) -> None:
+        while True:
+            await requested.wait()
+            requested.clear()
+            node = self._middlewares["alert_system"]
+            if self._file is None:
+                node.log(Severity.WARN, "not reloaded: there is no configuration file")
+                continue
+            try:
+                file = await run_in_daemon_thread(partial(read_yaml, self._file.file))
+                sections = sections_of_nodes(file)
+            except ConfigError as error:
+                node.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {error}")
+            else:
+                self._use_file(file, sections)
+
+    def _use_file(self, file: YamlFile, sections: Dict[str, Section]) -> None:
+        self._file, self._sections = file, sections
+        for name, middleware in self._middlewares.items():
+            section = sections.get(name, Section((), {}))
+            try:
+                text = middleware.set_parameters(self._parameters(name, section.tree))
+            except ConfigError as error:
+                located = file.locate(ConfigError(error.problem, (*section.path, *error.path)))
+                middleware.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {located}")
+            else:
+                middleware.log(Severity.INFO, f"reloaded: {text}")
+
     def _note_health(self, value: float, now_s: float) -> None:
         self._health = value, now_s
 
-    def _start(self, name: str, make: Callable[[Middleware], Any]) -> Any:
+    def _start(self, name: str, make: Callable[[LocalMiddleware], Any]) -> Any:
         section = self._sections.get(name, Section((), {}))
         middleware = self.bus.node(name, parameters=self._parameters(name, section.tree))
         try:

@@ -10,6 +10,8 @@ plain Python   leave `on_interrupt` at None: the first signal raises KeyboardInt
 asyncio        set `on_interrupt` to a function that stops the loop
 rospy, rclpy   call `defer()`: signals only set `came`, since neither survives an exception at any point
 =============  ==========================================================================================
+
+SIGHUP ends a process as usual, unless it calls `take_hangups()`: then it means "read the configuration again".
 """
 
 from __future__ import annotations
@@ -36,6 +38,8 @@ class Interrupts:
         """Called on every signal, in the main thread. None: the first signal raises KeyboardInterrupt."""
         self.came = False
         """Whether a signal has come."""
+        self._on_hangup: Optional[Callable[[], object]] = None
+        self._hangup_came = False
         self._patience_s = patience_s
         self._before: List[Any] = []
 
@@ -65,6 +69,25 @@ class Interrupts:
         """From now on signals only set `came`; see `check` and `wait_until`."""
         self.on_interrupt = _do_nothing
 
+    def take_hangups(self) -> None:
+        """From now on SIGHUP calls `on_hangup`; one that comes before that is set is kept for it."""
+        try:
+            self._before.append((signal.SIGHUP, signal.signal(signal.SIGHUP, self._handle_hangup)))
+        except ValueError:
+            pass  # not the main thread, which signals do not reach
+
+    @property
+    def on_hangup(self) -> Optional[Callable[[], object]]:
+        """Called on SIGHUP, in the main thread, after `take_hangups`."""
+        return self._on_hangup
+
+    @on_hangup.setter
+    def on_hangup(self, callback: Optional[Callable[[], object]]) -> None:
+        self._on_hangup = callback
+        if callback is not None and self._hangup_came:
+            self._hangup_came = False
+            callback()
+
     def check(self) -> None:
         """Raises KeyboardInterrupt if a signal has come."""
         if self.came:
@@ -89,6 +112,12 @@ class Interrupts:
             self.on_interrupt()
         elif first:
             raise KeyboardInterrupt
+
+    def _handle_hangup(self, number: int, frame: object) -> None:
+        if self._on_hangup is None:
+            self._hangup_came = True
+        else:
+            self._on_hangup()
 
     def _lose_patience(self, number: int, frame: object) -> None:
         raise KeyboardInterrupt

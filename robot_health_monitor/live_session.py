@@ -23,8 +23,11 @@ class Watched(Shown, Protocol):
     """Monitors that run and can be shown."""
 
     @property
-    def faults(self) -> Optional[Faults]:
-        """Where an output that cannot be written is reported; None: nowhere."""
+    def faults(self) -> Faults:
+        """Where an output that cannot be written is reported."""
+
+    def reload(self) -> None:
+        """Reads the configuration again, soon. Called in the loop; never raises."""
 
     def close(self) -> None:
         """Ends the monitors."""
@@ -49,7 +52,7 @@ def run_session(
             is entered, so that an error there stands alone.
         events: what the monitors announced.
         output: shows the monitors.
-        interrupts: SIGINT and SIGTERM.
+        interrupts: SIGINT and SIGTERM, which end the session, and SIGHUP, which reloads the configuration.
         duration_s: end after this time; None: run until interrupted.
 
     Returns:
@@ -89,6 +92,7 @@ async def _run(
         async with work as monitoring:
             output.start(loop, watched)
             running = asyncio.ensure_future(monitoring)
+            interrupts.on_hangup = lambda: loop.call_soon_threadsafe(watched.reload)  # after the start of `running`
             stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
             try:
                 return await _show(watched, output, running, stopped, duration_s)
@@ -97,6 +101,7 @@ async def _run(
                 stopped.cancel()
                 await asyncio.wait({running, stopped}, timeout=_END_S)
     finally:
+        interrupts.on_hangup = bool
         interrupts.on_interrupt = bool  # does nothing: the end is under way
 
 
@@ -124,9 +129,7 @@ async def _show(
     return False
 
 
-def _report_problem(output: Output, faults: Optional[Faults]) -> None:
-    if faults is None:
-        return
+def _report_problem(output: Output, faults: Faults) -> None:
     problem = output.problem
     known = faults.current().get(_FAULT)
     if problem and (known is None or known.text != problem):

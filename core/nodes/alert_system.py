@@ -156,6 +156,15 @@ class AlertSystem:
         """Clears latched alerts, as the service `~reset`; returns its message. May be called in any thread."""
         return str(self._middleware.exclusively(lambda: self._reset({}))["message"])
 
+    @property
+    def samples(self) -> int:
+        """How many samples were received since the start."""
+        return self._samples
+
+    def stop_watching(self) -> None:
+        """Ends every open alert with a transition to OK, `no longer watched`; `close` must follow."""
+        self._announce(self.monitor.end(), self._middleware.now_s())
+
     def close(self) -> None:
         """Saves the state for the next run and leaves the middleware."""
         if self._continuity is not None:

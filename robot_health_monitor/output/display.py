@@ -14,16 +14,24 @@ class OutputError(Exception):
     """The output could not be written completely. `str()` says why."""
 
 
+class ShownRobot(Protocol):
+    """One robot."""
+
+    @property
+    def monitor(self) -> Monitor:
+        """Judges the robot's signals."""
+
+    @property
+    def now_s(self) -> float:
+        """Seconds on the monitor's clock."""
+
+
 class Shown(Protocol):
     """One robot or several."""
 
     @property
-    def monitors(self) -> Sequence[Monitor]:
-        """One monitor per robot."""
-
-    @property
-    def now_s(self) -> float:
-        """Seconds on the monitors' clock."""
+    def robots(self) -> Sequence[ShownRobot]:
+        """The robots that are watched now."""
 
     @property
     def system_health(self) -> Optional[float]:

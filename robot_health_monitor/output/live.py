@@ -119,7 +119,7 @@ class LiveView:
             self._note_trends(shown)
         if due or self._has_news:
             self._has_news = False
-            reports = [monitor.report(shown.now_s) for monitor in shown.monitors]
+            reports = [robot.monitor.report(robot.now_s) for robot in shown.robots]
             trends = {key: tuple(trend) for key, trend in self._trends.items()}
             self._state = _State(reports, shown.system_health, trends)
             self._writer.wake()
@@ -139,7 +139,8 @@ class LiveView:
 
     def _note_trends(self, shown: Shown) -> None:
         trends = {}
-        for monitor in shown.monitors:
+        for robot in shown.robots:
+            monitor = robot.monitor
             for name in monitor.config.signals:
                 value = monitor.fresh_value(name)
                 trend = self._trends.get((monitor.robot, name), deque(maxlen=_TREND_SAMPLES))

@@ -29,9 +29,9 @@ from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import Severity
 
 from .. import protocol
+from ..address import host_and_port, http_address, shown_address
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError
 from ..protocol.definitions import canonical
-from .address import host_and_port, http_address, shown_address
 from .backoff import Backoff
 from .cause import UP, Cause, cause_of_close, cause_of_error
 from .log_limit import LogLimit
@@ -117,6 +117,7 @@ class ServerConnection:
         self._queue: Optional[SendQueue] = None
         self._overflowed: Optional[asyncio.Event] = None
         self._reported: Optional[Tuple[bool, Cause]] = None
+        self._moved: Optional[asyncio.Event] = None
         self._probation: Optional[asyncio.TimerHandle] = None
         self._advertised: Dict[str, str] = {}
 
@@ -160,6 +161,23 @@ class ServerConnection:
         """
         self.send(protocol.Publish(topic, message))
 
+    def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
+        """Connects again, to another address or with another token or trust. Called in the loop.
+
+        The end of the present connection is not reported, so that a move that succeeds is no alert.
+
+        Raises:
+            ConfigError: `url` is not the address of a WebSocket server; nothing has changed.
+        """
+        host_and_port(url)
+        self.address = shown_address(url)
+        self._url = url
+        self._token = token
+        self._ssl_context = ssl_context
+        self._reported = None
+        if self._moved is not None:
+            self._moved.set()
+
     def close(self) -> None:
         """Makes `run` end at its next attempt; cancel its task to end it at once."""
         self._closed = True
@@ -169,9 +187,13 @@ class ServerConnection:
         self._loop = asyncio.get_event_loop()
         self._thread = threading.get_ident()
         types = asyncio.ensure_future(self.subscriptions.find_types())
+        moved = self._moved = asyncio.Event()
         backoff = Backoff()
         try:
             while not self._closed:
+                if moved.is_set():
+                    moved.clear()
+                    backoff = Backoff()
                 held_s = None
                 try:
                     held_s = await self._connect_once()
@@ -180,7 +202,8 @@ class ServerConnection:
                     self._on_log(Severity.ERROR, f"internal error in the connection to {self.address}: {text}")
                     self._report(False, Cause(f"internal error: {type(error).__name__}"))
                 if not self._closed:
-                    await asyncio.sleep(backoff.next_s(held_s))
+                    with contextlib.suppress(asyncio.TimeoutError):
+                        await _within(backoff.next_s(held_s), moved.wait())
         finally:
             self.up = False
             types.cancel()
@@ -233,6 +256,7 @@ class ServerConnection:
             asyncio.ensure_future(self._read(socket)),
             asyncio.ensure_future(_write(socket, self._queue)),
             asyncio.ensure_future(self._wait_for_overflow(self._overflowed)),
+            asyncio.ensure_future(self._wait_for_move()),
         }
         try:
             self._start_talking()
@@ -309,14 +333,19 @@ class ServerConnection:
         await overflowed.wait()
         return Cause("the server does not read what is sent to it")
 
+    async def _wait_for_move(self) -> Cause:
+        assert self._moved is not None
+        await self._moved.wait()
+        return Cause("the address has changed")
+
     def _cancel_probation(self) -> None:
         if self._probation is not None:
             self._probation.cancel()
             self._probation = None
 
     def _report(self, up: bool, cause: Cause) -> None:
-        if (up, cause) == self._reported:
-            return
+        if (up, cause) == self._reported or (self._moved is not None and self._moved.is_set()):
+            return  # known, or of the address before a `move`
         self._reported = up, cause
         try:
             self._on_change(up, cause)

@@ -11,7 +11,7 @@ from typing import Any, Callable, List, Mapping, Optional
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription
-from robot_health_monitor.core.middleware import Message, Severity, split_type_name
+from robot_health_monitor.core.middleware import Message, Middleware, Severity, split_type_name
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer
@@ -89,6 +89,7 @@ class RosbridgeClient:
         parameters: Optional[Mapping[str, Any]] = None,
         remap: Optional[Mapping[str, str]] = None,
         use_sim_time: bool = False,
+        outputs: Optional[Middleware] = None,
     ) -> RosbridgeMiddleware:
         """Adds a node.
 
@@ -98,10 +99,12 @@ class RosbridgeClient:
             parameters: its configuration, nested as in the file under `ros__parameters`.
             remap: names as the node uses them (relative or absolute) to the names to use instead.
             use_sim_time: its time is that of the robot's topic `/clock`.
+            outputs: another node that publishes and offers services in place of this one; not closed here. None: the
+                robot's server receives them, unless `read_only`.
         """
         namespace = namespace.strip("/")
         full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
-        node = RosbridgeMiddleware(self, full_name, parameters or {}, remap or {}, use_sim_time)
+        node = RosbridgeMiddleware(self, full_name, parameters or {}, remap or {}, use_sim_time, outputs)
         self._nodes.append(node)
         return node
 
@@ -193,11 +196,13 @@ class RosbridgeMiddleware(MappingNode):
         parameters: Mapping[str, Any],
         remap: Mapping[str, str],
         use_sim_time: bool,
+        outputs: Optional[Middleware] = None,
     ) -> None:
         """Use `RosbridgeClient.node`."""
         super().__init__(name, parameters, remap, clock=client.clock, use_sim_time=use_sim_time)
         self._client = client
         self._connection = client.connection
+        self._outputs = outputs
         self._services: List[str] = []
         self._subscriptions: List[_Subscription] = []
         self._wake: Optional[asyncio.TimerHandle] = None
@@ -217,6 +222,9 @@ class RosbridgeMiddleware(MappingNode):
         return sum(subscription.dropped for subscription in tuple(self._subscriptions))
 
     def advertise(self, topic: str, type_name: str) -> None:
+        if self._outputs is not None:
+            self._outputs.advertise(topic, type_name)
+            return
         resolved = self.resolve(topic)
         check_type(type_name)
         with self._lock:
@@ -226,12 +234,17 @@ class RosbridgeMiddleware(MappingNode):
                     self._connection.advertise(resolved, type_name)
 
     def publish(self, topic: str, message: Message) -> None:
+        if self._outputs is not None:
+            self._outputs.publish(topic, message)
+            return
         resolved = self.require_advertised(topic)
         complete(self._advertised[resolved], message)  # raises MessageError
         if not self._client.read_only:
             self._connection.publish(resolved, message)
 
     def has_listeners(self, topic: str) -> bool:
+        if self._outputs is not None:
+            return self._outputs.has_listeners(topic)
         self.require_advertised(topic)
         return not self._client.read_only
 
@@ -252,6 +265,9 @@ class RosbridgeMiddleware(MappingNode):
                 self._connection.subscriptions.remove(subscription.topic, subscription)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
+        if self._outputs is not None:
+            self._outputs.advertise_service(service, type_name, lambda request: self.answer(handler, request))
+            return
         if split_type_name(type_name) is None:
             raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
         resolved = self.resolve(service)

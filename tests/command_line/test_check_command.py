@@ -10,6 +10,8 @@ from xml.etree import ElementTree
 import pytest
 from harness.line_process import LineProcess
 
+from robot_health_monitor.check_command import check
+
 Start = Callable[..., LineProcess]
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -308,3 +310,25 @@ def test_help_goes_to_stdout(robot_health: Start, arguments: list) -> None:
     process = robot_health(*arguments)
     assert process.wait() == 0
     assert process.text.startswith("out: usage: robot-health")
+
+
+def test_a_fleet_file_is_checked_with_the_thresholds_that_it_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "t.yaml").write_text("alert_system: {ros__parameters: {signals: {a: {warn_below: 1.0}}}}\n")
+    file = tmp_path / "fleet.yaml"
+    text = "defaults: {thresholds: t.yaml, token_file: token}\nrobots:\n  a: {url: 'ws://a'}\n"
+    file.write_text(text + "  b: {url: 'ws://b'}\n")
+    assert check([str(file)])
+    assert capsys.readouterr().out == (
+        f"{file}: OK: 2 robots; thresholds: {tmp_path}/t.yaml; not read here: {tmp_path}/token\n"
+    )
+    (tmp_path / "t.yaml").write_text("alert_system: {ros__parameters: {signals: {a: {warn_belw: 1.0}}}}\n")
+    file.write_text(text + "  b: {url: 'http://b'}\n")
+    assert not check([str(file)])
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[0] for line in lines] == [f"{file}:4"]
+    file.write_text(text)
+    assert not check([str(file)])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{tmp_path}/t.yaml:1: alert_system.ros__parameters.signals.a.warn_belw: unknown key")

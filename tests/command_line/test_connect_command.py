@@ -168,3 +168,39 @@ def test_an_address_that_others_can_reach_needs_a_token(robot_health: Start, cal
     assert "expected a token" in process.errors[0]
     served = robot_health("run", "--thresholds", calm, "--port", 0, "--host", "0.0.0.0", ROBOT_HEALTH_TOKEN="s3cret")
     served.wait_for_text("serving on ws://0.0.0.0:")
+
+
+def test_a_fleet_file_is_read_again_on_sighup(robot_health: Start, calm: Path, tmp_path: Path) -> None:
+    port = port_of(start_robot(robot_health, calm))
+    (tmp_path / "t.yaml").write_text(THRESHOLDS)
+    file = tmp_path / "fleet.yaml"
+    text = f"defaults: {{thresholds: t.yaml}}\nrobots:\n  atlas: {{url: 'ws://127.0.0.1:{port}'}}\n"
+    file.write_text(text + "  gone: {url: 'ws://127.0.0.1:1'}\n")
+    watcher = robot_health("connect", "--fleet", file)
+    watcher.wait_for_texts("atlas: connected to", "gone: link ERROR: down: connection refused")
+    file.write_text(text)
+    os.kill(watcher.pid, signal.SIGHUP)
+    watcher.wait_for_text("gone: link OK: no longer watched")
+    watcher.wait_for_text("[INFO] connect: reloaded: removed gone")
+    file.write_text("robots: {}\n")
+    os.kill(watcher.pid, signal.SIGHUP)
+    watcher.wait_for_text(f"[ERROR] connect: not reloaded, the old configuration stays in force: {file}:1: robots: ")
+    watcher.signal()
+    assert watcher.wait() == 0
+    assert watcher.text.count("connected to") == 1
+
+
+def test_neither_a_url_nor_a_fleet_is_wrong_usage(robot_health: Start) -> None:
+    process = robot_health("connect")
+    assert process.wait() == 2
+    assert process.errors == [
+        "robot-health: connect: expected the URL of a robot, or --fleet FILE; see robot-health --help"
+    ]
+
+
+def test_a_mistake_in_a_fleet_file_is_one_line_and_code_2(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "fleet.yaml"
+    file.write_text("robots:\n  a b: {url: 'ws://x'}\n")
+    process = robot_health("connect", "--fleet", file)
+    assert process.wait() == 2
+    assert process.errors[0].startswith(f"{file}:2: robots.a b: expected a name")

@@ -18,8 +18,8 @@ from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.outlets import Event, Outlet
-from robot_health_monitor.core.yaml_file import read_yaml
-from robot_health_monitor.fleet import Fleet, read_addresses
+from robot_health_monitor.fleet import Fleet
+from robot_health_monitor.fleet_configuration import FleetReader, Options, read_addresses
 
 THRESHOLDS = """
 alert_system:
@@ -38,9 +38,8 @@ class Watching:
         file.write_text(THRESHOLDS.format(sim=str(sim).lower()))
         self.log: List[LogLine] = []
         self.alerts: List[str] = []
-        self.fleet = Fleet(
-            read_addresses(urls), read_yaml(file), clock=time.monotonic, on_log=self.log.append, outlet=self._outlet
-        )
+        reader = FleetReader(read_addresses(urls), "", Options(thresholds=str(file)), lambda text: None)
+        self.fleet = Fleet(reader, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
 
     def _outlet(self, robot: str) -> Outlet:
         def on_event(event: Event) -> None:
@@ -128,8 +127,8 @@ def test_a_new_cause_of_a_link_that_is_down_is_one_line(tmp_path: Path) -> None:
             await until(lambda: bool(watched.lines(Severity.WARN)))
             assert watched.lines(Severity.WARN) == ["atlas: still not connected: not a rosbridge server (HTTP 404)"]
             assert len(watched.alerts) == 1
-            (monitor,) = watched.fleet.monitors
-            status = monitor.status("link", watched.fleet.now_s)
+            (robot,) = watched.fleet.robots
+            status = robot.monitor.status("link", robot.now_s)
             assert status is not None and "not a rosbridge server (HTTP 404)" in status.message
             refusing.close()
             await refusing.wait_closed()
@@ -187,7 +186,7 @@ def test_under_simulated_time_no_signal_looks_stale_when_the_clock_starts(tmp_pa
             links = [alert for alert in watched.alerts if "link" in alert]
             assert watched.alerts[:-1] == links
             assert links[1:] == (["atlas: link OK: up"] if late else [])
-            assert watched.fleet.now_s == 1_263.0
+            assert watched.fleet.robots[0].now_s == 1_263.0
         await server.close()
 
     run()
@@ -206,5 +205,254 @@ def test_the_nodes_own_status_counts_messages_that_were_too_large(tmp_path: Path
             await until(lambda: watched.alerts == ["atlas: battery_level WARN: 15 is below 20"])
             assert len(server.sockets) == 1
         await server.close()
+
+    run()
+
+
+FLEET_THRESHOLDS = "alert_system: {ros__parameters: {signals: {SIGNALS}}}\n"
+BATTERY = "battery_level: {type: std_msgs/Float32, warn_below: 20.0, stale_after_s: 1000.0, startup_grace_s: 1000.0}"
+TEMPERATURE = "temperature: {type: std_msgs/Float32, warn_above: 80.0, stale_after_s: 1000.0, startup_grace_s: 1000.0}"
+
+
+class Reloadable:
+    """A fleet from a fleet.yaml that can be written again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.log: List[LogLine] = []
+        self.alerts: List[str] = []
+        self.changes: List[Any] = []
+        self.fleet: Any = None
+
+    def write(self, robots: str, signals: str = BATTERY) -> None:
+        (self.folder / "t.yaml").write_text(FLEET_THRESHOLDS.replace("SIGNALS", signals))
+        (self.folder / "fleet.yaml").write_text(f"defaults: {{thresholds: t.yaml}}\nrobots:\n{robots}")
+
+    @contextlib.asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        reader = FleetReader((), str(self.folder / "fleet.yaml"), Options(), lambda text: None)
+        self.fleet = Fleet(reader, clock=time.monotonic, on_log=self.log.append, outlet=self._outlet)
+        self.fleet.on_change(
+            lambda added, removed: self.changes.append(([r.name for r in added], [r.name for r in removed]))
+        )
+        task = asyncio.ensure_future(self.fleet.run())
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.wait({task})
+            self.fleet.close()
+
+    async def reload(self) -> str:
+        """Reloads; returns the line about it."""
+        before = len(self._reloads())
+        self.fleet.reload()
+        await until(lambda: len(self._reloads()) > before)
+        return self._reloads()[-1].replace(str(self.folder), "")
+
+    def _reloads(self) -> List[str]:
+        return [f"{line.severity.name} {line.text}" for line in self.log if "reloaded" in line.text]
+
+    def _outlet(self, robot: str) -> Outlet:
+        def on_event(event: Event) -> None:
+            if isinstance(event, Transition):
+                self.alerts.append(f"{robot}: {event.text.partition(' (was')[0]}")
+
+        return on_event
+
+
+def test_a_reload_adds_and_removes_robots_and_leaves_the_others_alone(tmp_path: Path) -> None:
+    @scenario
+    async def run() -> None:
+        stays, goes, comes = ForeignServer(), ForeignServer(), ForeignServer()
+        urls = [await server.start() for server in (stays, goes, comes)]
+        fleet = Reloadable(tmp_path)
+        fleet.write(f"  stays: {{url: {urls[0]}}}\n  goes: {{url: {urls[1]}}}\n  gone: {{url: ws://127.0.0.1:1}}\n")
+        async with fleet.running():
+            await until(lambda: bool(stays.received) and bool(goes.received))
+            await stays.publish("/battery_level", {"data": 15.0})
+            await goes.publish("/battery_level", {"data": 15.0})
+            await until(lambda: len(fleet.alerts) == 3)
+            fleet.alerts.clear()
+            fleet.write(f"  comes: {{url: {urls[2]}}}\n  stays: {{url: {urls[0]}}}\n")
+            assert await fleet.reload() == "INFO reloaded: added comes; removed goes, gone"
+            assert fleet.alerts == [
+                "goes: battery_level OK: no longer watched",
+                "gone: link OK: no longer watched",
+            ]
+            assert fleet.changes == [(["comes"], ["goes", "gone"])]
+            assert [robot.name for robot in fleet.fleet.robots] == ["comes", "stays"]
+            await until(lambda: bool(comes.received))
+            await comes.publish("/battery_level", {"data": 15.0})
+            await until(lambda: fleet.alerts[2:] == ["comes: battery_level WARN: 15 is below 20"])
+            assert len(stays.requests) == 1
+            assert await fleet.reload() == "INFO reloaded: nothing changed"
+        for server in (stays, goes, comes):
+            await server.close()
+
+    run()
+
+
+def test_changed_thresholds_are_applied_without_a_new_connection_or_a_second_alert(tmp_path: Path) -> None:
+    @scenario
+    async def run() -> None:
+        server = ForeignServer()
+        robots = f"  husky: {{url: {await server.start()}}}\n"
+        fleet = Reloadable(tmp_path)
+        fleet.write(robots, f"{BATTERY}, {TEMPERATURE}")
+        async with fleet.running():
+            await until(lambda: len(server.received) >= 2)
+            await server.publish("/battery_level", {"data": 15.0})
+            await server.publish("/temperature", {"data": 70.0})
+            await until(lambda: fleet.alerts == ["husky: battery_level WARN: 15 is below 20"])
+            status = fleet.fleet.robots[0].monitor.status
+            await until(lambda: status("temperature", 0.0).values["good_samples"] == "1")
+            fleet.write(robots, f"{BATTERY}, {TEMPERATURE.replace('80.0', '60.0')}")
+            assert await fleet.reload() == "INFO reloaded: husky: temperature.warn_above: 80 -> 60"
+            assert fleet.alerts[1:] == ["husky: temperature WARN: 70 is above 60"]
+            assert status("battery_level", 0.0).values["good_samples"] == "1"
+            fleet.write(robots, BATTERY)
+            assert await fleet.reload() == "INFO reloaded: husky: removed temperature"
+            assert fleet.alerts[2:] == ["husky: temperature OK: no longer watched"]
+            assert len(server.requests) == 1
+        await server.close()
+
+    run()
+
+
+def test_a_new_address_is_connected_to_without_an_alert_of_the_link(tmp_path: Path) -> None:
+    @scenario
+    async def run() -> None:
+        old, new = ForeignServer(), ForeignServer()
+        fleet = Reloadable(tmp_path)
+        fleet.write(f"  husky: {{url: {await old.start()}}}\n")
+        new_url = await new.start()
+        async with fleet.running():
+            await until(lambda: bool(old.received))
+            await old.publish("/battery_level", {"data": 15.0})
+            await until(lambda: len(fleet.alerts) == 1)
+            fleet.write(f"  husky: {{url: {new_url}}}\n")
+            assert await fleet.reload() == f"INFO reloaded: husky: connecting again, to {new_url}"
+            await until(lambda: bool(new.received))
+            await new.publish("/battery_level", {"data": 50.0})
+            await until(lambda: fleet.alerts[1:] == ["husky: battery_level OK: 50 is no longer below 20"])
+            await until(lambda: old.sockets[0].closed)
+            (tmp_path / "token").write_text("s3cret")
+            fleet.write(f"  husky: {{url: {new_url}, token_file: token}}\n")
+            assert await fleet.reload() == f"INFO reloaded: husky: connecting again, to {new_url}"
+            await until(lambda: len(new.requests) == 2)
+            assert new.requests[1].headers["Authorization"] == "Bearer s3cret"
+        await old.close()
+        await new.close()
+
+    run()
+
+
+def test_a_robot_that_waits_for_its_next_attempt_follows_a_new_address_at_once(tmp_path: Path) -> None:
+    @scenario
+    async def run() -> None:
+        server = ForeignServer()
+        url = await server.start()
+        fleet = Reloadable(tmp_path)
+        fleet.write("  husky: {url: ws://127.0.0.1:1}\n")
+        async with fleet.running():
+            await until(lambda: bool(fleet.alerts))
+            fleet.write(f"  husky: {{url: {url}}}\n")
+            await fleet.reload()
+            await until(lambda: fleet.alerts[1:] == ["husky: link OK: up"])
+        await server.close()
+
+    run()
+
+
+@pytest.mark.parametrize(
+    ("robots", "signals", "problem"),
+    [
+        ("  husky: {url: http://x}\n", BATTERY, "/fleet.yaml:3: robots.husky.url: expected ws://host:port"),
+        ("  husky: {url: URL}\n", "battery_level: {warn_belw: 1.0}", "/t.yaml:1: alert_system.ros__parameters."),
+        ("  husky: {url: URL, token_file: none}\n", BATTERY, "/none: token cannot be read: No such file or directory"),
+    ],
+)
+def test_an_invalid_file_is_one_error_line_and_changes_nothing(
+    tmp_path: Path, robots: str, signals: str, problem: str
+) -> None:
+    @scenario
+    async def run() -> None:
+        server = ForeignServer()
+        url = await server.start()
+        fleet = Reloadable(tmp_path)
+        fleet.write(f"  husky: {{url: {url}}}\n")
+        async with fleet.running():
+            await until(lambda: bool(server.received))
+            fleet.write(robots.replace("URL", url) + "  other: {url: ws://127.0.0.1:1}\n", signals)
+            line = await fleet.reload()
+            assert line.startswith(f"ERROR not reloaded, the old configuration stays in force: {problem}")
+            assert [robot.name for robot in fleet.fleet.robots] == ["husky"]
+            await server.publish("/battery_level", {"data": 15.0})
+            await until(lambda: fleet.alerts == ["husky: battery_level WARN: 15 is below 20"])
+        await server.close()
+
+    run()
+
+
+def test_a_new_namespace_starts_the_robot_anew(tmp_path: Path) -> None:
+    @scenario
+    async def run() -> None:
+        server = ForeignServer()
+        url = await server.start()
+        fleet = Reloadable(tmp_path)
+        fleet.write(f"  husky: {{url: {url}}}\n")
+        async with fleet.running():
+            await until(lambda: bool(server.received))
+            await server.publish("/battery_level", {"data": 15.0})
+            await until(lambda: len(fleet.alerts) == 1)
+            fleet.write(f"  husky: {{url: {url}, namespace: carter}}\n")
+            assert await fleet.reload() == "INFO reloaded: started anew husky"
+            assert fleet.alerts[1:] == ["husky: battery_level OK: no longer watched"]
+            assert fleet.changes == [(["husky"], ["husky"])]
+            await until(lambda: len(server.requests) == 2)
+            await until(lambda: any(fields.get("topic") == "/carter/battery_level" for fields in server.received))
+            assert [node.name for node in fleet.fleet.bus.nodes] == ["/connect", "/husky/alert_system"]
+        await server.close()
+
+    run()
+
+
+def test_what_the_robots_announce_is_on_the_bus_of_the_fleet(tmp_path: Path) -> None:
+    @scenario
+    async def run() -> None:
+        servers = [ForeignServer(), ForeignServer()]
+        fleet = Reloadable(tmp_path)
+        fleet.write(
+            f"  husky-1: {{url: {await servers[0].start()}}}\n  husky.1: {{url: {await servers[1].start()}, "
+            "namespace: carter}\n"
+        )
+        async with fleet.running():
+            alerts: List[Any] = []
+            statuses: List[Any] = []
+            listener = fleet.fleet.bus.node("listener")
+            listener.subscribe("/alerts", "", lambda message, now_s: alerts.append(message))
+            listener.subscribe("/diagnostics", "", lambda message, now_s: statuses.extend(message["status"]))
+            await until(lambda: all(server.received for server in servers))
+            await servers[0].publish("/battery_level", {"data": 15.0})
+            await servers[1].publish("/carter/battery_level", {"data": 15.0})
+            await until(lambda: len(alerts) == 2)
+            assert sorted((alert["hardware_id"], alert["name"], alert["level"]) for alert in alerts) == [
+                ("husky-1", "alert_system: battery_level", 1),
+                ("husky.1", "alert_system: battery_level", 1),
+            ]
+            await until(lambda: any(status["name"] == "connect: monitor" for status in statuses))
+            for name in ("husky-1", "husky.1"):
+                await until(
+                    lambda name=name: any(
+                        (status["name"], status["hardware_id"]) == ("alert_system: monitor", name)
+                        for status in statuses
+                    )
+                )
+            services = fleet.fleet.bus.graph().services
+            assert sorted(services) == ["/husky_1/alert_system/reset", "/husky_1_/alert_system/reset"]
+            assert fleet.fleet.bus.call_service("/husky_1_/alert_system/reset")["success"] is True
+        for server in servers:
+            await server.close()
 
     run()

@@ -18,7 +18,7 @@ ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 @pytest.fixture(autouse=True)
 def _handlers() -> Iterator[None]:
     """Restores pytest's handlers."""
-    numbers = (*ENDING_SIGNALS, signal.SIGALRM)
+    numbers = (*ENDING_SIGNALS, signal.SIGALRM, signal.SIGHUP)
     before = {number: signal.getsignal(number) for number in numbers}
     yield
     signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -69,7 +69,7 @@ def test_something_that_hangs_is_interrupted_after_all() -> None:
 
 
 def test_without_a_signal_the_handlers_are_restored() -> None:
-    numbers = (*ENDING_SIGNALS, signal.SIGALRM)
+    numbers = (*ENDING_SIGNALS, signal.SIGALRM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
     with Interrupts(patience_s=1.0):
         assert [signal.getsignal(number) for number in numbers] != before
@@ -99,3 +99,25 @@ def test_main_restores_the_handlers() -> None:
 def test_main_returns_the_code_of_wrong_usage(capsys: pytest.CaptureFixture) -> None:
     assert main(["run", "--bogus"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_hangup_is_a_call_and_one_that_came_before_is_not_lost() -> None:
+    calls: List[str] = []
+    with Interrupts() as interrupts:
+        interrupts.take_hangups()
+        os.kill(os.getpid(), signal.SIGHUP)
+        interrupts.on_hangup = lambda: calls.append("early")
+        assert calls == ["early"]
+        interrupts.on_hangup = lambda: calls.append("later")
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert calls == ["early", "later"]
+        assert not interrupts.came
+
+
+def test_without_take_hangups_the_handler_stays_as_it_was() -> None:
+    before = signal.getsignal(signal.SIGHUP)
+    with Interrupts():
+        assert signal.getsignal(signal.SIGHUP) is before
+    with Interrupts() as interrupts:
+        interrupts.take_hangups()
+    assert signal.getsignal(signal.SIGHUP) is before

@@ -17,13 +17,16 @@ from robot_health_monitor.output.events import Events
 
 
 class Watched:
-    monitors = ()
-    now_s = 0.0
+    robots = ()
     system_health = None
 
     def __init__(self) -> None:
-        self.faults: Optional[Faults] = Faults()
+        self.faults = Faults()
         self.closed = False
+        self.reloads = 0
+
+    def reload(self) -> None:
+        self.reloads += 1
 
     def close(self) -> None:
         self.closed = True
@@ -101,6 +104,22 @@ def test_an_interrupt_ends_it_without_a_judgement() -> None:
 
     assert session.run(work, 1000.0) is False
     session.assert_closed()
+
+
+def test_a_hangup_reloads_the_configuration() -> None:
+    session = Session()
+
+    async def work() -> None:
+        assert session.interrupts.on_hangup is not None
+        session.interrupts.on_hangup()
+        while not session.watched.reloads:
+            await asyncio.sleep(0)
+        assert session.interrupts.on_interrupt is not None
+        session.interrupts.on_interrupt()
+        await endless()
+
+    assert session.run(work, 1000.0) is False
+    assert session.watched.reloads == 1
 
 
 def test_a_reader_that_is_gone_ends_it() -> None:

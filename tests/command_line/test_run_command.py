@@ -415,3 +415,17 @@ def test_without_pyyaml_it_says_what_is_missing(robot_health: Start, calm: Path,
     assert [each.text for each in process.lines] == [
         "robot-health: PyYAML is not installed: it reads configuration files"
     ]
+
+
+def test_sighup_reads_the_thresholds_again(robot_health: Start, calm: Path) -> None:
+    robot = robot_health("run", "--thresholds", calm, "--port", 0)
+    robot.wait_for_text("serving on")
+    calm.write_text(calm.read_text().replace("warn_below: 20.0", "warn_below: 99.9"))
+    os.kill(robot.pid, signal.SIGHUP)
+    robot.wait_for_text("[INFO] alert_system: reloaded: battery_level.warn_below: 20 -> 99.9")
+    robot.wait_for_text("is below 99.9 %")
+    calm.write_text(calm.read_text().replace("warn_below", "warn_belw"))
+    os.kill(robot.pid, signal.SIGHUP)
+    assert f"{calm}:7: " in robot.wait_for_text("[ERROR] alert_system: not reloaded, the old configuration")
+    robot.signal()
+    assert robot.wait() == 0

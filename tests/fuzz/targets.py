@@ -25,7 +25,7 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.transition_json import json_line
 from robot_health_monitor.fleet import read_addresses
-from robot_health_monitor.rosbridge.client.address import host_and_port, shown_address
+from robot_health_monitor.rosbridge.address import host_and_port, shown_address
 from robot_health_monitor.rosbridge.client.connection import ServerConnection
 from robot_health_monitor.rosbridge.client.topic_of_message import topic_of_message
 from robot_health_monitor.rosbridge.protocol import COMPRESSIONS, Connection, Limits, ProtocolError, Wire

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.rosbridge.client.address import host_and_port, http_address, shown_address
+from robot_health_monitor.rosbridge.address import host_and_port, http_address, shown_address
 
 
 @pytest.mark.parametrize(

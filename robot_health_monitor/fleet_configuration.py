@@ -1,0 +1,320 @@
+"""fleet.yaml and the addresses on the command line become the settings of each robot.
+
+    defaults: {thresholds: thresholds.yaml, token_file: /etc/robot-health/token}
+    robots:
+      husky1: {url: ws://10.0.0.7:9090}
+      carter: {url: wss://10.0.0.8:9090, namespace: carter, thresholds: carter.yaml, ca: /etc/ssl/fleet.pem}
+
+A robot's key comes before the same key of `defaults`, which comes before the option of the command line. Paths are
+relative to the file that contains them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import ssl
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence
+
+from robot_health_monitor.core.errors import ConfigError, Path, Problems
+from robot_health_monitor.core.local import LocalBus, LogLine
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping, unknown_key
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.rosbridge.address import host_and_port, shown_address
+
+from .embedded import sections_of_nodes
+from .tokens import find_token, read_token_file
+
+__all__ = [
+    "Address",
+    "FleetReader",
+    "Options",
+    "RobotEntry",
+    "RobotSettings",
+    "is_fleet_file",
+    "read_addresses",
+    "read_entries",
+]
+
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+_NAMED = re.compile(r"(?P<name>[\w.-]+)=(?P<url>.+)", re.ASCII)
+_SHOWN_CHARS = 100
+_LARGEST_CA_BYTES = 4_000_000
+
+_DEFAULTS = (
+    Parameter("thresholds", str, None, "path of a thresholds.yaml"),
+    Parameter("namespace", str, None, "namespace of the robot's topics"),
+    Parameter("token_file", str, None, "path of a file with the token to present"),
+    Parameter("ca", str, None, "path of the certificate authorities to trust, for wss://"),
+)
+_KEYS = (Parameter("url", str, None, "ws://host:port or wss://host:port"), *_DEFAULTS)
+_NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
+
+
+class Address(NamedTuple):
+    """A robot's name and where to connect."""
+
+    name: str
+    """The robot's name, which is also its `hardware_id`."""
+    url: str
+    """`ws://host:port` or `wss://host:port`."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says about every robot for which fleet.yaml says nothing else."""
+
+    thresholds: str = ""
+    """Path of a thresholds.yaml; empty: the defaults of alert_system."""
+    namespace: str = ""
+    """Namespace of the robots' topics."""
+    token_file: str = ""
+    """Path of a file with the token; empty: the environment variable."""
+    ca: str = ""
+    """Path of certificate authorities; empty: those of the system."""
+
+
+@dataclass(frozen=True)
+class RobotEntry:
+    """One robot as fleet.yaml names it. Paths are complete; None: not given."""
+
+    name: str
+    url: str
+    thresholds: Optional[str]
+    namespace: Optional[str]
+    token_file: Optional[str]
+    ca: Optional[str]
+
+
+@dataclass(frozen=True)
+class RobotSettings:
+    """What is needed to watch one robot. Two that are equal need no change."""
+
+    name: str
+    url: str
+    namespace: str = ""
+    token: str = field(default="", repr=False)
+    """Presented to the server; empty: none."""
+    ca: bytes = field(default=b"", repr=False)
+    """The certificate authorities to trust, as PEM; empty: those of the system."""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """The configuration of alert_system, nested as in the file."""
+    ssl_context: Optional[ssl.SSLContext] = field(default=None, compare=False, repr=False)
+    """Trusts `ca`; None: for the system's."""
+
+    @property
+    def use_sim_time(self) -> bool:
+        """Whether the robot's time is that of its topic /clock."""
+        return self.parameters.get("use_sim_time") is True
+
+
+def is_fleet_file(tree: Mapping[str, Any]) -> bool:
+    """Returns whether the contents of a file are those of a fleet.yaml."""
+    return "robots" in tree and "alert_system" not in tree
+
+
+def read_addresses(texts: Sequence[str]) -> List[Address]:
+    """Reads addresses as the command line takes them: `ws://husky:9090` or `NAME=ws://10.0.0.7:9090`.
+
+    Without a name, a robot gets the name of its host, with the port if that name is taken.
+
+    Raises:
+        ConfigError: one is not the address of a rosbridge server, or two robots have the same name.
+    """
+    addresses: List[Address] = []
+    taken = set()
+    for text in texts:
+        named = _NAMED.fullmatch(text)
+        name, url = (named["name"], named["url"]) if named else ("", text)
+        try:
+            host, port = host_and_port(url)
+        except ConfigError:
+            raise ConfigError(
+                f"expected ws://host:port, wss://host:port or NAME=ws://..., got {shown_address(text)[:_SHOWN_CHARS]!r}"
+            ) from None
+        if not name:
+            name = f"{host}:{port}" if host in taken and port else host
+        if name in taken:
+            raise ConfigError(f"two robots are named {name}; give them names: one=ws://... two=ws://...")
+        taken.add(name)
+        addresses.append(Address(name, url))
+    return addresses
+
+
+def read_entries(file: YamlFile) -> List[RobotEntry]:
+    """Reads a fleet.yaml; the files that it names are not opened.
+
+    Raises:
+        ConfigError: it cannot be used; every mistake, with file, line and key.
+    """
+    problems = Problems()
+    entries: List[RobotEntry] = []
+    defaults: Dict[str, Any] = {}
+    try:
+        for key in file.tree:
+            if key not in ("defaults", "robots"):
+                problems.add(unknown_key(key, ("defaults", "robots")))
+        with problems:
+            section = require_mapping(file.tree.get("defaults") or {}, ("defaults",))
+            defaults = _read_keys(section, _DEFAULTS, ("defaults",))
+        with problems:
+            robots = require_mapping(file.tree.get("robots"), ("robots",))
+            if not robots:
+                raise ConfigError("expected at least one robot, got none", ("robots",))
+            for name, found in robots.items():
+                with problems:
+                    entries.append(_read_entry(name, found, defaults, os.path.dirname(file.file)))
+        problems.raise_if_any()
+    except ConfigError as error:
+        raise file.locate(error) from None
+    return entries
+
+
+def _read_entry(name: str, found: object, defaults: Mapping[str, Any], folder: str) -> RobotEntry:
+    path = ("robots", name)
+    if not _NAME.fullmatch(name):
+        expected = "expected a name of at most 64 letters, digits and _ . -"
+        raise ConfigError(f"{expected}, got {describe(name)}", path)
+    values = _read_keys(require_mapping(found, path), _KEYS, path)
+    if values["url"] is None:
+        raise ConfigError("expected the address of its rosbridge server, url: ws://host:port", path)
+    for key, default in defaults.items():
+        if values[key] is None:
+            values[key] = default
+    for key in ("thresholds", "token_file", "ca"):
+        if values[key]:
+            values[key] = os.path.join(folder, os.path.expanduser(values[key]))
+    return RobotEntry(name, **values)
+
+
+def _read_keys(found: Mapping[str, Any], keys: Sequence[Parameter], path: Path) -> Dict[str, Any]:
+    problems = Problems()
+    values: Dict[str, Any] = {key.name: None for key in keys}
+    with problems:
+        values = read_parameters(found, keys, path)
+    if values.get("url") is not None:
+        with problems:
+            try:
+                host_and_port(values["url"])
+            except ConfigError as error:
+                raise ConfigError(error.problem, (*path, "url")) from None
+    if values["namespace"] is not None and not _NAMESPACE.fullmatch(values["namespace"]):
+        problem = f"expected a namespace such as carter or fleet/carter, got {describe(values['namespace'])}"
+        problems.add(ConfigError(problem, (*path, "namespace")))
+    problems.raise_if_any()
+    return values
+
+
+class FleetReader:
+    """Reads the settings of all robots: at the start, and again at every reload."""
+
+    def __init__(
+        self,
+        addresses: Sequence[Address],
+        file: str,
+        options: Options,
+        warn: Callable[[str], object],
+    ) -> None:
+        """Reads nothing yet.
+
+        Args:
+            addresses: robots of the command line; they come first.
+            file: path of a fleet.yaml; empty: none.
+            options: for what the file does not say.
+            warn: called with one line if other users may read a token; from the thread that reads.
+        """
+        self._addresses = addresses
+        self.file = file
+        """Path of the fleet.yaml; empty: none."""
+        self._options = options
+        self._warn = warn
+
+    def read(self) -> List[RobotSettings]:
+        """Reads and validates fleet.yaml and every file that it names, each once.
+
+        Raises:
+            ConfigError: one of them cannot be used; the message names file and line.
+        """
+        files = _Files(self._warn)
+        settings = [
+            files.settings(RobotEntry(*address, None, None, None, None), self._options) for address in self._addresses
+        ]
+        taken = {robot.name for robot in settings}
+        if self.file:
+            file = read_yaml(self.file)
+            for entry in read_entries(file):
+                if entry.name in taken:
+                    problem = "a robot of this name is on the command line"
+                    raise file.locate(ConfigError(problem, ("robots", entry.name)))
+                settings.append(files.settings(entry, self._options))
+        return settings
+
+
+class _Files:
+    """The contents of files that several robots share, each read once."""
+
+    def __init__(self, warn: Callable[[str], object]) -> None:
+        self._warn = warn
+        self._thresholds: Dict[str, Mapping[str, Any]] = {}
+        self._tokens: Dict[str, str] = {}
+        self._trusts: Dict[str, _Trust] = {}
+
+    def settings(self, entry: RobotEntry, options: Options) -> RobotSettings:
+        trust = self._trust(options.ca if entry.ca is None else entry.ca)
+        return RobotSettings(
+            entry.name,
+            entry.url,
+            options.namespace if entry.namespace is None else entry.namespace,
+            self._token(options.token_file if entry.token_file is None else entry.token_file),
+            trust.pem,
+            self._parameters(options.thresholds if entry.thresholds is None else entry.thresholds),
+            trust.context,
+        )
+
+    def _parameters(self, file: str) -> Mapping[str, Any]:
+        if file not in self._thresholds:
+            self._thresholds[file] = _read_thresholds(file) if file else {}
+        return self._thresholds[file]
+
+    def _token(self, file: str) -> str:
+        if file not in self._tokens:
+            self._tokens[file] = read_token_file(file, self._warn) if file else find_token("", self._warn)
+        return self._tokens[file]
+
+    def _trust(self, file: str) -> _Trust:
+        if file not in self._trusts:
+            self._trusts[file] = _read_trust(file) if file else _Trust(b"", None)
+        return self._trusts[file]
+
+
+class _Trust(NamedTuple):
+    """Certificate authorities, and the TLS settings that trust them."""
+
+    pem: bytes
+    context: Optional[ssl.SSLContext]
+
+
+def _read_trust(file: str) -> _Trust:
+    try:
+        with open(file, "rb") as stream:
+            pem = stream.read(_LARGEST_CA_BYTES)
+        return _Trust(pem, ssl.create_default_context(cafile=file))
+    except (OSError, ssl.SSLError) as error:
+        raise ConfigError(f"cannot be read as certificates: {error.strerror or error}", file=file) from None
+
+
+def _read_thresholds(file: str) -> Mapping[str, Any]:
+    """Returns the configuration of alert_system in a file. An alert_system without a robot has accepted it."""
+    contents = read_yaml(file)
+    section = sections_of_nodes(contents)["alert_system"]
+    try:
+        AlertSystem(LocalBus(on_log=_discard).node("alert_system", parameters=section.tree)).close()
+    except ConfigError as error:
+        raise contents.locate(ConfigError(error.problem, (*section.path, *error.path))) from None
+    return section.tree
+
+
+def _discard(line: LogLine) -> None:
+    pass
