@@ -9,15 +9,17 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
+from robot_health_monitor.core.continuity import SavedSignal
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Transition
-from robot_health_monitor.core.version import package_version
 
 from ..configuration import HistorySettings
-from . import schema
+from .database_errors import is_file_error
+from .fault_reports import FaultReports
 from .reader import HistoryReader
 from .rows import TRANSITION_COLUMNS, pack_samples, transition_row
+from .storage import PART, SLOW_S, Storage
 from .writer import Job, Writer
 
 Result = TypeVar("Result")
@@ -29,8 +31,10 @@ COMMIT_TIMEOUT_S = 0.2
 
 _RESTORE_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 2.0
-_PART = "history"
-_NO_STATE = "{}"
+_HOOK_PART = "notifications"
+LOST_PART = "history queue"
+"""The part whose fault counts transitions that were not stored."""
+_DEFAULT_KEEP = HistorySettings("")
 
 _INSERT_TRANSITION = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
 
@@ -39,29 +43,30 @@ class History:
     """Writes a history file, or keeps a history in memory. All methods may be called from any thread."""
 
     def __init__(self, settings: Optional[HistorySettings], wall_time_s: Callable[[], float] = time.time) -> None:
-        """Opens the history.
+        """Opens the history, in its own thread. Whatever is wrong with the file is a fault, and the monitor goes on.
 
         Args:
             settings: the file and what to keep; None: a history in memory, with the same tables.
             wall_time_s: seconds since 1970.
         """
-        self._settings = settings
+        self.file = None if settings is None else settings.file
+        """Path of the file; None: the history is in memory."""
         self.wall_s = wall_time_s
+        keep = settings or _DEFAULT_KEEP
         self._lock = threading.Lock()
         self._on_record: List[OnRecord] = []
-        self._faults: List[Faults] = []
+        self._faults = FaultReports()
         self._open_saves: Dict[str, Dict[str, str]] = {}
-        self._is_late = False
-        self._run_id = 0
-        self._writer = Writer(self._open, self._keep_alive)
-
-    @property
-    def file(self) -> Optional[str]:
-        """Path of the file; None: the history is in memory."""
-        return None if self._settings is None else self._settings.file
+        self._lost = 0
+        self._storage = Storage(self.file, keep.keep_days, keep.keep_mb, self._faults, wall_time_s)
+        self._writer = Writer(self._storage)
 
     def on_record(self, hook: OnRecord) -> None:
-        """Calls a function inside the transaction that stores a transition, in the writer thread."""
+        """Calls a function inside the transaction that stores a transition, in the writer's thread.
+
+        It may run again for the same transition if the database has to be replaced: its effects belong into the
+        database.
+        """
         self._on_record.append(hook)
 
     def of_robot(self, robot: str, faults: Faults) -> RobotHistory:
@@ -71,11 +76,12 @@ class History:
             robot: its name.
             faults: receives the faults of the history.
         """
-        self._faults.append(faults)
+        self._faults.add(faults)
+        self.put(lambda connection: self._storage.begin_watch(robot))
         return RobotHistory(self, robot, faults)
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a function in the writer thread, in a transaction of its own. Not for the path of an alert.
+        """Runs a function in the writer's thread, in a transaction of its own. Not for the path of an alert.
 
         Args:
             function: receives the connection; must not keep it.
@@ -84,23 +90,24 @@ class History:
         Raises:
             ServiceError: the database failed, or did not answer in time.
         """
+        self._check_progress()
         return self._writer.run(function, timeout_s)
 
     def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a query: on a connection of its own for a file, else in the writer thread.
+        """Runs a query: on a connection of its own for a file, else in the writer's thread.
 
         Raises:
             ServiceError: the database failed, or did not answer in time.
             ConfigError: the file cannot be read.
         """
-        if self.file is None:
+        if self.file is None or self._storage.is_in_memory:
             return self.run(function, timeout_s)
         with HistoryReader(self.file) as reader:
             return function(reader.connection)
 
     def close(self) -> None:
         """Stores the end of the run and closes the file; waits at most 2 s."""
-        self._writer.put(Job(self._end_run))
+        self.put(lambda connection: self._storage.end_run())
         self._writer.close(_CLOSE_TIMEOUT_S)
 
     def record(self, robot: str, transition: Transition, state: str, evidence: Sequence[Tuple[float, Any]]) -> None:
@@ -110,18 +117,25 @@ class History:
         samples = pack_samples(evidence)
 
         def insert(connection: sqlite3.Connection) -> None:
-            number = connection.execute(_INSERT_TRANSITION, row).lastrowid
-            assert number is not None
+            number = connection.execute(_INSERT_TRANSITION, row).lastrowid or 0
             connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
-            _write_states(connection, robot, {transition.signal: state})
+            self._storage.note_transition(number)
+            self._storage.write_states(robot, {transition.signal: state})
             for hook in self._on_record:
-                hook(connection, number, transition, wall_s)
+                self._run_hook(hook, connection, number, transition, wall_s)
 
-        with self._lock:
-            self._open_saves.pop(robot, None)  # later states go behind this transition
         job = Job(insert)
-        if self._writer.put(job) and not self._is_late:
-            self._is_late = not job.done.wait(COMMIT_TIMEOUT_S)
+        self._check_progress()
+        with self._lock:
+            is_waiting = self._writer.put(job)
+            if is_waiting:
+                self._open_saves.pop(robot, None)  # later states go behind this transition
+        if is_waiting:
+            self._writer.wait(job, COMMIT_TIMEOUT_S)
+        else:
+            self._lost += 1
+            self._faults.report(LOST_PART, f"{self._lost} transitions were announced, but could not be stored in time")
+            self.save(robot, {transition.signal: state})
 
     def save(self, robot: str, states: Mapping[str, str]) -> None:
         """Stores states of signals, in JSON; returns at once."""
@@ -132,37 +146,43 @@ class History:
                 return
             waiting = self._open_saves[robot] = dict(states)
 
-        def write(connection: sqlite3.Connection) -> None:
-            with self._lock:
-                if self._open_saves.get(robot) is waiting:
-                    del self._open_saves[robot]
-            _write_states(connection, robot, waiting)
+            def write(connection: sqlite3.Connection) -> None:
+                with self._lock:
+                    if self._open_saves.get(robot) is waiting:
+                        del self._open_saves[robot]
+                self._storage.write_states(robot, waiting)
 
-        self._writer.put(Job(write))
+            # Also if many jobs are waiting: between two transitions there is one such job per robot at most.
+            self._writer.put(Job(write), is_urgent=True)
 
     def put(self, function: Callable[[sqlite3.Connection], object]) -> None:
-        """Runs a function in the writer thread, after everything requested before; returns at once."""
+        """Runs a function in the writer's thread, after everything requested before; returns at once."""
+        self._check_progress()
         self._writer.put(Job(function))
 
-    def _open(self) -> sqlite3.Connection:
-        name = ":memory:" if self._settings is None else self._settings.file
-        connection = sqlite3.connect(name, isolation_level=None, check_same_thread=False)
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = NORMAL")
-        schema.prepare(connection)
-        now_s = self.wall_s()
-        insert = "INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)"
-        self._run_id = connection.execute(insert, (now_s, now_s, package_version())).lastrowid or 0
-        return connection
+    def remove(self, robot: str, faults: Faults) -> None:
+        """Stores that a robot is no longer watched."""
+        self._faults.remove(faults)
+        self.put(lambda connection: self._storage.end_watch(robot))
 
-    def _keep_alive(self, connection: sqlite3.Connection) -> None:
-        self._is_late = False
-        connection.execute("UPDATE runs SET alive_s = ? WHERE id = ?", (self.wall_s(), self._run_id))
+    def _check_progress(self) -> None:
+        busy_s = self._writer.busy_s
+        if busy_s > SLOW_S:
+            self._faults.report(PART, f"{self.file}: the disk has not responded for {busy_s:.0f} s")
 
-    def _end_run(self, connection: sqlite3.Connection) -> None:
-        now_s = self.wall_s()
-        update = "UPDATE runs SET alive_s = ?, stopped_s = ? WHERE id = ?"
-        connection.execute(update, (now_s, now_s, self._run_id))
+    def _run_hook(
+        self, hook: OnRecord, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float
+    ) -> None:
+        """Runs a hook so that its mistakes do not affect the transition."""
+        connection.execute("SAVEPOINT hook")
+        try:
+            hook(connection, number, transition, wall_s)
+        except Exception as error:
+            if is_file_error(error):
+                raise
+            connection.execute("ROLLBACK TO hook")
+            self._faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
+        connection.execute("RELEASE hook")
 
 
 class RobotHistory:
@@ -178,7 +198,7 @@ class RobotHistory:
         """Returns the time in seconds since 1970."""
         return self._history.wall_s()
 
-    def restore(self) -> Mapping[str, Mapping[str, Any]]:
+    def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last stored state of each signal, by name; empty if the history cannot be read."""
         query = "SELECT signal, state FROM signal_states WHERE robot = ?"
         try:
@@ -186,30 +206,35 @@ class RobotHistory:
                 lambda connection: connection.execute(query, (self._robot,)).fetchall(), _RESTORE_TIMEOUT_S
             )
         except ServiceError as error:
-            self._faults.report(_PART, str(error))
+            self._faults.report(PART, str(error))
             return {}
         return {signal: json.loads(state) for signal, state in rows}
 
-    def record(self, transition: Transition, saved: Mapping[str, Any], evidence: Sequence[Tuple[float, Any]]) -> None:
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
         """Stores a transition, and the state of its signal after it, in one transaction. Call before the outlets.
 
-        Returns when it is committed, after 0.2 s at the latest. Never raises.
+        Returns when it is committed, after 0.2 s at the latest.
 
         Args:
             transition: what is about to be announced.
             saved: the state of its signal, plain JSON values; empty: the signal is no longer watched.
             evidence: the window's samples: wall time in s since 1970, value; at most 300.
         """
-        self._history.record(self._robot, transition, json.dumps(saved), evidence)
+        try:
+            self._history.record(self._robot, transition, json.dumps(saved), evidence)
+        except Exception as error:
+            self._faults.report(PART, f"a transition was not stored: {type(error).__name__}: {error}")
 
-    def save(self, states: Mapping[str, Mapping[str, Any]]) -> None:
+    def save(self, states: Mapping[str, SavedSignal]) -> None:
         """Stores states of signals without a transition; returns at once.
 
         Args:
             states: those that changed, by signal; plain JSON values. Empty: the signal is no longer watched.
         """
-        if states:
+        try:
             self._history.save(self._robot, {signal: json.dumps(state) for signal, state in states.items()})
+        except Exception as error:
+            self._faults.report(PART, f"states were not stored: {type(error).__name__}: {error}")
 
     def record_reset(self) -> None:
         """Stores that latched alerts were reset; returns at once."""
@@ -233,9 +258,6 @@ class RobotHistory:
 
         self._history.put(insert)
 
-
-def _write_states(connection: sqlite3.Connection, robot: str, states: Mapping[str, str]) -> None:
-    kept = [(robot, signal, state) for signal, state in states.items() if state != _NO_STATE]
-    gone = [(robot, signal) for signal, state in states.items() if state == _NO_STATE]
-    connection.executemany("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", kept)
-    connection.executemany("DELETE FROM signal_states WHERE robot = ? AND signal = ?", gone)
+    def close(self) -> None:
+        """Stores that the robot is no longer watched. Not needed at the end of the process."""
+        self._history.remove(self._robot, self._faults)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
+import errno
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Iterator, List, Optional, Sequence, Tuple, Type, Union
@@ -11,7 +13,10 @@ from urllib.parse import quote
 from robot_health_monitor.core.errors import ConfigError
 
 from . import queries, schema
+from .database_file import require_regular_file
 from .rows import StoredTransition
+
+_BUSY_S = 2.0
 
 
 class HistoryReader:
@@ -23,17 +28,13 @@ class HistoryReader:
         Raises:
             ConfigError: it does not exist, cannot be read, or is no history of this version.
         """
-        self._file = str(file)
         try:
-            Path(file).stat()
-            uri = f"file:{quote(str(Path(file).absolute()))}?mode=ro"
-            self.connection = sqlite3.connect(uri, uri=True, timeout=2.0, isolation_level=None)
+            self.connection = open_read_only(str(file))
             """The connection, for functions of `queries`."""
-            schema.require_known(self.connection)
         except OSError as error:
-            raise ConfigError(error.strerror or str(error), file=self._file) from None
+            raise ConfigError(error.strerror or str(error), file=str(file)) from None
         except (sqlite3.Error, schema.UnknownSchemaError) as error:
-            raise ConfigError(str(error), file=self._file) from None
+            raise ConfigError(str(error), file=str(file)) from None
 
     def __enter__(self) -> HistoryReader:
         """Returns itself."""
@@ -60,3 +61,42 @@ class HistoryReader:
     def gaps(self, since_s: float = 0.0) -> List[queries.Gap]:
         """Returns the times in which the monitor did not run."""
         return queries.gaps(self.connection, since_s)
+
+
+def open_read_only(path: str) -> sqlite3.Connection:
+    """Opens a history file that another process may be writing.
+
+    Raises:
+        OSError: it does not exist or cannot be read.
+        UnknownSchemaError: it is no history, or one of another version.
+        sqlite3.Error: it is damaged.
+    """
+    require_regular_file(path)
+    os.stat(path)  # for an error that names the reason; SQLite's own does not
+    if not os.access(path, os.R_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+    try:
+        return _connected(path, "mode=ro")
+    except sqlite3.OperationalError:
+        if _has_log(path):
+            raise
+    # Without a log nothing writes the file. SQLite would create one, which needs permission to write to the folder.
+    return _connected(path, "immutable=1")
+
+
+def _connected(path: str, options: str) -> sqlite3.Connection:
+    uri = f"file:{quote(os.path.abspath(path))}?{options}"
+    connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+    try:
+        schema.require_known(connection)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _has_log(path: str) -> bool:
+    try:
+        return os.stat(f"{os.path.realpath(path)}-wal").st_size > 0
+    except OSError:
+        return False

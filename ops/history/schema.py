@@ -6,7 +6,7 @@ The tables of notifications and silences are here too, so that one version descr
 from __future__ import annotations
 
 import sqlite3
-from typing import Callable, Mapping
+from typing import Callable, List, Mapping
 
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""
@@ -145,6 +145,18 @@ def require_known(connection: sqlite3.Connection) -> None:
     """Raises UnknownSchemaError unless the file is a history of this version."""
     if _version(connection) != SCHEMA_VERSION:
         raise UnknownSchemaError("it is from an older version of the monitor, which has to open it once")
+
+
+def tables(connection: sqlite3.Connection) -> List[str]:
+    """Returns the names of the tables."""
+    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite~_%' ESCAPE '~'"
+    return [name for (name,) in connection.execute(query)]
+
+
+def numbered_tables(connection: sqlite3.Connection) -> List[str]:
+    """Returns the names of the tables whose rows have a number that is never used again."""
+    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%'"
+    return [name for (name,) in connection.execute(query)]
 
 
 def _version(connection: sqlite3.Connection) -> int:

@@ -1,4 +1,4 @@
-"""The thread that owns the database: everything is written here, in the order in which it was requested."""
+"""The thread that writes the history: everything in the order in which it was requested."""
 
 from __future__ import annotations
 
@@ -10,25 +10,30 @@ from typing import Callable, Deque, Generic, List, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
 
+from .storage import Storage, roll_back
+
 Result = TypeVar("Result")
 
-_MAX_BATCH = 500  # jobs per transaction
-_MAX_WAITING = 5_000
-_IDLE_S = 1.0
+MAX_WAITING = 2_000
+"""Most jobs that wait; a transition with its evidence takes up to 8 kB."""
+
+_MAX_BATCH = 200  # jobs per transaction
+_PERIOD_S = 1.0  # of `Storage.maintain`
+_MAX_ATTEMPTS = 3
 
 
 class Job(Generic[Result]):
-    """A function to run in the writer thread, inside a transaction."""
+    """A function to run in the writer's thread, inside a transaction."""
 
-    def __init__(self, function: Callable[[sqlite3.Connection], Result], alone: bool = False) -> None:
+    def __init__(self, function: Callable[[sqlite3.Connection], Result], is_foreign: bool = False) -> None:
         """Wraps a function.
 
         Args:
-            function: what to run.
-            alone: in a transaction of its own, so that its failure affects no other job.
+            function: what to run. It runs again if the database has to be replaced.
+            is_foreign: a function of another module: in a transaction of its own, and its mistakes are its own.
         """
         self.function = function
-        self.alone = alone
+        self.is_foreign = is_foreign
         self.done = threading.Event()
         self.result: Optional[Result] = None
         self.error: Optional[BaseException] = None
@@ -38,39 +43,56 @@ class Job(Generic[Result]):
 class Writer:
     """Runs jobs one after the other, several in one transaction if they are waiting."""
 
-    def __init__(self, open_database: Callable[[], sqlite3.Connection], on_idle: Callable[[sqlite3.Connection], None]):
-        """Starts the thread, which opens the database.
-
-        Args:
-            open_database: returns the connection, in autocommit mode.
-            on_idle: called each second, inside a transaction.
-        """
-        self._open_database = open_database
-        self._on_idle = on_idle
+    def __init__(self, storage: Storage) -> None:
+        """Starts the thread, which opens the storage."""
+        self._storage = storage
         self._condition = threading.Condition()
         self._jobs: Deque[Job[object]] = deque()
         self._is_closing = False
+        self._busy_since_s: Optional[float] = time.monotonic()
+        self._is_late = False
         self._thread = threading.Thread(target=self._run, name="history", daemon=True)
         self._thread.start()
 
-    def put(self, job: Job[Result]) -> bool:
-        """Adds a job; returns False if too many are waiting."""
+    @property
+    def busy_s(self) -> float:
+        """For how long the present transaction has lasted, in s; 0: there is none."""
+        since_s = self._busy_since_s
+        return 0.0 if since_s is None else time.monotonic() - since_s
+
+    def put(self, job: Job[Result], is_urgent: bool = False) -> bool:
+        """Adds a job; returns False if too many are waiting, or the writer is closing.
+
+        Args:
+            job: what to run.
+            is_urgent: also if too many are waiting.
+        """
         with self._condition:
-            if len(self._jobs) >= _MAX_WAITING or self._is_closing:
+            if (len(self._jobs) >= MAX_WAITING and not is_urgent) or self._is_closing:
                 return False
             self._jobs.append(job)  # type: ignore[arg-type]
             self._condition.notify()
             return True
 
+    def wait(self, job: Job[Result], timeout_s: float) -> None:
+        """Waits until a job is done, but not if earlier ones already took too long.
+
+        Args:
+            job: what has been added.
+            timeout_s: limit in s.
+        """
+        if not self._is_late and not job.done.wait(timeout_s):
+            self._is_late = True
+
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float) -> Result:
         """Runs a function in a transaction of its own and returns its result.
 
         Raises:
-            ServiceError: it failed in the database, or did not start or end in time.
+            ServiceError: it failed in the database, or did not end in time.
         """
-        job = Job(function, alone=True)
+        job = Job(function, is_foreign=True)
         if not self.put(job):
-            raise ServiceError("history: too many requests are waiting")
+            raise ServiceError("history: too many requests are waiting, or it is closed")
         if not job.done.wait(timeout_s):
             job.is_cancelled = True
             raise ServiceError(f"history: no answer within {timeout_s:g} s")
@@ -80,49 +102,69 @@ class Writer:
             raise job.error
         return job.result  # type: ignore[return-value]
 
-    def close(self, timeout_s: float) -> None:
-        """Runs the waiting jobs and ends the thread, which closes the database."""
+    def close(self, timeout_s: float) -> bool:
+        """Runs the waiting jobs and ends the thread, which closes the storage; returns whether it did so in time."""
         with self._condition:
             self._is_closing = True
             self._condition.notify()
         self._thread.join(timeout_s)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
-        connection = self._open_database()
-        idle_at_s = time.monotonic() + _IDLE_S
+        self._storage.open()
+        maintain_at_s = time.monotonic() + _PERIOD_S
         while True:
             with self._condition:
-                if not self._jobs and not self._is_closing:
-                    self._condition.wait(max(0.0, idle_at_s - time.monotonic()))
-                if not self._jobs and self._is_closing:
-                    break
+                if not self._jobs:
+                    self._is_late = False
+                    self._busy_since_s = None
+                    if self._is_closing:
+                        break
+                    self._condition.wait(max(0.0, maintain_at_s - time.monotonic()))
+                self._busy_since_s = time.monotonic()
                 batch = self._next_batch()
-            self._run_batch(connection, batch)
-            if time.monotonic() >= idle_at_s:
-                idle_at_s = time.monotonic() + _IDLE_S
-                self._run_batch(connection, [Job(self._on_idle)])
-        connection.close()
+            if batch:
+                self._run_batch(batch)
+            if time.monotonic() >= maintain_at_s:
+                self._busy_since_s = time.monotonic()
+                self._maintain()
+                maintain_at_s = time.monotonic() + _PERIOD_S
+        self._storage.close()
 
     def _next_batch(self) -> List[Job[object]]:
         batch: List[Job[object]] = []
-        while self._jobs and len(batch) < _MAX_BATCH and not (batch and (self._jobs[0].alone or batch[0].alone)):
-            batch.append(self._jobs.popleft())
+        while self._jobs and len(batch) < _MAX_BATCH and not (batch and (self._jobs[0].is_foreign or batch[0].is_foreign)):
+            job = self._jobs.popleft()
+            if not job.is_cancelled:
+                batch.append(job)
         return batch
 
-    def _run_batch(self, connection: sqlite3.Connection, batch: List[Job[object]]) -> None:
-        batch = [job for job in batch if not job.is_cancelled]
-        if not batch:
-            return
+    def _run_batch(self, batch: List[Job[object]]) -> None:
+        is_foreign = batch[0].is_foreign
         error: Optional[BaseException] = None
+        for _ in range(_MAX_ATTEMPTS):
+            error = self._attempt(batch)
+            if error is None or not self._storage.handle(error, not is_foreign):
+                break
+        for job in batch:
+            job.error = error
+            job.done.set()
+
+    def _attempt(self, batch: List[Job[object]]) -> Optional[BaseException]:
+        connection = self._storage.connection
         try:
             connection.execute("BEGIN IMMEDIATE")
             for job in batch:
                 job.result = job.function(connection)
             connection.execute("COMMIT")
-        except Exception as caught:
-            error = caught
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
-        for job in batch:
-            job.error = error
-            job.done.set()
+        except Exception as error:
+            roll_back(connection)
+            return error
+        self._storage.note_committed()
+        return None
+
+    def _maintain(self) -> None:
+        try:
+            self._storage.maintain()
+        except sqlite3.Error as error:
+            self._storage.handle(error, was_own=True)

@@ -1,0 +1,247 @@
+"""A history file that is open for writing: its lock, and how its contents reach the disk.
+
+SQLite's write-ahead log (WAL) is used with synchronous=NORMAL: a commit hands its pages to the kernel, which keeps them
+when the process is killed. The thread of `_Sync` flushes the log to the disk each second if something was written, so
+that a power cut loses no more than the last second, and copies the log into the file when it has grown. The writer
+itself waits for the disk only when the kernel makes it wait.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import sqlite3
+import stat
+import threading
+import time
+from typing import Optional
+
+from . import schema
+
+SYNC_PERIOD_S = 1.0
+"""A power cut loses at most what was written in this time, in s."""
+
+_BUSY_S = 3.0  # how long to wait for another process that writes, such as `robot-health silence`
+_CHECKPOINT_BYTES = 4_000_000
+_SQLITE_MAGIC = b"SQLite format 3\0"
+_MAX_ASIDE = 100
+
+
+class InUseError(Exception):
+    """Another monitor writes the file."""
+
+
+class NotAHistoryError(Exception):
+    """The file contains something else, and is left alone."""
+
+
+class DatabaseFile:
+    """An open history file that no other monitor writes."""
+
+    def __init__(self, path: str) -> None:
+        """Opens or creates a file, and migrates an older version.
+
+        Args:
+            path: a symbolic link is followed; missing folders are created.
+
+        Raises:
+            InUseError: another monitor writes it.
+            NotAHistoryError, UnknownSchemaError: it must not be touched.
+            OSError, sqlite3.Error: it cannot be written, or is damaged (`database_errors.is_damage`).
+        """
+        self.path = os.path.realpath(path)
+        _require_history_or_nothing(self.path)
+        os.makedirs(os.path.dirname(self.path), exist_ok=True)
+        self._lock: Optional[int] = _lock(lock_path(self.path))
+        self.connection = sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+        """In autocommit mode."""
+        try:
+            self.connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # has an effect in a new file only
+            mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
+            # Without a WAL (some network file systems) only FULL survives a power cut.
+            self.connection.execute(f"PRAGMA synchronous = {'NORMAL' if mode == 'wal' else 'FULL'}")
+            self.connection.execute("PRAGMA wal_autocheckpoint = 0")
+            self.connection.execute("PRAGMA journal_size_limit = 0")  # shortens the log when it begins anew
+            schema.prepare(self.connection)
+            self._identity = _identity(self.path)
+            self._sync = _Sync(self.path)
+        except BaseException:
+            self.connection.close()
+            os.close(self._lock)
+            self._lock = None
+            raise
+
+    @property
+    def problem(self) -> str:
+        """Why the latest flush to the disk failed; empty: it did not."""
+        return self._sync.problem
+
+    @property
+    def flushing_s(self) -> float:
+        """For how long the flush that is under way has lasted, in s; 0: none is."""
+        return self._sync.flushing_s
+
+    def note_written(self) -> None:
+        """Requests that everything written so far is flushed to the disk."""
+        self._sync.is_wanted = True
+
+    def is_in_place(self) -> bool:
+        """Whether the path still leads to the open file, and the log is still beside it."""
+        return _identity(self.path) == self._identity
+
+    def close(self) -> None:
+        """Closes the file and releases its lock; the last connection copies the log into the file."""
+        self._sync.stop()
+        try:
+            self.connection.close()
+        finally:
+            lock, self._lock = self._lock, None
+            if lock is not None:  # closing a number twice could close another file
+                os.close(lock)
+
+
+def lock_path(path: str) -> str:
+    """Returns the path of the file that the writing monitor holds a lock on."""
+    return f"{path}.lock"
+
+
+def set_aside(path: str, wall_s: float) -> str:
+    """Renames a damaged file, with its log, and returns its new path.
+
+    Args:
+        path: the file.
+        wall_s: the time for its new name, in s since 1970.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    path = os.path.realpath(path)
+    when = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(wall_s))
+    aside = f"{path}.damaged-{when}"
+    for number in range(2, _MAX_ASIDE):
+        if not os.path.lexists(aside):
+            break
+        aside = f"{path}.damaged-{when}-{number}"
+    # The log first: a log that is left alone beside a new file would be applied to it.
+    for suffix in ("-wal", "-shm", ""):
+        try:
+            os.rename(path + suffix, aside + suffix)
+        except FileNotFoundError:
+            pass
+    return aside
+
+
+def require_regular_file(path: str) -> None:
+    """Raises OSError if the path leads to something that exists but is not a regular file; a pipe would block."""
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), path)
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "not a regular file", path)
+
+
+def _require_history_or_nothing(path: str) -> None:
+    """Protects files that somebody named by mistake: a damaged history is renamed, other files must not be.
+
+    Raises:
+        NotAHistoryError: it is another file.
+        OSError: it cannot be read.
+    """
+    require_regular_file(path)
+    try:
+        with open(path, "rb") as file:
+            begin = file.read(len(_SQLITE_MAGIC))
+    except FileNotFoundError:
+        return
+    # The lock beside it shows that a monitor has written it; the begin of the file may be damaged.
+    if begin and begin != _SQLITE_MAGIC and not os.path.exists(lock_path(path)):
+        raise NotAHistoryError("it is not a history file")
+
+
+def _lock(path: str) -> int:
+    """Takes the lock that the kernel releases when the process ends, and returns its descriptor."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.read(descriptor, 20).decode("ascii", "replace").strip()
+        os.close(descriptor)
+        raise InUseError(f"it is in use by another monitor{f' (process {holder})' if holder else ''}") from None
+    except BaseException:
+        os.close(descriptor)
+        raise
+    try:
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, b"%d\n" % os.getpid())
+    except OSError:
+        pass  # a full disk; the number is for people only
+    return descriptor
+
+
+def _identity(path: str) -> object:
+    """Returns what changes when the file or its log is replaced or deleted."""
+    found = []
+    for name in (path, f"{path}-wal"):
+        try:
+            status = os.stat(name)
+            found.append((status.st_dev, status.st_ino))
+        except OSError:
+            found.append((0, 0))
+    return found
+
+
+class _Sync:
+    """The thread that flushes the log to the disk, with a connection of its own."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self.is_wanted = True
+        self.problem = ""
+        self._began_s: Optional[float] = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="history sync", daemon=True)
+        self._thread.start()
+
+    @property
+    def flushing_s(self) -> float:
+        began_s = self._began_s
+        return 0.0 if began_s is None else time.monotonic() - began_s
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join(SYNC_PERIOD_S)  # not longer: the disk may hang
+
+    def _run(self) -> None:
+        while not self._stop.wait(SYNC_PERIOD_S):
+            if not self.is_wanted:
+                continue
+            self._began_s = time.monotonic()
+            try:
+                self._flush()
+                self.problem = ""
+            except (OSError, sqlite3.Error) as error:
+                self.problem = (error.strerror if isinstance(error, OSError) else None) or str(error)
+            finally:
+                self._began_s = None
+
+    def _flush(self) -> None:
+        self.is_wanted = False  # what is written from now on is flushed next time
+        try:
+            log = os.open(f"{self._path}-wal", os.O_RDONLY | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return
+        try:
+            os.fdatasync(log)
+            size = os.fstat(log).st_size
+        finally:
+            os.close(log)  # SQLite holds no locks on this file; closing the database file here would release them
+        if size >= _CHECKPOINT_BYTES:
+            connection = sqlite3.connect(self._path, timeout=0.0, isolation_level=None)
+            try:
+                connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+            finally:
+                connection.close()

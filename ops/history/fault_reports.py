@@ -1,0 +1,46 @@
+"""The faults of the history, passed on to every robot that uses it."""
+
+from __future__ import annotations
+
+import threading
+from typing import Dict, List
+
+from robot_health_monitor.core.faults import Faults
+
+
+class FaultReports:
+    """Reports the same faults to several nodes, also to those that are added later. May be used from any thread."""
+
+    def __init__(self) -> None:
+        """Starts without faults."""
+        self._lock = threading.Lock()
+        self._receivers: List[Faults] = []
+        self._current: Dict[str, str] = {}
+
+    def add(self, receiver: Faults) -> None:
+        """Adds the faults of a node; does nothing if they have been added."""
+        with self._lock:
+            if not any(receiver is known for known in self._receivers):
+                self._receivers.append(receiver)
+                for part, text in self._current.items():
+                    receiver.report(part, text)
+
+    def remove(self, receiver: Faults) -> None:
+        """Removes the faults of a node that has ended."""
+        with self._lock:
+            self._receivers = [known for known in self._receivers if known is not receiver]
+
+    def report(self, part: str, text: str) -> None:
+        """Reports a fault, in place of an earlier one of the same part."""
+        with self._lock:
+            if self._current.get(part) != text:
+                self._current[part] = text
+                for receiver in self._receivers:
+                    receiver.report(part, text)
+
+    def clear(self, part: str) -> None:
+        """Reports that a part works again."""
+        with self._lock:
+            if self._current.pop(part, None) is not None:
+                for receiver in self._receivers:
+                    receiver.clear(part)

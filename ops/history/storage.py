@@ -1,0 +1,389 @@
+"""The database in use: the history file, or a database in memory while the file cannot be used.
+
+Whatever happens to the file, the monitor goes on with the same tables, so that notifications and silences keep working:
+
+- The file is damaged: it is renamed, and a new one is begun with the present state.
+- The file cannot be written (full, read-only, deleted folder): the present state is copied into memory. The file is
+  tried again, with growing waits; once it works, what is in memory is stored in it.
+- Another monitor writes the file, or it is from a newer version: memory, for the rest of the run.
+
+Numbers of rows continue in memory where the file ended, so that rows can be moved back without changing references.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from typing import Callable, Dict, List, Optional, Tuple
+
+from robot_health_monitor.core.version import package_version
+
+from . import schema
+from .database_errors import is_damage, is_file_error, reason
+from .database_file import DatabaseFile, InUseError, NotAHistoryError, set_aside
+from .fault_reports import FaultReports
+from .reader import open_read_only
+from .retention import delete_expired
+
+PART = "history"
+"""The part whose fault says that the history is not written to its file."""
+REPLACED_PART = "history file"
+"""The part whose fault says that an earlier history was lost or put aside; it lasts until the monitor is restarted."""
+
+SLOW_S = 3.0
+"""A disk that takes longer is reported, in s."""
+
+_MEMORY_BYTES = 16e6
+_FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
+_ALIVE_PERIOD_S = 1.0
+_RETENTION_PERIOD_S = 60.0
+_DAY_S = 86_400.0
+
+
+class Storage:
+    """Owns the connection. Used by the writer's thread only."""
+
+    def __init__(
+        self, file: Optional[str], keep_days: float, keep_mb: float, faults: FaultReports, wall_s: Callable[[], float]
+    ) -> None:
+        """Prepares; nothing is opened yet.
+
+        Args:
+            file: path of the file; None: in memory.
+            keep_days: age at which entries are deleted, in days.
+            keep_mb: size at which the oldest entries are deleted, in MB.
+            faults: receives what is wrong with the file.
+            wall_s: seconds since 1970.
+        """
+        self._path = file
+        self._keep_s = keep_days * _DAY_S
+        self._keep_bytes = keep_mb * 1e6
+        self._faults = faults
+        self._wall_s = wall_s
+        self._file: Optional[DatabaseFile] = None
+        self._memory: Optional[sqlite3.Connection] = None
+        self._retry_s: Optional[float] = None
+        self._next_retry_s = 0.0
+        self._is_copy = False
+        self._alive_at_s = 0.0
+        self._retention_at_s = 0.0
+        self._run: Tuple[int, float] = (0, 0.0)
+        self._watches: Dict[str, Tuple[int, float]] = {}
+        self._states: Dict[Tuple[str, str], str] = {}
+        self._last_id = 0
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The connection, in autocommit mode."""
+        if self._file is not None:
+            return self._file.connection
+        assert self._memory is not None
+        return self._memory
+
+    @property
+    def is_in_memory(self) -> bool:
+        """Whether the file is not in use; from any thread."""
+        return self._memory is not None
+
+    def open(self) -> None:
+        """Opens the file or, if that is not possible, a database in memory. Never raises."""
+        if self._path is None:
+            self._use_memory(None)
+        else:
+            self._open_file()
+
+    def handle(self, error: BaseException, was_own: bool) -> bool:
+        """Reacts to an error of a transaction, which has been rolled back.
+
+        Args:
+            error: the error.
+            was_own: it came from a statement of this package, not from a function of another module.
+
+        Returns:
+            Whether another database is in use now: repeat the transaction.
+        """
+        if self._file is None or not (is_file_error(error) or (was_own and isinstance(error, sqlite3.Error))):
+            return False
+        file, self._file = self._file, None
+        try:
+            if is_damage(error):
+                self._replace(file.connection, file.path, error, file.close)
+            else:
+                self._use_memory(file.connection, error)
+        finally:
+            _close(file)
+        return True
+
+    def note_committed(self) -> None:
+        """A transaction with changes was committed: it is to be flushed to the disk."""
+        if self._file is not None:
+            self._file.note_written()
+
+    def note_transition(self, number: int) -> None:
+        """Notes the number of the last transition."""
+        self._last_id = max(self._last_id, number)
+
+    def write_states(self, robot: str, states: Dict[str, str]) -> None:
+        """Stores the states of signals of a robot in JSON; `{}` deletes one. Inside a transaction."""
+        for signal, state in states.items():
+            if state == "{}":
+                self._states.pop((robot, signal), None)
+            else:
+                self._states[robot, signal] = state
+        _write_states(self.connection, [(robot, signal, state) for signal, state in states.items()])
+
+    def begin_watch(self, robot: str) -> None:
+        """Stores that a robot is watched from now on. Inside a transaction."""
+        now_s = self._wall_s()
+        insert = "INSERT INTO watches (run_id, robot, started_s) VALUES (?, ?, ?)"
+        number = self.connection.execute(insert, (self._run[0], robot, now_s)).lastrowid
+        self._watches[robot] = (number or 0, now_s)
+
+    def end_watch(self, robot: str) -> None:
+        """Stores that a robot is no longer watched. Inside a transaction."""
+        number, _ = self._watches.pop(robot, (0, 0.0))
+        self.connection.execute("UPDATE watches SET stopped_s = ? WHERE id = ?", (self._wall_s(), number))
+
+    def end_run(self) -> None:
+        """Stores that the run ends now. Inside a transaction."""
+        now_s = self._wall_s()
+        update = "UPDATE runs SET alive_s = ?, stopped_s = ? WHERE id = ?"
+        self.connection.execute(update, (now_s, now_s, self._run[0]))
+
+    def maintain(self) -> None:
+        """Does what is due: the time of the last sign of life, retention, another attempt to use the file.
+
+        Call about once a second, outside of a transaction.
+
+        Raises:
+            sqlite3.Error: the database failed; for `handle`.
+        """
+        now_s = time.monotonic()
+        if self._retry_s is not None and now_s >= self._next_retry_s:
+            self._open_file()
+        if self._file is not None:
+            self._check_file(self._file)
+        connection = self.connection
+        if now_s >= self._alive_at_s + _ALIVE_PERIOD_S:
+            self._alive_at_s = now_s
+            connection.execute("UPDATE runs SET alive_s = ? WHERE id = ?", (self._wall_s(), self._run[0]))
+        if now_s >= self._retention_at_s:
+            self._retention_at_s = 0.0 if self._delete_expired(connection) else now_s + _RETENTION_PERIOD_S
+
+    def close(self) -> None:
+        """Closes the database; what is in memory is stored in the file if that is possible now."""
+        if self._retry_s is not None:
+            self._open_file()
+        if self._file is not None:
+            self._file.close()
+        if self._memory is not None:
+            self._memory.close()
+
+    def _open_file(self) -> None:
+        """Opens the file and moves what is in memory into it, or uses memory."""
+        assert self._path is not None
+        try:
+            file = self._opened(self._path)
+        except (InUseError, NotAHistoryError, schema.UnknownSchemaError) as error:
+            self._retry_s = None
+            self._report(f"{self._path} is not used: {error}; continuing without a history file")
+            self._require_memory(None)
+        except (OSError, sqlite3.Error) as error:
+            self._retry_later()
+            self._report(f"{reason(error, self._path)}; continuing in memory")
+            self._require_memory(self._path)
+        else:
+            if self._memory is not None:
+                self._memory.close()
+            self._memory, self._file, self._retry_s = None, file, None
+            self._faults.clear(PART)
+
+    def _opened(self, path: str) -> DatabaseFile:
+        """Returns the open file with the present run in it; a damaged one is replaced.
+
+        Raises:
+            As `DatabaseFile`.
+        """
+        try:
+            return self._adopted(DatabaseFile(path))
+        except sqlite3.Error as error:
+            if not is_damage(error):
+                raise
+            aside = set_aside(path, self._wall_s())
+            self._report_replaced(f"{path} is damaged ({error}): kept as {aside}, a new history was begun")
+            return self._adopted(DatabaseFile(path))
+
+    def _adopted(self, file: DatabaseFile) -> DatabaseFile:
+        connection = file.connection
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+            if self._memory is None:
+                self._begin_run(connection)
+            else:
+                self._move_from_memory(self._memory, connection)
+            connection.execute("COMMIT")
+        except BaseException:
+            _close(file)
+            raise
+        return file
+
+    def _begin_run(self, connection: sqlite3.Connection) -> None:
+        now_s = self._wall_s()
+        insert = "INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)"
+        self._run = (connection.execute(insert, (now_s, now_s, package_version())).lastrowid or 0, now_s)
+        for robot, signal, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
+            self._states.setdefault((robot, signal), state)
+
+    def _check_file(self, file: DatabaseFile) -> None:
+        """Looks whether the file was deleted or replaced, or its disk fails."""
+        if not file.is_in_place():
+            assert self._path is not None
+            text = f"{self._path} was deleted or replaced while in use: the present state was written to a new file"
+            self._use_memory(file.connection)
+            self._file = None
+            _close(file)
+            self._report_replaced(text)
+            self._open_file()
+        elif file.problem:
+            self._report(f"{self._path} cannot be flushed to the disk: {file.problem}")
+        elif file.flushing_s > SLOW_S:
+            self._report(f"{self._path}: the disk has not responded for {file.flushing_s:.0f} s")
+        else:
+            self._faults.clear(PART)
+
+    def _replace(
+        self, damaged: sqlite3.Connection, path: str, error: BaseException, close: Callable[[], None]
+    ) -> None:
+        """Puts a damaged file aside and begins a new one, with what can be read of the present state."""
+        self._use_memory(damaged, error)
+        close()
+        try:
+            aside = set_aside(path, self._wall_s())
+        except OSError as rename_error:
+            self._report(f"{path} is damaged ({error}) and {reason(rename_error, path)}; continuing in memory")
+            return
+        self._report_replaced(f"{path} is damaged ({error}): kept as {aside}, a new history was begun")
+        self._open_file()
+
+    def _use_memory(self, source: Optional[sqlite3.Connection], error: Optional[BaseException] = None) -> None:
+        """Goes on in memory, with what can be read of the present state.
+
+        Args:
+            source: the database that was used until now.
+            error: why it cannot be written.
+        """
+        memory = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+        schema.prepare(memory)
+        memory.execute("BEGIN IMMEDIATE")
+        self._is_copy = source is not None and _copy_state(source, memory)
+        if not self._is_copy and self._path is not None:
+            _number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
+        for (robot, signal), state in self._states.items():
+            memory.execute("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", (robot, signal, state))
+        number, started_s = self._run
+        if number:
+            row = (number, started_s, self._wall_s(), package_version())
+            memory.execute("INSERT OR REPLACE INTO runs (id, started_s, alive_s, version) VALUES (?, ?, ?, ?)", row)
+            watches = [(watch, number, robot, begin_s) for robot, (watch, begin_s) in self._watches.items()]
+            memory.executemany("INSERT INTO watches (id, run_id, robot, started_s) VALUES (?, ?, ?, ?)", watches)
+        else:
+            self._begin_run(memory)
+        _number_from(memory, self._last_id, ("transitions",))
+        memory.execute("COMMIT")
+        self._memory = memory
+        if error is not None:
+            self._report(f"{reason(error, str(self._path))}; continuing in memory")
+            self._retry_later()
+
+    def _require_memory(self, readable: Optional[str]) -> None:
+        """Goes on in memory unless that is already so.
+
+        Args:
+            readable: path of a file that may be readable, and contains the present state.
+        """
+        if self._memory is not None:
+            return
+        try:
+            source = None if readable is None else open_read_only(readable)
+        except (OSError, sqlite3.Error, schema.UnknownSchemaError):
+            source = None
+        self._use_memory(source)
+        if source is not None:
+            source.close()
+
+    def _retry_later(self) -> None:
+        self._retry_s = _FIRST_RETRY_S if self._retry_s is None else min(self._retry_s * 2.0, _LAST_RETRY_S)
+        self._next_retry_s = time.monotonic() + self._retry_s
+
+    def _move_from_memory(self, memory: sqlite3.Connection, connection: sqlite3.Connection) -> None:
+        for table in schema.tables(memory):
+            if table in schema.LIVE_TABLES and self._is_copy:
+                connection.execute(f"DELETE FROM {table}")
+            _copy_table(memory, connection, table)
+
+    def _delete_expired(self, connection: sqlite3.Connection) -> bool:
+        max_bytes = self._keep_bytes if self._file is not None else min(self._keep_bytes, _MEMORY_BYTES)
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            was_deleted = delete_expired(connection, self._run[0], self._wall_s() - self._keep_s, max_bytes)
+            connection.execute("COMMIT")
+        except BaseException:
+            roll_back(connection)
+            raise
+        return was_deleted
+
+    def _report(self, text: str) -> None:
+        self._faults.report(PART, text)
+
+    def _report_replaced(self, text: str) -> None:
+        self._faults.report(REPLACED_PART, text)
+
+
+def roll_back(connection: sqlite3.Connection) -> None:
+    """Rolls back a transaction, unless SQLite has done so because of its error."""
+    try:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+    except sqlite3.Error:
+        pass  # the connection is about to be replaced
+
+
+def _write_states(connection: sqlite3.Connection, rows: List[Tuple[str, str, str]]) -> None:
+    kept = [row for row in rows if row[2] != "{}"]
+    gone = [row[:2] for row in rows if row[2] == "{}"]
+    connection.executemany("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", kept)
+    connection.executemany("DELETE FROM signal_states WHERE robot = ? AND signal = ?", gone)
+
+
+def _copy_state(source: sqlite3.Connection, memory: sqlite3.Connection) -> bool:
+    """Copies the tables of the present state, and the last number of each table; returns whether all were readable."""
+    is_complete = True
+    for table in ("sqlite_sequence", *schema.LIVE_TABLES):
+        try:
+            _copy_table(source, memory, table)
+        except sqlite3.Error:
+            is_complete = False  # what could be read is there
+    return is_complete
+
+
+def _copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> None:
+    rows = source.execute(f"SELECT * FROM {table}")
+    insert = f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * len(rows.description))})"
+    for row in rows:
+        target.execute(insert, row)
+
+
+def _number_from(connection: sqlite3.Connection, number: int, tables: Tuple[str, ...] = ()) -> None:
+    """Makes the numbers of rows continue after `number` where they are below it; no tables: all."""
+    for table in tables or schema.numbered_tables(connection):
+        found = connection.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = ?", (table,)).fetchone()[0]
+        if found is None or found < number:
+            connection.execute("DELETE FROM sqlite_sequence WHERE name = ?", (table,))
+            connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES (?, ?)", (table, number))
+
+
+def _close(file: DatabaseFile) -> None:
+    try:
+        file.close()
+    except (OSError, sqlite3.Error):
+        pass  # closed before, or its disk fails
