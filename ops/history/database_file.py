@@ -57,6 +57,7 @@ class DatabaseFile:
         self.connection = sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
         """In autocommit mode."""
         try:
+            schema.version_of(self.connection)  # what follows would change a file that must not be touched
             self.connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # has an effect in a new file only
             mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
             # Without a WAL (some network file systems) only FULL survives a power cut.

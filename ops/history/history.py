@@ -182,6 +182,8 @@ class History:
                 raise
             connection.execute("ROLLBACK TO hook")
             self._faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
+        else:
+            self._faults.clear(_HOOK_PART)
         connection.execute("RELEASE hook")
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sqlite3
 import errno
 import os
+import sqlite3
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Iterator, List, Optional, Sequence, Tuple, Type, Union

@@ -60,9 +60,7 @@ def delete_expired(connection: sqlite3.Connection, run_id: int, before_s: float,
         statement = f"DELETE FROM {table} WHERE id IN ({selected})"
         deleted += connection.execute(statement, {"before_s": before_s, "run_id": run_id}).rowcount
     if deleted:
-        connection.execute(
-            "DELETE FROM configurations WHERE hash NOT IN (SELECT hash FROM configuration_changes)"
-        )
+        connection.execute("DELETE FROM configurations WHERE hash NOT IN (SELECT hash FROM configuration_changes)")
     if _pages(connection, "page_count") * _pages(connection, "page_size") > max_bytes:
         connection.execute(f"PRAGMA incremental_vacuum({_MAX_PAGES})").fetchall()
     return deleted > 0

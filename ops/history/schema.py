@@ -103,6 +103,9 @@ LIVE_TABLES = ("signal_states", "silences", "silenced_alerts")
 """Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
 written the monitor goes on with a copy of them in memory."""
 
+SHARED_TABLES = ("silences", "silenced_alerts")
+"""Those of the `LIVE_TABLES` that other processes write, too."""
+
 _MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {}
 """By version: migrates a file from this version to the next one, inside a transaction."""
 
@@ -121,11 +124,11 @@ def prepare(connection: sqlite3.Connection) -> None:
         UnknownSchemaError: the file is no history, or from a newer version; it is unchanged.
         sqlite3.Error: the file is damaged or cannot be written.
     """
-    if _version(connection) == SCHEMA_VERSION:
+    if version_of(connection) == SCHEMA_VERSION:
         return
     connection.execute("BEGIN IMMEDIATE")
     try:
-        version = _version(connection)
+        version = version_of(connection)
         if version == 0:
             for statement in _TABLES.split(";\n"):
                 connection.execute(statement)
@@ -143,7 +146,10 @@ def prepare(connection: sqlite3.Connection) -> None:
 
 def require_known(connection: sqlite3.Connection) -> None:
     """Raises UnknownSchemaError unless the file is a history of this version."""
-    if _version(connection) != SCHEMA_VERSION:
+    version = version_of(connection)
+    if version == 0:
+        raise UnknownSchemaError("it is empty: no monitor has written it yet")
+    if version != SCHEMA_VERSION:
         raise UnknownSchemaError("it is from an older version of the monitor, which has to open it once")
 
 
@@ -159,8 +165,13 @@ def numbered_tables(connection: sqlite3.Connection) -> List[str]:
     return [name for (name,) in connection.execute(query)]
 
 
-def _version(connection: sqlite3.Connection) -> int:
-    """Returns the version of the tables; 0: there are none."""
+def version_of(connection: sqlite3.Connection) -> int:
+    """Returns the version of the tables; 0: there are none. Changes nothing.
+
+    Raises:
+        UnknownSchemaError: the file is no history, or from a newer version.
+        sqlite3.Error: the file is damaged or cannot be read.
+    """
     version: int = connection.execute("PRAGMA user_version").fetchone()[0]
     application_id: int = connection.execute("PRAGMA application_id").fetchone()[0]
     tables: int = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]

@@ -251,9 +251,7 @@ class Storage:
         else:
             self._faults.clear(PART)
 
-    def _replace(
-        self, damaged: sqlite3.Connection, path: str, error: BaseException, close: Callable[[], None]
-    ) -> None:
+    def _replace(self, damaged: sqlite3.Connection, path: str, error: BaseException, close: Callable[[], None]) -> None:
         """Puts a damaged file aside and begins a new one, with what can be read of the present state."""
         self._use_memory(damaged, error)
         close()
@@ -317,7 +315,7 @@ class Storage:
 
     def _move_from_memory(self, memory: sqlite3.Connection, connection: sqlite3.Connection) -> None:
         for table in schema.tables(memory):
-            if table in schema.LIVE_TABLES and self._is_copy:
+            if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
                 connection.execute(f"DELETE FROM {table}")
             _copy_table(memory, connection, table)
 

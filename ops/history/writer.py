@@ -133,7 +133,9 @@ class Writer:
 
     def _next_batch(self) -> List[Job[object]]:
         batch: List[Job[object]] = []
-        while self._jobs and len(batch) < _MAX_BATCH and not (batch and (self._jobs[0].is_foreign or batch[0].is_foreign)):
+        while self._jobs and len(batch) < _MAX_BATCH:
+            if batch and (self._jobs[0].is_foreign or batch[0].is_foreign):
+                break
             job = self._jobs.popleft()
             if not job.is_cancelled:
                 batch.append(job)

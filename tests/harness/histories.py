@@ -1,0 +1,74 @@
+"""Histories for tests: transitions, and waiting for the writer's thread."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, Callable, List, Tuple
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.model import Status, Transition
+from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.history.reader import HistoryReader
+
+WAIT_S = 30.0
+
+
+def transition(
+    number: int = 0,
+    to_level: Level = Level.WARN,
+    *,
+    from_level: Level = Level.OK,
+    robot: str = "r1",
+    signal: str = "battery_level",
+    **fields: Any,
+) -> Transition:
+    """Returns a transition whose text contains a number."""
+    values = {
+        "value": 15.0,
+        "statistic": "last",
+        "bound": 20.0,
+        "now_s": 100.0 + number,
+        "since_s": 90.0,
+        "fingerprint": "0123456789abcdef",
+        "text": f"{signal} {to_level.name}: number {number}",
+        "status": Status(signal, to_level, f"number {number}", robot, {}),
+        **fields,
+    }
+    return Transition(signal=signal, robot=robot, from_level=from_level, to_level=to_level, **values)
+
+
+def opened(file: Path, **settings: Any) -> History:
+    """Returns an open history in a file."""
+    return History(HistorySettings(str(file), **settings))
+
+
+def texts(history: History) -> List[str]:
+    """Returns the texts of all transitions in the database in use, in their order."""
+    query = "SELECT text FROM transitions ORDER BY id"
+    return [text for (text,) in history.run(lambda connection: connection.execute(query).fetchall(), WAIT_S)]
+
+
+def stored_texts(file: Path) -> List[str]:
+    """Returns the texts of all transitions in a file, in their order."""
+    with HistoryReader(file) as reader:
+        return [each.text for each in reader.transitions()]
+
+
+def fault_texts(faults: Faults) -> List[Tuple[str, str]]:
+    """Returns the parts and texts of the faults."""
+    return [(part, fault.text) for part, fault in faults.current().items()]
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Waits until a condition holds.
+
+    Raises:
+        AssertionError: it does not hold within 30 s.
+    """
+    end_s = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < end_s, "waited too long"
+        time.sleep(0.01)

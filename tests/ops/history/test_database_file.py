@@ -1,0 +1,111 @@
+"""The lock, the log and the name of a history file."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from harness.histories import wait_for
+
+from robot_health_monitor.ops.history.database_file import DatabaseFile, InUseError, lock_path, set_aside
+
+
+def test_the_lock_of_a_killed_process_is_released(tmp_path: Path) -> None:
+    file = str(tmp_path / "history.db")
+    code = (
+        "import sys, time\n"
+        "from robot_health_monitor.ops.history.database_file import DatabaseFile\n"
+        "held = DatabaseFile(sys.argv[1])\n"
+        "print('open', flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen([sys.executable, "-c", code, file], stdout=subprocess.PIPE, env=variables) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == b"open\n"
+        with pytest.raises(InUseError, match=rf"in use by another monitor \(process {holder.pid}\)"):
+            DatabaseFile(file)
+        holder.kill()
+        holder.wait()
+    DatabaseFile(file).close()
+
+
+def test_a_file_can_be_opened_again_after_it_was_closed(tmp_path: Path) -> None:
+    file = DatabaseFile(str(tmp_path / "history.db"))
+    file.close()
+    file.close()
+    DatabaseFile(str(tmp_path / "history.db")).close()
+
+
+def test_a_commit_survives_a_copy_of_what_the_kernel_has(tmp_path: Path) -> None:
+    file = DatabaseFile(str(tmp_path / "history.db"))
+    file.connection.execute("INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r1')")
+    for suffix in ("", "-wal"):
+        (tmp_path / f"copy.db{suffix}").write_bytes((tmp_path / f"history.db{suffix}").read_bytes())
+    copy = sqlite3.connect(tmp_path / "copy.db")
+    assert copy.execute("SELECT robot FROM resets").fetchall() == [("r1",)]
+    copy.close()
+    file.close()
+
+
+def test_the_log_is_copied_into_the_file_when_it_has_grown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.history.database_file.SYNC_PERIOD_S", 0.01)
+    monkeypatch.setattr("robot_health_monitor.ops.history.database_file._CHECKPOINT_BYTES", 100_000)
+    path = tmp_path / "history.db"
+    file = DatabaseFile(str(path))
+    add = "INSERT INTO configurations VALUES (?, ?)"
+    file.connection.executemany(add, [(str(number), "x" * 4000) for number in range(100)])
+    log = tmp_path / "history.db-wal"
+    assert log.stat().st_size > 400_000
+    file.note_written()
+    wait_for(lambda: path.stat().st_size > 400_000)
+
+    def begins_anew() -> bool:
+        file.connection.execute(add, (os.urandom(8).hex(), ""))
+        file.note_written()
+        return log.stat().st_size < 100_000
+
+    wait_for(begins_anew)
+    assert file.problem == ""
+    file.close()
+
+
+def test_a_replaced_file_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "history.db"
+    file = DatabaseFile(str(path))
+    assert file.is_in_place()
+    path.rename(tmp_path / "moved.db")
+    assert not file.is_in_place()
+    path.write_bytes(b"")
+    assert not file.is_in_place()
+    file.close()
+
+
+def test_damaged_files_are_renamed_with_their_logs_and_never_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "history.db"
+    names = []
+    for content in (b"one", b"two"):
+        path.write_bytes(content)
+        (tmp_path / "history.db-wal").write_bytes(content + b" log")
+        names.append(set_aside(str(path), 1_000_000_000.0))
+    assert names == [f"{path}.damaged-20010909T014640Z", f"{path}.damaged-20010909T014640Z-2"]
+    assert [Path(name).read_bytes() for name in names] == [b"one", b"two"]
+    assert [Path(f"{name}-wal").read_bytes() for name in names] == [b"one log", b"two log"]
+    assert not path.exists()
+
+
+def test_a_named_pipe_is_refused_and_does_not_block(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="not a regular file"):
+        DatabaseFile(str(tmp_path / "pipe"))
+
+
+def test_the_lock_of_a_symbolic_link_is_that_of_its_target(tmp_path: Path) -> None:
+    (tmp_path / "link.db").symlink_to(tmp_path / "history.db")
+    file = DatabaseFile(str(tmp_path / "link.db"))
+    assert Path(lock_path(str(tmp_path / "history.db"))).exists()
+    file.close()

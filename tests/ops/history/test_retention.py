@@ -1,0 +1,127 @@
+"""What is deleted, and what stays."""
+
+from __future__ import annotations
+
+import sqlite3
+from typing import List
+
+import pytest
+from harness.histories import transition
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.history.retention import delete_expired, used_bytes
+from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, transition_row
+
+RUN = 3
+WARN, OK = Level.WARN, Level.OK
+
+
+@pytest.fixture
+def connection() -> sqlite3.Connection:
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+    schema.prepare(connection)
+    return connection
+
+
+def add(
+    connection: sqlite3.Connection, wall_s: float, level: Level, *, signal: str = "a", repeat: bool = False
+) -> None:
+    """Adds a transition with 1 kB of evidence."""
+    row = transition_row(transition(0, level, signal=signal, repeat=repeat), wall_s)
+    insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * len(row))})"
+    number = connection.execute(insert, row).lastrowid
+    connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, b"x" * 1000))
+
+
+def times(connection: sqlite3.Connection, table: str = "transitions", column: str = "wall_s") -> List[float]:
+    """Returns the times of the rows that are left."""
+    return [time_s for (time_s,) in connection.execute(f"SELECT {column} FROM {table} ORDER BY id")]
+
+
+def delete_all(connection: sqlite3.Connection, before_s: float, max_bytes: float = 1e9) -> int:
+    """Deletes until nothing is left to delete; returns how often it was called."""
+    calls = 1
+    while delete_expired(connection, RUN, before_s, max_bytes):
+        calls += 1
+        assert calls < 1000
+    return calls
+
+
+def test_old_transitions_are_deleted_with_their_evidence(connection: sqlite3.Connection) -> None:
+    for wall_s, level in ((100.0, WARN), (199.0, OK), (200.0, WARN), (300.0, OK)):
+        add(connection, wall_s, level)
+    delete_all(connection, before_s=200.0)
+    assert times(connection) == [200.0, 300.0]
+    assert connection.execute("SELECT transition_id FROM evidence").fetchall() == [(3,), (4,)]
+
+
+def test_an_open_alert_stays_however_old_it_is(connection: sqlite3.Connection) -> None:
+    add(connection, 100.0, WARN, signal="open")
+    add(connection, 110.0, WARN, signal="open", repeat=True)
+    add(connection, 120.0, WARN, signal="closed")
+    add(connection, 130.0, OK, signal="closed")
+    delete_all(connection, before_s=1000.0)
+    assert times(connection) == [100.0]
+    delete_all(connection, before_s=1000.0, max_bytes=1.0)
+    assert times(connection) == [100.0]
+
+
+def test_a_few_are_deleted_at_a_time(connection: sqlite3.Connection) -> None:
+    for number in range(1000):
+        add(connection, float(number), OK)
+    assert delete_expired(connection, RUN, 1e9, 1e9)
+    assert len(times(connection)) == 800
+    assert delete_all(connection, 1e9) == 5
+    assert times(connection) == []
+
+
+def test_the_oldest_are_deleted_until_the_size_is_met_and_the_space_is_given_back(
+    connection: sqlite3.Connection,
+) -> None:
+    for number in range(1000):
+        add(connection, float(number), OK)
+    assert used_bytes(connection) > 1_000_000
+    delete_all(connection, before_s=0.0, max_bytes=500_000)
+    left = times(connection)
+    assert 200 <= len(left) < 500
+    assert left == [float(number) for number in range(1000 - len(left), 1000)]
+    for _ in range(20):
+        delete_expired(connection, RUN, 0.0, 500_000)
+    [(pages,)] = connection.execute("PRAGMA page_count")
+    assert pages * 4096 <= 500_000
+
+
+def test_a_monitor_that_restarts_all_the_time_stays_within_the_size(connection: sqlite3.Connection) -> None:
+    rows = [(float(number), float(number), "1.0") for number in range(20_000)]
+    connection.executemany("INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)", rows)
+    while delete_expired(connection, 20_000, 0.0, 200_000):
+        pass
+    assert used_bytes(connection) <= 200_000
+    assert times(connection, "runs", "started_s")[-1] == 19_999.0
+
+
+def test_runs_and_resets_end_with_the_transitions_of_their_time(connection: sqlite3.Connection) -> None:
+    runs = [(100.0, 150.0), (160.0, 250.0), (260.0, 300.0)]
+    connection.executemany("INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, '1')", runs)
+    connection.execute("INSERT INTO watches (run_id, robot, started_s) VALUES (1, 'r', 100.0), (2, 'r', 160.0)")
+    connection.execute("INSERT INTO resets (wall_s, robot) VALUES (110.0, 'r'), (210.0, 'r')")
+    delete_all(connection, before_s=200.0)
+    assert times(connection, "runs", "started_s") == [160.0, 260.0]
+    assert times(connection, "watches", "started_s") == [160.0]
+    assert times(connection, "resets") == [210.0]
+
+
+def test_the_present_run_stays(connection: sqlite3.Connection) -> None:
+    connection.execute("INSERT INTO runs (id, started_s, alive_s, version) VALUES (3, 1.0, 1.0, '1')")
+    delete_all(connection, before_s=1000.0, max_bytes=1.0)
+    assert times(connection, "runs", "started_s") == [1.0]
+
+
+def test_the_configuration_in_force_stays(connection: sqlite3.Connection) -> None:
+    connection.execute("INSERT INTO configurations VALUES ('old', '{}'), ('new', '{}'), ('other', '{}')")
+    changes = [(1.0, "r1", "old"), (2.0, "r1", "new"), (3.0, "r2", "other")]
+    connection.executemany("INSERT INTO configuration_changes (wall_s, robot, hash) VALUES (?, ?, ?)", changes)
+    delete_all(connection, before_s=1000.0)
+    assert connection.execute("SELECT hash FROM configurations ORDER BY hash").fetchall() == [("new",), ("other",)]

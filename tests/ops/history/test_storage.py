@@ -1,0 +1,291 @@
+"""What happens to the file must not happen to the monitor."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from pathlib import Path
+from typing import List
+
+import pytest
+from harness.histories import fault_texts, opened, stored_texts, texts, transition, wait_for
+
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.ops.history import storage, writer
+from robot_health_monitor.ops.history.history import History
+
+
+@pytest.fixture(autouse=True)
+def _quick_retries(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(storage, "_FIRST_RETRY_S", 0.1)
+    monkeypatch.setattr(storage, "_LAST_RETRY_S", 0.1)
+    monkeypatch.setattr(writer, "_PERIOD_S", 0.05)
+
+
+def numbers(found: List[str]) -> List[int]:
+    """Returns the numbers in the texts of transitions."""
+    return [int(text.rpartition(" ")[2]) for text in found]
+
+
+def record(history: History, faults: Faults, *wanted: int) -> None:
+    """Records transitions of the robot r1 with these numbers; the state after each is its number."""
+    robot = history.of_robot("r1", faults)
+    for number in wanted:
+        robot.record(transition(number), {"number": number}, [(1.0, 2.0)] * 300)
+    history.run(lambda connection: None, 60.0)  # all of it is stored
+
+
+def restored(file: Path) -> object:
+    """Returns the state that a restarted monitor finds."""
+    history = opened(file)
+    state = history.of_robot("r1", Faults()).restore()
+    history.close()
+    return state
+
+
+def test_a_full_disk_loses_nothing_once_there_is_space_again(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    record(history, faults, *range(5))
+    limit = history.run(lambda connection: connection.execute("PRAGMA page_count").fetchone()[0])
+    history.run(lambda connection: connection.execute(f"PRAGMA max_page_count = {limit + 5}").fetchone())
+    record(history, faults, *range(5, 50))
+    [(part, text)] = fault_texts(faults)
+    assert (part, text) == ("history", f"{file}: database or disk is full; continuing in memory")
+    # The next attempt opens the file anew, without the limit.
+    wait_for(lambda: not faults.current())
+    assert numbers(stored_texts(file)) == list(range(50))
+    history.close()
+    assert restored(file) == {"battery_level": {"number": 49}}
+
+
+def test_what_is_queued_in_the_database_survives_a_full_disk(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    add = "INSERT INTO silences (id, matchers, reason, author, created_s, until_resolved) VALUES (?, '', '', '', 0, 0)"
+    record(history, faults, 0)
+    history.run(lambda connection: connection.execute(add, (1,)))
+    history.run(lambda connection: connection.execute("PRAGMA max_page_count = 1").fetchone())
+    record(history, faults, *range(1, 30))
+    assert history.run(lambda connection: connection.execute("SELECT id FROM silences").fetchall()) == [(1,)]
+    history.run(lambda connection: connection.execute(add, (2,)))
+    wait_for(lambda: not faults.current())
+    assert history.run(lambda connection: connection.execute("SELECT id FROM silences").fetchall()) == [(1,), (2,)]
+    history.close()
+
+
+def test_another_process_that_holds_the_database_only_delays_the_history(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.history.database_file._BUSY_S", 0.2)
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    record(history, faults, 0)
+    other = sqlite3.connect(file, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    record(history, faults, 1, 2, 3)
+    wait_for(lambda: bool(faults.current()))
+    assert fault_texts(faults) == [("history", f"{file}: database is locked; continuing in memory")]
+    other.execute("ROLLBACK")
+    other.close()
+    wait_for(lambda: not faults.current())
+    assert numbers(stored_texts(file)) == [0, 1, 2, 3]
+    history.close()
+
+
+def test_a_file_that_is_damaged_while_it_is_used_is_kept_beside_a_new_one(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    record(history, faults, *range(40))
+    checkpoint = sqlite3.connect(file)
+    checkpoint.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    checkpoint.close()
+    garbage = b"\xa5" * file.stat().st_size
+    with file.open("r+b") as damaged:
+        damaged.write(garbage)
+    record(history, faults, *range(40, 45))
+    [(part, text)] = fault_texts(faults)
+    assert part == "history file"
+    assert text.startswith(f"{file} is damaged (file is not a database): kept as {file}.damaged-")
+    assert text.endswith(", a new history was begun")
+    [aside] = tmp_path.glob("history.db.damaged-*Z")
+    assert aside.read_bytes() == garbage
+    assert numbers(stored_texts(file)) == list(range(40, 45))
+    history.close()
+    assert restored(file) == {"battery_level": {"number": 44}}
+
+
+def test_the_state_survives_damage_even_if_nothing_changes_afterwards(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    robot = history.of_robot("r1", faults)
+    robot.save({"temperature": {"latched": True}})
+    robot.record(transition(1), {}, [])
+    checkpoint = sqlite3.connect(file)
+    checkpoint.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    checkpoint.close()
+    with file.open("r+b") as damaged:
+        damaged.write(b"\xa5" * file.stat().st_size)
+    robot.record(transition(2), {}, [])
+    history.close()
+    assert restored(file) == {"temperature": {"latched": True}}
+
+
+@pytest.mark.parametrize("damage", ["garbage at its begin", "truncated"])
+def test_a_damaged_file_found_at_the_start_is_kept_beside_a_new_one(tmp_path: Path, damage: str) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    record(history, faults, *range(40))
+    history.close()
+    if damage == "truncated":
+        os.truncate(file, file.stat().st_size // 2)
+    else:
+        with file.open("r+b") as damaged:
+            damaged.write(b"\xa5" * 200)
+    content = file.read_bytes()
+    history = opened(file)
+    record(history, faults, 100)
+    assert [part for part, _ in fault_texts(faults)] == ["history file"]
+    [aside] = tmp_path.glob("history.db.damaged-*Z")
+    assert aside.read_bytes() == content
+    assert numbers(stored_texts(file)) == [100]
+    history.close()
+
+
+def test_a_file_that_is_deleted_while_it_is_used_is_begun_anew(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    record(history, faults, 1)
+    for path in tmp_path.glob("history.db*"):
+        path.unlink()
+    wait_for(lambda: bool(faults.current()))
+    text = f"{file} was deleted or replaced while in use: the present state was written to a new file"
+    assert fault_texts(faults) == [("history file", text)]
+    record(history, faults, 2)
+    assert numbers(stored_texts(file)) == [2]
+    history.close()
+
+
+def test_another_file_is_left_alone(tmp_path: Path) -> None:
+    file, faults = tmp_path / "thresholds.yaml", Faults()
+    file.write_text("signals: {}\n")
+    history = opened(file)
+    record(history, faults, 1)
+    text = f"{file} is not used: it is not a history file; continuing without a history file"
+    assert fault_texts(faults) == [("history", text)]
+    assert numbers(texts(history)) == [1]
+    history.close()
+    assert file.read_text() == "signals: {}\n"
+
+
+def test_another_database_is_left_alone(tmp_path: Path) -> None:
+    file, faults = tmp_path / "songs.db", Faults()
+    songs = sqlite3.connect(file)
+    songs.execute("CREATE TABLE songs (title)")
+    songs.close()
+    content = file.read_bytes()
+    history = opened(file)
+    record(history, faults, 1)
+    history.close()
+    text = "it is an SQLite database, but not a history; continuing without a history file"
+    assert fault_texts(faults) == [("history", f"{file} is not used: {text}")]
+    assert file.read_bytes() == content
+
+
+def test_a_history_of_a_newer_version_is_not_touched(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    opened(file).close()
+    newer = sqlite3.connect(file)
+    newer.execute("PRAGMA user_version = 99")
+    newer.close()
+    content = file.read_bytes()
+    history = opened(file)
+    record(history, faults, 1)
+    history.close()
+    [(_, text)] = fault_texts(faults)
+    assert text.startswith(f"{file} is not used: it was written by a newer version (schema 99; ")
+    assert file.read_bytes() == content
+
+
+def test_a_second_monitor_continues_without_the_file(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    first, second = opened(file), opened(tmp_path / "link.db")
+    second.close()
+    (tmp_path / "link.db").unlink()
+    (tmp_path / "link.db").symlink_to(file)
+    record(first, Faults(), 1)
+    second = opened(tmp_path / "link.db")
+    record(second, faults, 2)
+    text = f"it is in use by another monitor (process {os.getpid()}); continuing without a history file"
+    assert fault_texts(faults) == [("history", f"{tmp_path / 'link.db'} is not used: {text}")]
+    assert numbers(texts(second)) == [2]
+    second.close()
+    assert numbers(stored_texts(file)) == [1]
+    first.close()
+
+
+def test_a_folder_in_place_of_the_file_is_one_fault(tmp_path: Path) -> None:
+    faults = Faults()
+    history = opened(tmp_path)
+    record(history, faults, 1)
+    assert fault_texts(faults) == [("history", f"{tmp_path}: Is a directory; continuing in memory")]
+    assert numbers(texts(history)) == [1]
+    history.close()
+
+
+def test_missing_folders_are_created(tmp_path: Path) -> None:
+    file, faults = tmp_path / "one" / "two" / "history.db", Faults()
+    history = opened(file)
+    record(history, faults, 1)
+    assert numbers(stored_texts(file)) == [1]
+    assert fault_texts(faults) == []
+    history.close()
+
+
+def test_a_file_that_becomes_usable_later_is_used(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    file.mkdir()
+    history = opened(file)
+    record(history, faults, 1)
+    file.rmdir()
+    wait_for(lambda: not faults.current())
+    record(history, faults, 2)
+    history.close()
+    assert numbers(stored_texts(file)) == [1, 2]
+
+
+def test_what_is_in_memory_is_stored_at_the_end_if_possible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(storage, "_FIRST_RETRY_S", 3600.0)
+    monkeypatch.setattr(storage, "_LAST_RETRY_S", 3600.0)
+    file, faults = tmp_path / "history.db", Faults()
+    file.mkdir()
+    history = opened(file)
+    record(history, faults, 1)
+    assert faults.current()
+    file.rmdir()
+    history.close()
+    assert numbers(stored_texts(file)) == [1]
+
+
+def test_numbers_of_transitions_continue_after_a_time_in_memory(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", Faults()
+    history = opened(file)
+    record(history, faults, 1, 2)
+    history.run(lambda connection: connection.execute("PRAGMA max_page_count = 1").fetchone())
+    record(history, faults, *range(3, 30))
+    wait_for(lambda: not faults.current())
+    record(history, faults, 30)
+    ids = history.run(lambda connection: connection.execute("SELECT id FROM transitions ORDER BY id").fetchall())
+    assert [number for (number,) in ids] == list(range(1, 31))
+    history.close()
+
+
+def test_the_gap_after_a_run_that_was_killed_begins_at_its_last_sign_of_life(tmp_path: Path) -> None:
+    file, now_s = tmp_path / "history.db", [1000.0]
+    store = storage.Storage(str(file), 90.0, 100.0, storage.FaultReports(), lambda: now_s[0])
+    store.open()
+    now_s[0] = 1050.0
+    store.maintain()
+    [run] = store.connection.execute("SELECT started_s, alive_s, stopped_s FROM runs").fetchall()
+    assert run == (1000.0, 1050.0, None)
+    store.close()
