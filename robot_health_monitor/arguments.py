@@ -142,6 +142,13 @@ def _add_connect(commands: Any) -> None:
     command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the robots' topics")
     _add_token_file(command, "file with the token to present to the servers")
     command.add_argument("--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss://")
+    command.add_argument(
+        "--port",
+        type=_port,
+        help="serve alerts and /diagnostics of all robots to rosbridge clients on this port; 0 picks a free one "
+        "(default: no server)",
+    )
+    command.add_argument("--host", metavar="ADDRESS", default="", help="address of that server (default: 127.0.0.1)")
     _add_common(command)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from contextlib import asynccontextmanager
-from typing import AsyncIterator, Awaitable
+from typing import AsyncIterator, Awaitable, Optional
 
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
@@ -17,6 +17,7 @@ from .interrupts import Interrupts
 from .live_session import run_session
 from .output.choice import choose_output
 from .output.events import Events
+from .serving import ServerSettings, serve, stop_serving
 
 
 def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
@@ -48,11 +49,28 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         outlet=events.outlet,
     )
 
+    settings = server_settings(arguments)
+
     @asynccontextmanager
     async def work() -> AsyncIterator[Awaitable[None]]:
-        yield fleet.run()
+        server = None if settings is None else await serve(fleet, settings, required=arguments.port is not None)
+        try:
+            yield fleet.run()
+        finally:
+            if server is not None:
+                await stop_serving(server)
 
     alerts_found = run_session(fleet, work(), events, output, interrupts, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()
     return alerts_found
+
+
+def server_settings(arguments: argparse.Namespace) -> Optional[ServerSettings]:
+    """Returns the settings of the server for the whole fleet; None: not requested.
+
+    The token that the command line names is for the robots. It is never the one that this server requires.
+    """
+    if arguments.port is None:
+        return None
+    return ServerSettings(arguments.port, arguments.host or "127.0.0.1")

@@ -84,6 +84,22 @@ class EmbeddedMonitor:
         """The one robot."""
         return (self,)
 
+    alert_system_pattern = "/alert_system"
+    """The full name of alert_system."""
+
+    @property
+    def alert_systems(self) -> Sequence[AlertSystem]:
+        """The one alert_system."""
+        return (self.alert_system,)
+
+    @property
+    def self_report(self) -> Dict[str, Callable[[], str]]:
+        """Key-values of the status of alert_system."""
+        return self.alert_system.self_report
+
+    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
+        """Does nothing: there is one for the whole run."""
+
     @property
     def monitor(self) -> Monitor:
         """Judges the robot's signals."""

@@ -10,14 +10,14 @@ import asyncio
 import platform
 import re
 import time
-from typing import Callable, Collection, Dict, Iterable, List, Mapping, Optional, Sequence
+from typing import Callable, Collection, Dict, Iterable, List, Mapping, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.diagnostics import ARRAY_TYPE, array_message
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
@@ -41,6 +41,15 @@ _MOST_NAMES = 5
 """Most robots that are named one by one in the log: at the start, and in a line about a reload."""
 
 
+class StartAlertSystem(Protocol):
+    """Creates an alert_system, as the class itself does."""
+
+    def __call__(
+        self, middleware: Middleware, outlets: Mapping[str, Outlet] = ..., *, log_alerts: bool = ...
+    ) -> AlertSystem:
+        """Starts watching."""
+
+
 class Robot:
     """One robot: its connection, and the alert_system that judges what arrives.
 
@@ -56,6 +65,7 @@ class Robot:
         on_log: Callable[[LogLine], None],
         outlet: Outlet,
         log_signals: bool = True,
+        start: StartAlertSystem = AlertSystem,
     ) -> None:
         """Starts the alert_system; `run` connects.
 
@@ -66,6 +76,7 @@ class Robot:
             on_log: called with every log line; its node is the robot's name.
             outlet: receives the robot's transitions and notices.
             log_signals: log one line per signal at the start.
+            start: creates the alert_system.
 
         Raises:
             ConfigError: the configuration cannot be used.
@@ -101,7 +112,7 @@ class Robot:
             use_sim_time=settings.use_sim_time,
             outputs=outputs,
         )
-        self.alert_system = AlertSystem(self._node, {"output": outlet}, log_alerts=False)
+        self.alert_system = start(self._node, {"output": outlet}, log_alerts=False)
         self.alert_system.self_report["dropped"] = lambda: str(self._node.dropped)
         started = True
 
@@ -204,6 +215,8 @@ class Fleet:
 
     system_health: Optional[float] = None
     """Not defined for several robots."""
+    alert_system_pattern = "/*/alert_system"
+    """The full names of the alert_systems on `bus`; `*` as in file names."""
 
     def __init__(
         self,
@@ -212,6 +225,7 @@ class Fleet:
         clock: Callable[[], float],
         on_log: Callable[[LogLine], None],
         outlet: Callable[[str], Outlet],
+        start: StartAlertSystem = AlertSystem,
     ) -> None:
         """Creates the robots; `run` connects to them.
 
@@ -221,6 +235,7 @@ class Fleet:
             on_log: called with every log line; its node is the robot's name, or `connect`.
             outlet: returns the outlet for a robot's transitions and notices, by its name, or for the notices of the
                 process itself, as `connect`.
+            start: creates an alert_system, and attaches to it what the process adds, such as a history.
 
         Raises:
             ConfigError: the configuration cannot be used; the message names file and line.
@@ -228,6 +243,7 @@ class Fleet:
         self._reader = reader
         self._clock = clock
         self._outlet = outlet
+        self._start_alert_system = start
         self.bus = LocalBus(on_log=on_log, wall_time_s=time.time, clock=clock)
         """Where the robots' alerts, statuses and `reset` services are: /alerts, /diagnostics, /ROBOT/alert_system."""
         self._node = self.bus.node(NODE)
@@ -261,6 +277,20 @@ class Fleet:
     def on_change(self, callback: RobotsChanged) -> None:
         """Calls back in the loop after robots were added or removed."""
         self._on_change.append(callback)
+
+    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
+        """Calls back in the loop with the alert_system of each robot that is added."""
+
+        def call(added: Sequence[Robot], removed: Sequence[Robot]) -> None:
+            for robot in added:
+                callback(robot.alert_system)
+
+        self.on_change(call)
+
+    @property
+    def alert_systems(self) -> Sequence[AlertSystem]:
+        """Those of the robots that are watched now."""
+        return [robot.alert_system for robot in self.robots]
 
     def check_own_faults(self) -> None:
         """Checks that no robot refuses this client.
@@ -360,9 +390,10 @@ class Fleet:
                 settings,
                 outputs=outputs,
                 clock=self._clock,
-                on_log=self.bus.on_log,
+                on_log=lambda line: self.bus.on_log(line),
                 outlet=self._outlet(settings.name),
                 log_signals=self._log_signals,
+                start=self._start_alert_system,
             )
         except ConfigError:
             outputs.close()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import os
-from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, NamedTuple, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalMiddleware, LogLine
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.outlets import Event
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig
     from robot_health_monitor.core.nodes import AlertSystem
     from robot_health_monitor.rosbridge.server import Server, ServerThread
-
-    from .embedded import EmbeddedMonitor
 
 DEFAULT_PORT = 9090
 _FAULT = "rosbridge"
@@ -64,7 +63,7 @@ def make_server(
 
     Args:
         middleware: a node for the server; not closed here.
-        alert_system: the fully qualified name of the alert node.
+        alert_system: the fully qualified name of the alert node; `*` as in file names.
         settings: where it listens and what clients may do.
         parameters: what clients may read of the nodes' parameters, by the full name of the node.
         threads: whether the middleware calls back from other threads than the server's loop.
@@ -89,11 +88,40 @@ def make_server(
     )
 
 
-async def serve(monitor: EmbeddedMonitor, settings: ServerSettings, *, required: bool) -> Optional[Server]:
-    """Serves an embedded monitor in the running loop; `stop_serving` ends it.
+class Served(Protocol):
+    """The monitors of one process, on one bus: an embedded monitor or a fleet."""
+
+    bus: LocalBus
+    """Its topics, services and log are served."""
+
+    @property
+    def alert_systems(self) -> Sequence[AlertSystem]:
+        """One per robot that is watched now."""
+
+    @property
+    def alert_system_pattern(self) -> str:
+        """The full names of their nodes; `*` as in file names."""
+
+    @property
+    def self_report(self) -> Dict[str, Callable[[], str]]:
+        """Key-values of the status of the process."""
+
+    @property
+    def faults(self) -> Faults:
+        """Where a server that cannot be started is reported."""
+
+    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """Returns the parameters that clients may read, by the full name of the node."""
+
+    def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
+        """Calls back in the loop with each alert_system that is added later."""
+
+
+async def serve(monitor: Served, settings: ServerSettings, *, required: bool) -> Optional[Server]:
+    """Serves monitors in the running loop; `stop_serving` ends it.
 
     Args:
-        monitor: its topics, services and log are served.
+        monitor: what is served.
         settings: where to listen, and what clients may do.
         required: whether a port that is in use is an error.
 
@@ -105,7 +133,7 @@ async def serve(monitor: EmbeddedMonitor, settings: ServerSettings, *, required:
     """
     node = monitor.bus.node("rosbridge")
     try:
-        server = make_server(node, "/alert_system", settings, monitor.parameters, threads=False)
+        server = make_server(node, monitor.alert_system_pattern, settings, monitor.parameters, threads=False)
         await server.start()
     except ModuleNotFoundError as error:
         node.close()
@@ -118,7 +146,7 @@ async def serve(monitor: EmbeddedMonitor, settings: ServerSettings, *, required:
             raise ConfigError(f"{problem}; --port 0 picks a free one") from None
         monitor.faults.report(_FAULT, f"not served: {problem}; --port chooses another")
         return None
-    _show_log(monitor, node, server)
+    _show_log(monitor, server)
     node.log(Severity.INFO, f"serving on ws://{settings.address}:{server.port}")
     return server
 
@@ -159,7 +187,7 @@ def serve_in_thread(
         address = config.rosbridge_address
         problem = f"port {config.rosbridge_port} of {address} cannot be opened: {_cause(error)}"
     else:
-        _report_server(alert_system, server)
+        _report_server(alert_system.self_report, server)
         node.log(Severity.INFO, f"rosbridge: serving on ws://{settings.address}:{server.port}")
         return thread
     if node is not None:
@@ -181,7 +209,7 @@ def _settings_of(config: MonitorConfig, middleware: Middleware) -> ServerSetting
     return ServerSettings(config.rosbridge_port, config.rosbridge_address, token)
 
 
-def _show_log(monitor: EmbeddedMonitor, node: LocalMiddleware, server: Server) -> None:
+def _show_log(monitor: Served, server: Server) -> None:
     """Publishes log lines and alerts on /rosout, which the local middleware lacks."""
     on_log = monitor.bus.on_log
 
@@ -189,16 +217,21 @@ def _show_log(monitor: EmbeddedMonitor, node: LocalMiddleware, server: Server) -
         on_log(line)
         server.publish_log(line)
 
-    def publish_event(event: Event) -> None:
-        severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
-        server.publish_log(LogLine(event.now_s, "/alert_system", severity, event.text))
+    def add(alert_system: AlertSystem) -> None:
+        def publish_event(event: Event) -> None:
+            severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
+            server.publish_log(LogLine(event.now_s, alert_system.node_name, severity, event.text))
+
+        alert_system.outlets.add("rosout", publish_event)
 
     monitor.bus.on_log = publish_line
-    monitor.alert_system.outlets.add("rosout", publish_event)
-    _report_server(monitor.alert_system, server)
+    for alert_system in monitor.alert_systems:
+        add(alert_system)
+    monitor.on_new_alert_system(add)
+    _report_server(monitor.self_report, server)
 
 
-def _report_server(alert_system: AlertSystem, server: Server) -> None:
-    """Shows the server in the status of alert_system."""
-    alert_system.self_report["clients"] = lambda: str(server.clients)
-    alert_system.self_report["clients_dropped"] = lambda: str(server.dropped)
+def _report_server(self_report: Dict[str, Callable[[], str]], server: Server) -> None:
+    """Shows the server in the status of alert_system, or of the process."""
+    self_report["clients"] = lambda: str(server.clients)
+    self_report["clients_dropped"] = lambda: str(server.dropped)

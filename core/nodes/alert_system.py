@@ -157,6 +157,11 @@ class AlertSystem:
         return str(self._middleware.exclusively(lambda: self._reset({}))["message"])
 
     @property
+    def node_name(self) -> str:
+        """The full name of the node."""
+        return self._middleware.name
+
+    @property
     def samples(self) -> int:
         """How many samples were received since the start."""
         return self._samples

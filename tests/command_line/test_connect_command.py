@@ -7,7 +7,7 @@ import os
 import re
 import signal
 from pathlib import Path
-from typing import Callable, List
+from typing import Any, Callable, Dict, List, Tuple
 
 import pytest
 from harness.line_process import LineProcess
@@ -204,3 +204,43 @@ def test_a_mistake_in_a_fleet_file_is_one_line_and_code_2(robot_health: Start, t
     process = robot_health("connect", "--fleet", file)
     assert process.wait() == 2
     assert process.errors[0].startswith(f"{file}:2: robots.a b: expected a name")
+
+
+def test_a_port_of_the_fleet_that_is_taken_is_wrong_usage(robot_health: Start, calm: Path) -> None:
+    port = port_of(start_robot(robot_health, calm))
+    watcher = robot_health("connect", "ws://127.0.0.1:1", "--port", port)
+    assert watcher.wait() == 2
+    assert f"port {port} of 127.0.0.1 cannot be opened" in watcher.errors[0]
+
+
+def test_the_statuses_of_all_robots_are_served_on_one_port(robot_health: Start, tmp_path: Path) -> None:
+    from harness.rosbridge_client import Watched, scenario, until
+
+    thresholds = tmp_path / "low.yaml"
+    thresholds.write_text(THRESHOLDS.replace("warn_below: 20.0", "warn_below: 99.9"))
+    source = tmp_path / "robot.yaml"
+    source.write_text("alert_system: {ros__parameters: {signals: {unused: {stale_after_s: 0.0}}}}\n")
+    ports = [port_of(robot_health("run", "--thresholds", source, "--port", 0)) for _ in range(2)]
+    urls = [f"{name}=ws://127.0.0.1:{port}" for name, port in zip(("husky-1", "carter"), ports)]
+    watcher = robot_health("connect", *urls, "--thresholds", thresholds, "--port", 0)
+    url = f"ws://127.0.0.1:{port_of(watcher)}"
+
+    @scenario
+    async def run() -> None:
+        watched = Watched(url)
+        statuses: Dict[Tuple[str, str], str] = {}
+
+        def note(message: Any, now_s: float) -> None:
+            for status in message["status"]:
+                statuses[status["hardware_id"], status["name"]] = status["message"]
+
+        watched.node.subscribe("/diagnostics", "diagnostic_msgs/DiagnosticArray", note)
+        for name in ("husky-1", "carter"):
+            await until(lambda name=name: (name, "alert_system: battery_level") in statuses)
+            await until(lambda name=name: (name, "alert_system: monitor") in statuses)
+        await until(lambda: any(name == "connect: monitor" for _, name in statuses))
+        reset = await watched.call("/husky_1/alert_system/reset")
+        assert reset == {"success": True, "message": "reset: nothing was latched"}
+        await watched.close()
+
+    run()
