@@ -97,9 +97,39 @@ CREATE TABLE silenced_alerts (
     PRIMARY KEY (silence_id, robot, signal)
 ) WITHOUT ROWID;
 CREATE INDEX silenced_alerts_by_signal ON silenced_alerts(robot, signal);
+-- The latest transition of each alert that is open.
+CREATE TABLE open_alerts (
+    fingerprint TEXT PRIMARY KEY,
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    level INTEGER NOT NULL,
+    at_s REAL NOT NULL,
+    transition_json TEXT NOT NULL
+) WITHOUT ROWID;
+-- What each target of notifications was last sent about an alert that is open there.
+CREATE TABLE notified (
+    target TEXT NOT NULL,
+    fingerprint TEXT NOT NULL,
+    level INTEGER NOT NULL,
+    since_s REAL NOT NULL,               -- when the alert reached this level
+    transition_json TEXT NOT NULL,
+    PRIMARY KEY (target, fingerprint)
+) WITHOUT ROWID;
+-- Transitions that targets may have to be sent; see notifications/notification_queue.py.
+CREATE TABLE notifications (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    target TEXT NOT NULL,
+    fingerprint TEXT NOT NULL,
+    level INTEGER NOT NULL,
+    at_s REAL NOT NULL,
+    transition_json TEXT NOT NULL,
+    attempts INTEGER NOT NULL DEFAULT 0,
+    is_repeat INTEGER NOT NULL DEFAULT 0
+);
+CREATE INDEX notifications_by_alert ON notifications(target, fingerprint, id);
 """
 
-LIVE_TABLES = ("signal_states", "silences", "silenced_alerts")
+LIVE_TABLES = ("signal_states", "silences", "silenced_alerts", "open_alerts", "notified", "notifications")
 """Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
 written the monitor goes on with a copy of them in memory."""
 

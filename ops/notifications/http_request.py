@@ -1,0 +1,225 @@
+"""One HTTP request, bounded in time and size, whatever the server does.
+
+Standard library only. The proxy variables of the environment (`http_proxy`, `https_proxy`, `no_proxy`) are respected.
+Redirects are not followed: the address, which may contain a secret, goes to the configured host only. `timeout_s` is
+a limit for the whole request; a socket's own timeout would begin again with every byte.
+"""
+
+from __future__ import annotations
+
+import base64
+import email.utils
+import functools
+import http.client
+import io
+import socket
+import ssl
+import time
+import urllib.error
+import urllib.request
+from typing import Any, Dict, NamedTuple, Optional
+from urllib.parse import unquote, urlsplit, urlunsplit
+
+from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.version import package_version
+
+from .sender import DeliveryError
+
+_MOST_SHOWN = 200  # characters of a response
+_LONGEST_WAIT_S = 300.0
+
+
+class Answer(NamedTuple):
+    """The response of a server."""
+
+    status: int
+    reason: str
+    """The server's name of the status; printable."""
+    text: str
+    """Beginning of the body of a response other than 2xx, on one line; printable."""
+    date_s: Optional[float]
+    """The server's clock, in s since 1970; None: not stated."""
+    retry_after_s: float
+    """Wait that the server requests, in s; 0: none."""
+
+    @property
+    def is_success(self) -> bool:
+        """Whether the server accepted the request."""
+        return 200 <= self.status < 300
+
+    @property
+    def title(self) -> str:
+        """Status and reason: `404 Not Found`."""
+        return f"{self.status} {self.reason}".strip()
+
+
+class _NotConnectedError(OSError):
+    """The connection could not be established: the request was not sent."""
+
+    def __init__(self, cause: OSError) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+
+
+def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
+    """Sends a request and returns the response, of any status.
+
+    Args:
+        url: an address of HTTP; a user and password in it are sent as basic authentication.
+        body: JSON to POST; None: GET.
+        timeout_s: limit for everything, in s. Only the resolution of a host name may take longer.
+
+    Raises:
+        DeliveryError: no response. The text does not contain the address.
+    """
+    deadline_s = time.monotonic() + timeout_s
+    parts = urlsplit(url)
+    headers = {"User-Agent": f"robot-health/{package_version()}", "Accept": "*/*"}
+    if body is not None:
+        headers["Content-Type"] = "application/json"
+    if "@" in parts.netloc:
+        user = f"{unquote(parts.username or '')}:{unquote(parts.password or '')}"
+        headers["Authorization"] = f"Basic {base64.b64encode(user.encode()).decode()}"
+        url = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+    try:
+        with _opener(deadline_s).open(urllib.request.Request(url, body, headers), timeout=timeout_s) as response:
+            return _answer(response)
+    except _NotConnectedError as error:
+        raise DeliveryError(_problem(error.cause, "no connection", timeout_s), may_have_arrived=False) from None
+    except urllib.error.URLError as error:
+        reason = error.reason
+        if isinstance(reason, _NotConnectedError):
+            raise DeliveryError(_problem(reason.cause, "no connection", timeout_s), may_have_arrived=False) from None
+        raise DeliveryError(_problem(reason, "no response", timeout_s)) from None
+    except Exception as error:  # the text of some exceptions contains the address
+        raise DeliveryError(_problem(error, "no response", timeout_s)) from None
+
+
+def _opener(deadline_s: float) -> urllib.request.OpenerDirector:
+    opener = urllib.request.OpenerDirector()
+    for handler in (urllib.request.ProxyHandler(), urllib.request.UnknownHandler(), _Handler(deadline_s)):
+        opener.add_handler(handler)
+    return opener
+
+
+class _Handler(urllib.request.AbstractHTTPHandler):
+    """Opens connections that observe a deadline."""
+
+    def __init__(self, deadline_s: float) -> None:
+        super().__init__()
+        self._deadline_s = deadline_s
+
+    def http_open(self, request: urllib.request.Request) -> http.client.HTTPResponse:
+        return self.do_open(functools.partial(_Connection, deadline_s=self._deadline_s), request)
+
+    def https_open(self, request: urllib.request.Request) -> http.client.HTTPResponse:
+        connect = functools.partial(_TlsConnection, deadline_s=self._deadline_s)
+        return self.do_open(connect, request, context=ssl.create_default_context())
+
+    def http_request(self, request: urllib.request.Request) -> urllib.request.Request:
+        return self.do_request_(request)
+
+    https_request = http_request
+
+
+class _Response(http.client.HTTPResponse):
+    """Reads until a deadline, whatever the pace of the server."""
+
+    deadline_s = 0.0
+
+    def __init__(self, sock: socket.socket, *arguments: Any, **options: Any) -> None:
+        super().__init__(sock, *arguments, **options)
+        self.fp = io.BufferedReader(_DeadlineReader(self.fp.detach(), sock, self.deadline_s))
+
+
+class _DeadlineReader(io.RawIOBase):
+    def __init__(self, raw: io.RawIOBase, sock: socket.socket, deadline_s: float) -> None:
+        self._raw = raw
+        self._sock = sock
+        self._deadline_s = deadline_s
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> Optional[int]:
+        self._sock.settimeout(_remaining_s(self._deadline_s))
+        count: Optional[int] = self._raw.readinto(buffer)
+        return count
+
+    def close(self) -> None:
+        self._raw.close()
+        super().close()
+
+
+class _Connection(http.client.HTTPConnection):
+    def __init__(self, *arguments: Any, deadline_s: float, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._deadline_s = deadline_s
+        self.response_class = type("_Response", (_Response,), {"deadline_s": deadline_s})
+
+    def connect(self) -> None:
+        self.timeout = _remaining_s(self._deadline_s)
+        try:
+            super().connect()
+        except OSError as error:
+            raise _NotConnectedError(error) from None
+        self.sock.settimeout(_remaining_s(self._deadline_s))
+
+
+class _TlsConnection(_Connection, http.client.HTTPSConnection):
+    """The same with TLS; the server's certificate is verified."""
+
+
+def _remaining_s(deadline_s: float) -> float:
+    remaining_s = deadline_s - time.monotonic()
+    if remaining_s <= 0.0:
+        raise socket.timeout("timed out")
+    return remaining_s
+
+
+def _answer(response: http.client.HTTPResponse) -> Answer:
+    headers: Dict[str, str] = {name.lower(): value for name, value in response.headers.items()}
+    text = ""
+    if not 200 <= response.status < 300:
+        try:
+            text = response.read(4 * _MOST_SHOWN).decode("utf-8", "replace")
+        except (OSError, ValueError, http.client.HTTPException):
+            pass  # the status says enough
+    return Answer(
+        response.status,
+        printable(str(response.reason))[:_MOST_SHOWN],
+        printable(" ".join(text.split()))[:_MOST_SHOWN],
+        _date_s(headers.get("date", "")),
+        _wait_s(headers.get("retry-after", "")),
+    )
+
+
+def _date_s(text: str) -> Optional[float]:
+    try:
+        return email.utils.parsedate_to_datetime(text).timestamp()
+    except (TypeError, ValueError, IndexError, OverflowError):
+        return None
+
+
+def _wait_s(text: str) -> float:
+    fits = text.isascii() and text.isdigit() and len(text) < 10
+    return min(float(text), _LONGEST_WAIT_S) if fits else 0.0
+
+
+def _problem(error: object, on_timeout: str, timeout_s: float) -> str:
+    """Describes an exception without its own text, unless that cannot contain the address."""
+    if isinstance(error, (socket.timeout, TimeoutError)):
+        return f"{on_timeout} within {timeout_s:g} s"
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"certificate not accepted: {printable(error.verify_message)}"
+    if isinstance(error, ssl.SSLError):
+        return f"TLS failed: {printable(str(error.reason or 'unknown reason'))}"
+    if isinstance(error, http.client.RemoteDisconnected):
+        return "the server closed the connection without a response"
+    if isinstance(error, http.client.HTTPException):
+        return f"the response is not HTTP ({type(error).__name__})"
+    if isinstance(error, socket.gaierror):
+        return f"host not found: {error.strerror}"
+    if isinstance(error, OSError):
+        return (error.strerror or printable(str(error))[:_MOST_SHOWN] or type(error).__name__).lower()
+    return type(error).__name__

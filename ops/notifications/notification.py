@@ -1,0 +1,88 @@
+"""What a target is sent about one alert: that it is open (firing), or that it ended (resolved)."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from dataclasses import dataclass, field
+from typing import Any, Mapping, Optional
+
+from robot_health_monitor.core.model import Level
+
+FIRING, RESOLVED = "firing", "resolved"
+
+
+@dataclass(frozen=True)
+class Notified:
+    """What a target was last sent about an alert that is open there."""
+
+    robot: str
+    signal: str
+    level: Level
+    since_s: float
+    """Wall time at which the level began, in s since 1970."""
+    text: str
+    """The alert line."""
+
+
+@dataclass(frozen=True)
+class Notification:
+    """One message to one target."""
+
+    transition: Mapping[str, Any] = field(hash=False)
+    """The transition, with the fields of `--json`."""
+    is_resolved: bool
+    """True: the alert has ended, or is below the target's `min_level`."""
+    at_s: float
+    """Wall time of the transition, in s since 1970."""
+    before: Optional[Notified] = None
+    """What the target was last sent about this alert; None: nothing that is still open."""
+    is_test: bool = False
+    """Sent by `robot-health notify`."""
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return str(self.transition["robot"])
+
+    @property
+    def signal(self) -> str:
+        """Name of the signal."""
+        return str(self.transition["signal"])
+
+    @property
+    def level(self) -> Level:
+        """The level after the transition."""
+        return Level[self.transition["to_level"]]
+
+    @property
+    def text(self) -> str:
+        """The alert line."""
+        return str(self.transition["text"])
+
+    @property
+    def sent(self) -> Notified:
+        """What the target knows once it has received this."""
+        return Notified(self.robot, self.signal, self.level, self.at_s, self.text)
+
+    def as_json(self) -> str:
+        """Formats the transition as `--json` does, with the fields `notification`, `time` (UTC) and `test`."""
+        further: Mapping[str, Any] = {
+            "notification": RESOLVED if self.is_resolved else FIRING,
+            "time": utc_text(self.at_s),
+        }
+        return json.dumps({**self.transition, **further, **({"test": True} if self.is_test else {})})
+
+
+def utc_text(wall_s: float) -> str:
+    """Formats a time as ISO 8601 in UTC with milliseconds, as RFC 3339 requires.
+
+    >>> utc_text(1700000000.5)
+    '2023-11-14T22:13:20.500Z'
+
+    Args:
+        wall_s: seconds since 1970; a time before 1970 is shown as 1970.
+    """
+    since = datetime.timedelta(milliseconds=round(min(max(wall_s, 0.0), 253_402_300_799.0) * 1000.0))
+    moment = datetime.datetime(1970, 1, 1) + since
+    return f"{moment.isoformat(timespec='milliseconds')}Z"

@@ -1,0 +1,304 @@
+"""The queue of notifications, in the history's database: written with the transition, read by one thread per target.
+
+Four rules keep it correct across restarts, silences and outages of any length:
+
+* A row is a transition that a target may have to be sent. It is stored in the transaction that stores the transition.
+* `notified` is what a target was last sent about an alert that is open there. What a row means for a target is decided
+  only when it is its turn: compared with `notified`, the silences and the target's `min_level`.
+* The rows of one alert are sent in their order. A row that failed waits behind the other alerts.
+* A row with an attempt may have arrived. It is sent until that succeeds or is refused; nothing drops it.
+
+All functions run in the history's writer thread, inside its transactions.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+from collections import Counter
+from fnmatch import fnmatchcase
+from typing import Callable, Collection, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
+
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.transition_json import json_line
+
+from ..configuration import TargetSettings
+from .notification import Notification, Notified
+
+MOST_WAITING = 1_000
+"""Rows per target from which on those are dropped that a later one of the same alert supersedes."""
+
+_DROPPED_AT_ONCE = 100
+_MOST_SKIPPED = 50  # rows that `take` discards in one transaction, for which alerts have to wait
+
+_HEAD = """
+    SELECT id, fingerprint, level, at_s, transition_json, attempts, is_repeat FROM
+        (SELECT *, MIN(id) FROM notifications WHERE target = ? GROUP BY fingerprint) ORDER BY attempts, id LIMIT 1
+"""
+_INSERT_IF_CONCERNED = """
+    INSERT INTO notifications (target, fingerprint, level, at_s, transition_json, is_repeat)
+    SELECT :target, :fingerprint, :level, :at_s, :json, :repeat WHERE :wanted
+        OR EXISTS (SELECT 1 FROM notified WHERE target = :target AND fingerprint = :fingerprint)
+        OR EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)
+"""
+_DROP_SUPERSEDED = """
+    DELETE FROM notifications WHERE id IN (
+        SELECT id FROM notifications AS row WHERE target = ? AND attempts = 0 AND EXISTS (
+            SELECT 1 FROM notifications AS later
+            WHERE later.target = row.target AND later.fingerprint = row.fingerprint AND later.id > row.id
+        ) ORDER BY id LIMIT ?
+    )
+"""
+
+
+class Taken(NamedTuple):
+    """A notification that is being sent."""
+
+    id: int
+    target: str
+    fingerprint: str
+    notification: Notification
+
+
+class NotificationQueue:
+    """Decides what each target is sent."""
+
+    def __init__(self, targets: Sequence[TargetSettings], is_silenced: Callable[[str, str], bool]) -> None:
+        """Reads nothing yet; see `prepare`.
+
+        Args:
+            targets: those that are sent alerts.
+            is_silenced: whether the alerts of a robot's signal are silenced now; called often.
+        """
+        self._targets = {target.name: target for target in targets}
+        self._is_silenced = is_silenced
+        self._lock = threading.Lock()
+        self._held: Set[Tuple[str, str]] = set()
+        self._waiting = dict.fromkeys(self._targets, 0)
+        self._drop_at = dict.fromkeys(self._targets, MOST_WAITING)
+        self._dropped: Counter[str] = Counter()
+
+    def waiting(self, target: str) -> int:
+        """Returns how many notifications wait for a target. May be called from any thread."""
+        return self._waiting[target]
+
+    def dropped(self, target: str) -> int:
+        """Returns how many were dropped since it last was empty, because later ones superseded them. Any thread."""
+        return self._dropped[target]
+
+    def has_expired_silence(self) -> bool:
+        """Returns whether an alert that was held back is no longer silenced. May be called from any thread."""
+        with self._lock:
+            held = tuple(self._held)
+        return any(not self._is_silenced(robot, signal) for robot, signal in held)
+
+    def prepare(self, connection: sqlite3.Connection) -> None:
+        """Forgets targets that are no longer configured, and queues what the others do not know yet."""
+        for table in ("notifications", "notified"):
+            known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
+            unknown = [(name,) for name in known if name not in self._targets]
+            connection.executemany(f"DELETE FROM {table} WHERE target = ?", unknown)
+        self.reconcile(connection)
+
+    def note(self, connection: sqlite3.Connection, transition: Transition, wall_s: float) -> None:
+        """Queues a transition for every target that it concerns.
+
+        Args:
+            connection: inside the transaction that stores the transition.
+            transition: what is announced.
+            wall_s: when, in s since 1970.
+        """
+        line = json_line(transition)
+        key, level = transition.fingerprint, transition.to_level
+        if level is Level.OK:
+            connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
+        elif not transition.repeat:
+            row = (key, transition.robot, transition.signal, int(level), wall_s, line)
+            connection.execute("INSERT OR REPLACE INTO open_alerts VALUES (?, ?, ?, ?, ?, ?)", row)
+        for name, target in self._targets.items():
+            wanted = _wants(target, transition.robot, transition.signal, level)
+            values = {
+                "target": name, "fingerprint": key, "level": int(level), "at_s": wall_s, "json": line,
+                "repeat": transition.repeat, "wanted": wanted,
+            }  # fmt: skip
+            if connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0:
+                self._waiting[name] += 1
+                self._drop_superseded(connection, name)
+
+    def take(self, connection: sqlite3.Connection, target: str) -> Optional[Taken]:
+        """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
+        found = None
+        for _ in range(_MOST_SKIPPED):
+            row = connection.execute(_HEAD, (target,)).fetchone()
+            if row is None:
+                break
+            number, fingerprint, level, at_s, line, attempts, is_repeat = row
+            notification = self._decide(
+                connection, self._targets[target], fingerprint, Level(level), at_s, line, attempts > 0, bool(is_repeat)
+            )
+            if notification is not None:
+                connection.execute("UPDATE notifications SET attempts = attempts + 1 WHERE id = ?", (number,))
+                found = Taken(number, target, fingerprint, notification)
+                break
+            connection.execute("DELETE FROM notifications WHERE id = ?", (number,))
+        self._count(connection, target)
+        return found
+
+    def finish(self, connection: sqlite3.Connection, taken: Taken) -> None:
+        """Stores that a notification was sent, or that it was given up and may have arrived."""
+        sent, key = taken.notification.sent, (taken.target, taken.fingerprint)
+        if taken.notification.is_resolved:
+            connection.execute("DELETE FROM notified WHERE target = ? AND fingerprint = ?", key)
+        else:
+            before = taken.notification.before
+            same = before is not None and before.level is sent.level  # a repetition
+            since_s = before.since_s if before is not None and same else sent.since_s
+            line = json.dumps(dict(taken.notification.transition))
+            values = (*key, int(sent.level), since_s, line)
+            connection.execute("INSERT OR REPLACE INTO notified VALUES (?, ?, ?, ?, ?)", values)
+        connection.execute("DELETE FROM notifications WHERE id = ?", (taken.id,))
+        self._count(connection, taken.target)
+
+    def put_back(self, connection: sqlite3.Connection, taken: Taken) -> None:
+        """Takes back an attempt that certainly did not arrive."""
+        connection.execute("UPDATE notifications SET attempts = attempts - 1 WHERE id = ?", (taken.id,))
+
+    def open_at(self, connection: sqlite3.Connection, target: str) -> List[Notified]:
+        """Returns the alerts that are open at a target and about which nothing else waits."""
+        query = (
+            "SELECT level, since_s, transition_json FROM notified WHERE target = ? AND fingerprint NOT IN "
+            "(SELECT fingerprint FROM notifications WHERE target = ?)"
+        )
+        return [_notified(*row) for row in connection.execute(query, (target, target))]
+
+    def reconcile(self, connection: sqlite3.Connection) -> None:
+        """Queues whatever a target does not know: after a start, or when a silence has expired."""
+        with self._lock:
+            self._held.clear()
+        for name, target in self._targets.items():
+            query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
+            waiting = {key for (key,) in connection.execute(query, (name,))}
+            for key, level, at_s, line in tuple(self._unknown_to(connection, target)):
+                if key not in waiting:
+                    insert = "INSERT INTO notifications (target, fingerprint, level, at_s, transition_json) VALUES "
+                    connection.execute(f"{insert} (?, ?, ?, ?, ?)", (name, key, int(level), at_s, line))
+            self._count(connection, name)
+
+    def end_unwatched(self, connection: sqlite3.Connection, robots: Collection[str], wall_s: float) -> None:
+        """Ends the alerts of robots that are no longer watched.
+
+        Args:
+            connection: the database.
+            robots: those that are watched.
+            wall_s: the time of the end, in s since 1970.
+        """
+        open_alerts = connection.execute("SELECT fingerprint, robot, transition_json FROM open_alerts").fetchall()
+        for key, robot, line in open_alerts:
+            if robot in robots:
+                continue
+            ended = _no_longer_watched(line)
+            connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
+            for name in self._targets:
+                values = {
+                    "target": name, "fingerprint": key, "level": int(Level.OK), "at_s": wall_s, "json": ended,
+                    "repeat": False, "wanted": False,
+                }  # fmt: skip
+                connection.execute(_INSERT_IF_CONCERNED, values)
+                self._count(connection, name)
+
+    def _unknown_to(
+        self, connection: sqlite3.Connection, target: TargetSettings
+    ) -> Iterator[Tuple[str, Level, float, str]]:
+        """Yields fingerprint, level, wall time and JSON of each alert about which a target knows something else."""
+        query = "SELECT fingerprint, level, since_s, transition_json FROM notified WHERE target = ?"
+        known = {key: (level, since_s, line) for key, level, since_s, line in connection.execute(query, (target.name,))}
+        rows = connection.execute("SELECT fingerprint, robot, signal, level, at_s, transition_json FROM open_alerts")
+        for key, robot, signal, level, at_s, line in rows:
+            before = known.pop(key, None)
+            if not _wants(target, robot, signal, Level(level)):
+                if before is not None:
+                    yield key, Level(level), at_s, line
+            elif before is None or before[0] != level:
+                if self._is_silenced(robot, signal):
+                    self._hold(robot, signal)
+                else:
+                    yield key, Level(level), at_s, line
+        for key, (_, since_s, line) in known.items():  # the history lost its end
+            yield key, Level.OK, since_s, _no_longer_watched(line)
+
+    def _decide(
+        self,
+        connection: sqlite3.Connection,
+        target: TargetSettings,
+        fingerprint: str,
+        level: Level,
+        at_s: float,
+        line: str,
+        has_attempt: bool,
+        is_repeat: bool,
+    ) -> Optional[Notification]:
+        """Returns what a row means for a target now; None: nothing."""
+        query = "SELECT level, since_s, transition_json FROM notified WHERE target = ? AND fingerprint = ?"
+        row = connection.execute(query, (target.name, fingerprint)).fetchone()
+        before = None if row is None else _notified(*row)
+        notification = Notification(json.loads(line), False, at_s, before)
+        robot, signal = notification.robot, notification.signal
+        if not _wants(target, robot, signal, level):
+            return None if before is None else Notification(notification.transition, True, at_s, before)
+        if has_attempt:
+            return notification
+        if self._is_silenced(robot, signal):
+            self._hold(robot, signal)
+            return None
+        if before is not None and before.level is level and (not is_repeat or target.type == "alertmanager"):
+            return None
+        return notification
+
+    def _hold(self, robot: str, signal: str) -> None:
+        with self._lock:
+            self._held.add((robot, signal))
+
+    def _drop_superseded(self, connection: sqlite3.Connection, target: str) -> None:
+        waiting = self._waiting[target]
+        if waiting <= self._drop_at[target]:
+            return
+        count = waiting - MOST_WAITING + _DROPPED_AT_ONCE
+        self._dropped[target] += connection.execute(_DROP_SUPERSEDED, (target, count)).rowcount
+        self._count(connection, target)
+        # Each alert may keep its latest notification: then there is nothing to drop for a while.
+        self._drop_at[target] = max(MOST_WAITING, self._waiting[target] + _DROPPED_AT_ONCE)
+
+    def _count(self, connection: sqlite3.Connection, target: str) -> None:
+        query = "SELECT count(*) FROM notifications WHERE target = ?"
+        waiting: int = connection.execute(query, (target,)).fetchone()[0]
+        self._waiting[target] = waiting
+        if waiting == 0:
+            self._dropped[target] = 0
+
+
+def _wants(target: TargetSettings, robot: str, signal: str, level: Level) -> bool:
+    """Returns whether a target is to know that an alert has a level."""
+    return (
+        level is not Level.OK
+        and level.severity >= target.min_level.severity
+        and _matches(target.robots, robot)
+        and _matches(target.signals, signal)
+    )
+
+
+def _matches(patterns: Sequence[str], name: str) -> bool:
+    return not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _notified(level: int, since_s: float, line: str) -> Notified:
+    transition = json.loads(line)
+    return Notified(transition["robot"], transition["signal"], Level(level), since_s, transition["text"])
+
+
+def _no_longer_watched(line: str) -> str:
+    """Returns the JSON of the transition with which an alert ends because its signal is no longer watched."""
+    transition: Dict[str, object] = json.loads(line)
+    signal = transition["signal"]
+    ended = {"from_level": transition["to_level"], "to_level": "OK", "text": f"{signal} OK: no longer watched"}
+    return json.dumps({**transition, **ended, "repeat": False})

@@ -1,0 +1,164 @@
+"""Notifications of one monitor process: a queue in the history's database and a thread per target."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from typing import Callable, Collection, Dict, List, Optional, Protocol, Sequence
+
+from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.model import Transition
+
+from ..configuration import TargetSettings
+from .database import Database
+from .delivery import Delivery
+from .heartbeat import Heartbeat
+from .notification_queue import NotificationQueue
+from .senders import make_sender
+from .step_thread import StepThread
+
+CHECK_PERIOD_S = 1.0
+"""Period of the check for silences that have expired, in s."""
+
+CLOSE_TIMEOUT_S = 1.0
+"""How long `close` waits for notifications of targets that work, in s."""
+
+_PREPARE_TIMEOUT_S = 5.0
+_CLOSE_POLL_S = 0.02
+
+
+class Silences(Protocol):
+    """`ops.silences.Silences`, as far as it is used here."""
+
+    def silence_of(self, robot: str, signal: str) -> Optional[object]:
+        """Returns the silence that matches a signal now; None: it is not silenced. Cheap, from any thread."""
+
+
+class Notifier:
+    """Notifies targets about transitions that the history records. Nothing here delays an alert."""
+
+    def __init__(
+        self,
+        history: Database,
+        targets: Sequence[TargetSettings],
+        silences: Optional[Silences] = None,
+        faults: Optional[Faults] = None,
+        wall_time_s: Callable[[], float] = time.time,
+    ) -> None:
+        """Starts the threads. Call before the first AlertSystem starts, or its first transitions are missed.
+
+        Args:
+            history: stores the queue; notifications are made of what it records.
+            targets: section `notify` of an ops.yaml.
+            silences: alerts that must not be sent; None: there are none.
+            faults: receives failing targets, as `notify <name>`.
+            wall_time_s: seconds since 1970.
+        """
+        self._history = history
+        self._wall_time_s = wall_time_s
+        faults = Faults() if faults is None else faults
+        self._faults = faults
+        self._is_prepared = False
+        self._watched: Optional[Collection[str]] = None
+        alerted = [target for target in targets if target.type != "heartbeat"]
+
+        def is_silenced(robot: str, signal: str) -> bool:
+            return silences is not None and silences.silence_of(robot, signal) is not None
+
+        self._queue = NotificationQueue(alerted, is_silenced)
+        self._deliveries: Dict[str, Delivery] = {
+            target.name: Delivery(target.name, make_sender(target), self._queue, history, faults) for target in alerted
+        }
+        self._heartbeats = [Heartbeat(target, faults) for target in targets if target.type == "heartbeat"]
+        self._threads = {name: self._thread(name, delivery.step) for name, delivery in self._deliveries.items()}
+        others: List[StepThread] = []
+        others.extend(
+            self._thread(target.name, heartbeat.step)
+            for target, heartbeat in zip((each for each in targets if each.type == "heartbeat"), self._heartbeats)
+        )
+        if alerted:
+            others.append(self._thread("queue", self._check))
+            history.on_record(self._note)
+        self._others = others
+        for thread in (*self._threads.values(), *others):
+            thread.start()
+
+    @property
+    def waiting(self) -> int:
+        """How many notifications wait, over all targets."""
+        return sum(self._queue.waiting(name) for name in self._deliveries)
+
+    def waiting_by_target(self) -> Dict[str, int]:
+        """Returns how many notifications wait for each target."""
+        return {name: self._queue.waiting(name) for name in self._deliveries}
+
+    def note_tick(self) -> None:
+        """Call at each tick of the monitor, for the heartbeat; returns at once."""
+        for heartbeat in self._heartbeats:
+            heartbeat.note_tick()
+
+    def end_unwatched(self, robots: Collection[str]) -> None:
+        """Ends the notified alerts of all other robots, such as those of an earlier run; returns at once.
+
+        Args:
+            robots: names of all robots that are watched. Call when this is known, and when it changes.
+        """
+        self._watched = frozenset(robots)
+        for thread in self._others:
+            thread.wake()
+
+    def close(self) -> None:
+        """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
+        until_s = time.monotonic() + CLOSE_TIMEOUT_S
+        while time.monotonic() < until_s and any(
+            self._queue.waiting(name) and not delivery.is_failing for name, delivery in self._deliveries.items()
+        ):
+            time.sleep(_CLOSE_POLL_S)
+        threads = [*self._threads.values(), *self._others]
+        for thread in threads:
+            thread.close()
+        for delivery in self._deliveries.values():
+            delivery.sender.close()
+        for thread in threads:
+            thread.join(max(0.0, until_s - time.monotonic()))
+
+    def _thread(self, name: str, step: Callable[[], float]) -> StepThread:
+        def report(error: Exception) -> None:
+            self._faults.report(f"notify {name}", f"internal error: {type(error).__name__}")
+
+        return StepThread(f"notify {name}", step, report)
+
+    def _note(self, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float) -> None:
+        """Queues a transition; runs inside the transaction that stores it."""
+        self._queue.note(connection, transition, wall_s)
+        self._wake()
+
+    def _wake(self) -> None:
+        for name, delivery in self._deliveries.items():
+            if self._queue.waiting(name):
+                delivery.note_news()
+                self._threads[name].wake()
+
+    def _check(self) -> float:
+        """Queues alerts whose silence has expired; first, what is open since an earlier run."""
+        try:
+            if not self._is_prepared:
+                self._history.run(self._queue.prepare, _PREPARE_TIMEOUT_S)
+                self._is_prepared = True
+                self._wake()
+            watched = self._watched
+            if watched is not None:
+                now_s = self._wall_time_s()
+                self._history.run(
+                    lambda connection: self._queue.end_unwatched(connection, watched, now_s), _PREPARE_TIMEOUT_S
+                )
+                if self._watched is watched:
+                    self._watched = None
+                self._wake()
+            if self._queue.has_expired_silence():
+                self._history.run(self._queue.reconcile, _PREPARE_TIMEOUT_S)
+                self._wake()
+        except ServiceError:
+            pass  # retried; the history reports its own fault
+        return CHECK_PERIOD_S

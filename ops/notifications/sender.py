@@ -1,0 +1,59 @@
+"""The interface of a target: delivers one notification per call, or raises a `DeliveryError`."""
+
+from __future__ import annotations
+
+from typing import Optional, Protocol, Sequence
+
+from .notification import Notification, Notified
+
+
+class DeliveryError(Exception):
+    """One attempt failed. `str()` is one line, without secrets: of an address only scheme and host."""
+
+    def __init__(
+        self, text: str, *, is_refused: bool = False, may_have_arrived: bool = True, retry_after_s: float = 0.0
+    ) -> None:
+        """Stores what is known.
+
+        Args:
+            text: what failed and why.
+            is_refused: the target rejects this notification; another attempt will probably fail as well.
+            may_have_arrived: False: the target certainly did not receive it.
+            retry_after_s: the target requests this wait, in s.
+        """
+        super().__init__(text)
+        self.is_refused = is_refused
+        self.may_have_arrived = may_have_arrived
+        self.retry_after_s = retry_after_s
+
+
+class Sender(Protocol):
+    """Delivers notifications to one target; used by one thread. A call may block until the target's timeout."""
+
+    repeat_every_s: Optional[float]
+    """Period at which open alerts are to be repeated, in s; None: they are sent once."""
+
+    @property
+    def place(self) -> str:
+        """Where the target is, without secrets."""
+
+    @property
+    def warning(self) -> str:
+        """One line about the target that is no failure, such as an unprotected secret; empty: none."""
+
+    def send(self, notification: Notification) -> str:
+        """Delivers a notification and returns how the target responded.
+
+        Raises:
+            DeliveryError: it failed.
+        """
+
+    def repeat(self, alerts: Sequence[Notified]) -> None:
+        """Repeats open alerts; called only with `repeat_every_s`.
+
+        Raises:
+            DeliveryError: it failed.
+        """
+
+    def close(self) -> None:
+        """Ends a call of `send` in another thread early, where that is possible."""

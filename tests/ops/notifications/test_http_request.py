@@ -1,0 +1,181 @@
+"""One HTTP request against a real server, however that behaves."""
+
+from __future__ import annotations
+
+import base64
+import os
+import socket
+import ssl
+import threading
+from pathlib import Path
+
+import pytest
+import trustme
+from harness.http_server import (
+    Behaviour,
+    HttpServer,
+    closing_at_once,
+    dripping,
+    flooding,
+    garbling,
+    hanging,
+    redirecting_to_itself,
+    responding,
+)
+
+from robot_health_monitor.ops.notifications.http_request import request
+from robot_health_monitor.ops.notifications.sender import DeliveryError
+
+TIMEOUT_S = 20.0
+SHORT_S = 0.3
+
+
+def test_a_post_carries_json_and_returns_the_status(server: HttpServer) -> None:
+    answer = request(f"{server.url}/hook?key=1", b'{"a": 1}', TIMEOUT_S)
+    assert answer.is_success and answer.title == "200 OK"
+    received = server.next()
+    assert (received.method, received.path, received.json) == ("POST", "/hook?key=1", {"a": 1})
+    assert received.headers["Content-Type"] == "application/json"
+
+
+def test_without_a_body_it_is_a_get(server: HttpServer) -> None:
+    request(server.url, None, TIMEOUT_S)
+    assert server.next().method == "GET"
+
+
+def test_a_user_and_password_become_basic_authentication(server: HttpServer) -> None:
+    request(server.url.replace("//", "//al%40ice:s3cret@"), b"{}", TIMEOUT_S)
+    scheme, _, credentials = server.next().headers["Authorization"].partition(" ")
+    assert (scheme, base64.b64decode(credentials)) == ("Basic", b"al@ice:s3cret")
+
+
+@pytest.mark.parametrize("behaviour", [hanging, dripping])
+def test_the_limit_holds_for_the_whole_request(server: HttpServer, behaviour: Behaviour) -> None:
+    server.behave = behaviour
+    with pytest.raises(DeliveryError, match=r"^no response within 0\.3 s$") as caught:
+        request(server.url, b"{}", SHORT_S)
+    assert caught.value.may_have_arrived and not caught.value.is_refused
+
+
+def test_a_response_without_end_is_not_read_to_its_end(server: HttpServer) -> None:
+    server.behave = flooding
+    answer = request(server.url, b"{}", TIMEOUT_S)
+    assert answer.status == 500 and len(answer.text) <= 200
+
+
+def test_redirects_are_not_followed(server: HttpServer) -> None:
+    server.behave = redirecting_to_itself
+    assert request(server.url, b"{}", TIMEOUT_S).status == 302
+    assert len(server.all()) == 1
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "text"),
+    [
+        (closing_at_once, "the server closed the connection without a response"),
+        (garbling, "the response is not HTTP (BadStatusLine)"),
+    ],
+)
+def test_a_response_that_is_none_is_a_failure(server: HttpServer, behaviour: Behaviour, text: str) -> None:
+    server.behave = behaviour
+    with pytest.raises(DeliveryError) as caught:
+        request(server.url, b"{}", TIMEOUT_S)
+    assert str(caught.value) == text and caught.value.may_have_arrived
+
+
+def test_a_refused_connection_certainly_did_not_deliver() -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with pytest.raises(DeliveryError, match=r"^connection refused$") as caught:
+        request(f"http://127.0.0.1:{port}", b"{}", TIMEOUT_S)
+    assert not caught.value.may_have_arrived
+
+
+def test_a_host_that_does_not_exist_is_named_as_the_cause() -> None:
+    with pytest.raises(DeliveryError, match=r"^host not found") as caught:
+        request("http://robot.invalid", b"{}", TIMEOUT_S)
+    assert not caught.value.may_have_arrived
+
+
+def test_a_certificate_that_is_not_trusted_is_refused(tmp_path: Path) -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    trustme.CA().issue_cert("127.0.0.1").configure_cert(context)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def accept() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                try:
+                    context.wrap_socket(connection, server_side=True)
+                except OSError:
+                    pass  # the client refuses the certificate
+
+        thread = threading.Thread(target=accept)
+        thread.start()
+        with pytest.raises(DeliveryError, match=r"^certificate not accepted: ") as caught:
+            request(f"https://127.0.0.1:{listener.getsockname()[1]}/secret", b"{}", TIMEOUT_S)
+        thread.join()
+    assert not caught.value.may_have_arrived and "secret" not in str(caught.value)
+
+
+def test_https_works_with_a_trusted_certificate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    authority = trustme.CA()
+    authority.cert_pem.write_to_path(str(tmp_path / "ca.pem"))
+    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    authority.issue_cert("127.0.0.1").configure_cert(context)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def serve() -> None:
+            connection, _ = listener.accept()
+            with context.wrap_socket(connection, server_side=True) as secured:
+                secured.recv(65536)
+                secured.sendall(b"HTTP/1.1 204 No Content\r\n\r\n")
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        assert request(f"https://127.0.0.1:{listener.getsockname()[1]}/", b"{}", TIMEOUT_S).status == 204
+        thread.join()
+
+
+def test_the_proxy_of_the_environment_is_used(server: HttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("http_proxy", server.url)
+    assert request("http://chat.invalid/hook", b"{}", TIMEOUT_S).is_success
+    assert server.next().path == "http://chat.invalid/hook"
+
+
+def test_the_servers_clock_and_requested_wait_are_read(server: HttpServer) -> None:
+    # BaseHTTPRequestHandler sends its own Date first; the last one counts.
+    server.behave = responding(429, Retry_After="17", Date="Thu, 01 Jan 1970 00:01:40 GMT")
+    answer = request(server.url, b"{}", TIMEOUT_S)
+    assert (answer.date_s, answer.retry_after_s) == (100.0, 17.0)
+    server.behave = responding(503, Retry_After="9" * 30, Date="yesterday")
+    answer = request(server.url, b"{}", TIMEOUT_S)
+    assert (answer.date_s, answer.retry_after_s) == (None, 0.0)
+
+
+def test_no_control_character_of_a_server_is_kept(server: HttpServer) -> None:
+    server.behave = responding(500, b"\x1b[31mred\n\nalert\x07")
+    assert request(server.url, b"{}", TIMEOUT_S).text == "?[31mred alert?"
+
+
+def test_no_file_descriptor_is_left_open(server: HttpServer) -> None:
+    def open_files() -> int:
+        return len([name for name in os.listdir("/proc/self/fd") if _is_client_socket(int(name), server)])
+
+    server.behave = hanging
+    for _ in range(3):
+        with pytest.raises(DeliveryError):
+            request(server.url, b"{}", 0.05)
+    server.behave = flooding
+    request(server.url, b"{}", TIMEOUT_S)
+    assert open_files() == 0
+
+
+def _is_client_socket(number: int, server: HttpServer) -> bool:
+    try:
+        with socket.socket(fileno=os.dup(number)) as found:
+            return f"http://127.0.0.1:{found.getpeername()[1]}" == server.url
+    except OSError:
+        return False

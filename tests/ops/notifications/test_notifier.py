@@ -1,0 +1,246 @@
+"""Threads, a real history and real targets: nothing delays an alert, and nothing is lost."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Iterator, List, Sequence, Set, Tuple
+
+import pytest
+from harness.http_server import HttpServer, hanging, responding
+from harness.transitions import transition
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
+from robot_health_monitor.ops.history.history import History, RobotHistory
+from robot_health_monitor.ops.notifications import Notifier
+from robot_health_monitor.ops.silences import Silences, parse_matchers
+
+DEADLINE_S = 30.0
+ROOT = Path(__file__).resolve().parents[3]
+
+
+class Silenced:
+    """Silences that a test sets."""
+
+    def __init__(self) -> None:
+        self.alerts: Set[Tuple[str, str]] = set()
+        self.asked = threading.Event()
+
+    def silence_of(self, robot: str, signal: str) -> Any:
+        self.asked.set()
+        return True if (robot, signal) in self.alerts else None
+
+
+@contextmanager
+def running(
+    targets: Sequence[TargetSettings], file: str = "", silences: Any = None, faults: Any = None
+) -> Iterator[Tuple[Notifier, RobotHistory]]:
+    """A history and a notifier."""
+    history = History(HistorySettings(file) if file else None)
+    notifier = Notifier(history, targets, silences, faults)
+    try:
+        yield notifier, history.of_robot("r3", Faults())
+    finally:
+        notifier.close()
+        history.close()
+
+
+def record(history: RobotHistory, level: str, signal: str = "battery", robot: str = "r3") -> None:
+    event = transition(
+        to_level=Level[level], signal=signal, robot=robot, fingerprint=f"{robot}-{signal}", text=f"{signal} {level}"
+    )
+    history.record(event, {"level": level}, [])
+
+
+def texts(server: HttpServer, count: int) -> List[str]:
+    """Waits for a number of requests."""
+    return [server.next().json["text"] for _ in range(count)]
+
+
+def wait_until(condition: Any) -> None:
+    until_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < until_s
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("in_file", [False, True])
+def test_transitions_reach_the_targets_that_want_them(server: HttpServer, tmp_path: Path, in_file: bool) -> None:
+    targets = (
+        TargetSettings("all", "webhook", url=f"{server.url}/all"),
+        TargetSettings("errors", "webhook", Level.ERROR, url=f"{server.url}/errors"),
+    )
+    with running(targets, str(tmp_path / "history.db") if in_file else "") as (notifier, history):
+        for level in ("WARN", "ERROR", "OK"):
+            record(history, level)
+        received = [server.next() for _ in range(5)]
+        wait_until(lambda: notifier.waiting == 0)
+    by_path = {path: [each.json["text"] for each in received if each.path == path] for path in ("/all", "/errors")}
+    assert by_path == {
+        "/all": ["battery WARN", "battery ERROR", "battery OK"],
+        "/errors": ["battery ERROR", "battery OK"],
+    }
+
+
+def test_targets_that_hang_delay_neither_the_history_nor_the_others(server: HttpServer) -> None:
+    with HttpServer() as stuck:
+        stuck.behave = hanging
+        faults = Faults()
+        hanging_targets = [TargetSettings(f"stuck{number}", "webhook", url=stuck.url) for number in range(4)]
+        targets = (*hanging_targets, TargetSettings("chat", "webhook", url=server.url))
+        with running(targets, faults=faults) as (notifier, history):
+            for number in range(50):
+                record(history, "WARN", f"s{number}")
+            assert texts(server, 50) == [f"s{number} WARN" for number in range(50)]
+            waiting = notifier.waiting_by_target()
+            assert [waiting[f"stuck{number}"] for number in range(4)] == [50] * 4
+            assert notifier.waiting >= 200
+            stuck.closing.set()  # the server closes the connections: the threads can end
+
+
+def test_a_silence_holds_alerts_back_until_it_expires(server: HttpServer) -> None:
+    silences = Silenced()
+    silences.alerts = {("r3", "battery")}
+    with running([TargetSettings("chat", "webhook", url=server.url)], silences=silences) as (_, history):
+        record(history, "WARN")
+        record(history, "WARN", "cpu")
+        assert texts(server, 1) == ["cpu WARN"]
+        silences.alerts = set()
+        assert texts(server, 1) == ["battery WARN"]
+
+
+def test_stored_silences_are_respected(server: HttpServer, tmp_path: Path) -> None:
+    history = History(HistorySettings(str(tmp_path / "history.db")))
+    silences = Silences(history)
+    notifier = Notifier(history, [TargetSettings("chat", "webhook", url=server.url)], silences)
+    robot = history.of_robot("r3", Faults())
+    try:
+        silence = silences.add(parse_matchers("signal=batt*"), for_s=3600.0)
+        record(robot, "WARN")
+        record(robot, "WARN", "cpu")
+        assert texts(server, 1) == ["cpu WARN"]
+        silences.expire(silence.id)
+        assert texts(server, 1) == ["battery WARN"]
+    finally:
+        silences.close()
+        notifier.close()
+        history.close()
+
+
+def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServer, tmp_path: Path) -> None:
+    file = str(tmp_path / "history.db")
+    server.behave = hanging
+    program = f"""
+        import time
+        from test_notifier import *
+        history = History(HistorySettings({file!r}))
+        notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})])
+        for number in range(20):
+            record(history.of_robot("r3", Faults()), "WARN", f"s{{number}}")
+        print("recorded", flush=True)
+        time.sleep(1000)
+    """
+    path = f"{ROOT}:{ROOT / 'tests'}:{Path(__file__).parent}"
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, env={"PYTHONPATH": path}
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"recorded\n"
+    assert server.next().json["text"] == "s0 WARN"  # no response yet
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    server.behave = responding(200)
+    target = TargetSettings("chat", "webhook", url=server.url)
+    with running([target], file) as (notifier, history):
+        assert sorted(texts(server, 20)) == sorted(f"s{number} WARN" for number in range(20))
+        wait_until(lambda: notifier.waiting == 0)
+    with running([target], file) as (notifier, history):
+        record(history, "OK", "s7")
+        assert texts(server, 1) == ["s7 OK"]
+        wait_until(lambda: notifier.waiting == 0)
+    assert server.all() == []
+
+
+def test_alerts_of_robots_of_an_earlier_run_end(server: HttpServer, tmp_path: Path) -> None:
+    file, target = str(tmp_path / "history.db"), TargetSettings("chat", "webhook", url=server.url)
+    with running([target], file) as (notifier, history):
+        record(history, "WARN", robot="r3")
+        record(history, "WARN", robot="r4")
+        texts(server, 2)
+        wait_until(lambda: notifier.waiting == 0)
+    with running([target], file) as (notifier, history):
+        notifier.end_unwatched({"r4", "r5"})
+        ended = server.next().json
+        assert (ended["robot"], ended["text"]) == ("r3", "battery OK: no longer watched")
+        assert ended["notification"] == "resolved"
+
+
+def test_closing_first_sends_what_waits(server: HttpServer) -> None:
+    go = threading.Event()
+
+    def behave(handler: Any) -> None:
+        go.wait(DEADLINE_S)
+        responding(200)(handler)
+
+    server.behave = behave
+    with running([TargetSettings("chat", "webhook", url=server.url)]) as (_, history):
+        record(history, "WARN")
+        record(history, "OK")
+        server.next()
+        go.set()
+    assert texts(server, 1) == ["battery OK"]
+
+
+def test_closing_does_not_wait_for_a_target_that_fails(server: HttpServer) -> None:
+    server.behave = responding(500)
+    faults = Faults()
+    with running([TargetSettings("chat", "webhook", url=server.url)], faults=faults) as (_, history):
+        record(history, "WARN")
+        wait_until(faults.current)
+    assert server.next().json["text"] == "battery WARN"
+    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("notify")]
+
+
+def test_the_heartbeat_follows_the_ticks(server: HttpServer) -> None:
+    target = TargetSettings("alive", "heartbeat", url=f"{server.url}/ping", every_s=1.0)
+    with running([target]) as (notifier, _):
+        notifier.note_tick()
+        assert server.next().path == "/ping"
+        assert notifier.waiting == 0
+
+
+def test_a_notifier_without_targets_has_no_threads() -> None:
+    with running([]) as (notifier, history):
+        before = [thread.name for thread in threading.enumerate()]
+        assert not [name for name in before if name.startswith("notify")]
+        record(history, "WARN")
+        notifier.note_tick()
+        notifier.end_unwatched(())
+        assert notifier.waiting == 0
+
+
+def test_a_target_that_raises_anything_is_a_fault_and_stops_no_other(
+    server: HttpServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from robot_health_monitor.ops.notifications.command import Command
+
+    def fail(*arguments: object) -> None:
+        raise RuntimeError("s3cret")
+
+    monkeypatch.setattr(Command, "send", fail)
+    faults = Faults()
+    targets = (TargetSettings("horn", "command", command=("x",)), TargetSettings("chat", "webhook", url=server.url))
+    with running(targets, faults=faults) as (_, history):
+        record(history, "WARN")
+        assert texts(server, 1) == ["battery WARN"]
+        wait_until(faults.current)
+        assert faults.current()["notify horn"] == (Level.WARN, "x: internal error: RuntimeError")
