@@ -6,6 +6,7 @@ restart".
 
 from __future__ import annotations
 
+import json
 from typing import Any, Dict, Mapping, Protocol, Sequence, Tuple
 
 from .model import Changes, Transition
@@ -51,7 +52,10 @@ class SignalHistory(Protocol):
         """
 
     def record_reset(self) -> None:
-        """Stores that latches were cleared."""
+        """Stores that latches were cleared; returns at once."""
+
+    def record_configuration(self, text: str) -> None:
+        """Stores the configuration in force, as JSON; returns at once."""
 
 
 class Continuity:
@@ -92,6 +96,8 @@ class Continuity:
     def save(self, now_s: float) -> None:
         """Saves the states that changed since they were saved last."""
         monitor, wall_s = self._monitor, self._history.wall_s()
+        if not monitor.signals():  # before the first call
+            return
         if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
             self._offset_s = wall_s - now_s
             self._at_rest_since_s = {}
@@ -116,6 +122,18 @@ class Continuity:
         """Stores that latches were cleared, and the states without them."""
         self._history.record_reset()
         self.save(now_s)
+
+    def record_configuration(self, sections: Mapping[str, Mapping[str, Any]]) -> None:
+        """Stores the configuration in force.
+
+        Args:
+            sections: the settings of each signal by its name, those of the node under the empty name.
+        """
+        given = {
+            name: {key: value for key, value in section.items() if value is not None}
+            for name, section in sections.items()
+        }
+        self._history.record_configuration(json.dumps(given, default=str))
 
     def _note(self, name: str, saved: SavedSignal) -> None:
         if saved:

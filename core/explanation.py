@@ -28,6 +28,8 @@ class Judgement(NamedTuple):
     """The level to show; STALE where it is unknown."""
     state: str
     """`waiting`, `unreachable`, `stale`, `invalid`, `latched`, or the state of the rule."""
+    announced: Level
+    """The level of the last transition."""
     since_s: float
     """Since when the level has lasted, in seconds."""
     latest: object
@@ -119,7 +121,9 @@ def reason(judgement: Judgement) -> str:
     """Returns the reason for the level, in a few words."""
     config = judgement.config
     if judgement.state == "waiting":
-        return "waiting for the first sample" if not judgement.seen else "waiting for a sample: time went back"
+        if judgement.seen:
+            return "waiting for a sample: time went back"
+        return f"waiting for the first sample{_last_announced(judgement)}"
     if judgement.state == "unreachable":
         if not judgement.seen:
             return "link down, no sample yet"
@@ -131,7 +135,10 @@ def reason(judgement: Judgement) -> str:
     if judgement.level is Level.STALE:
         if judgement.seen:
             return f"no sample for {silence} (limit {duration_text(config.stale_after_s)})"
-        return f"no sample since the start {silence} ago (limit {duration_text(config.startup_grace_s)})"
+        if judgement.silence_s > config.startup_grace_s:
+            return f"no sample since the start {silence} ago (limit {duration_text(config.startup_grace_s)})"
+    if not judgement.seen:  # continues after a restart
+        return f"no sample since the start {silence} ago{_last_announced(judgement)}"
     text = _invalid_reason(judgement) if judgement.is_invalid else _value_reason(judgement)
     if judgement.suspicion:
         text = f"{text}, {judgement.suspicion}"
@@ -149,6 +156,10 @@ def latest_text(judgement: Judgement) -> str:
         return ""
     number = converted(judgement.config, as_float(judgement.latest))
     return number_text(number) if math.isfinite(number) else datum_text(judgement.latest)
+
+
+def _last_announced(judgement: Judgement) -> str:
+    return "" if judgement.announced is Level.OK else f", last announced {judgement.announced.name}"
 
 
 def _link_reason(judgement: Judgement) -> str:

@@ -15,10 +15,13 @@ from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status, Transition
-from .saved_state import SavedSignal, UnusableStateError
+from .saved_state import SavedSignal, UnusableStateError, without_latch
 from .signal_monitor import SignalMonitor
 
 _LARGEST = sys.float_info.max
+_LINK_GRACE_S = 60.0
+"""A restored link of which nothing is reported for this long is no longer watched."""
+_MOST_NOTICES = 10
 
 LINK_CONFIG = read_signal(
     LINK,
@@ -58,6 +61,8 @@ class Monitor:
         self._link_down = False
         self._link_cause = ""
         self._to_restore: Optional[Tuple[Mapping[str, SavedSignal], float]] = None
+        self._link_restored_s = math.inf
+        """When the state of the link was restored, in seconds; infinite once it was observed."""
 
     def observe(self, sample: Sample) -> Changes:
         """Judges a sample.
@@ -84,6 +89,7 @@ class Monitor:
         if transition is not None:
             changes.append(transition)
         if name == LINK:
+            self._link_restored_s = math.inf
             self._follow_link(now_s, changes)
         if name in self._followers:
             for follower in self._followers[name]:
@@ -123,6 +129,9 @@ class Monitor:
             _add(changes, signal.tick(now_s))
         for follower in self._all_followers:
             _add(changes, follower.follow(self.fresh_value, now_s))
+        if now_s - self._link_restored_s > _LINK_GRACE_S:
+            self._link_restored_s = math.inf
+            _add(changes, self._signals.pop(LINK).end(now_s))
         return changes
 
     def skip(self, since_s: float, until_s: float) -> Changes:
@@ -248,6 +257,9 @@ class Monitor:
             The transitions that it causes, in the order of the configuration, at the time of the last call.
         """
         changes = Changes()
+        if self._to_restore is not None:
+            states, wall_s = self._to_restore
+            self._to_restore = ({name: without_latch(saved) for name, saved in states.items()}, wall_s)
         for signal in self._signals.values():
             _add(changes, signal.reset(self._now_s))
         return changes
@@ -326,8 +338,12 @@ class Monitor:
         if self._to_restore is not None:
             states, wall_s = self._to_restore
             self._to_restore = None
-            notices = [self._restore(name, saved, wall_s, changes) for name, saved in states.items()]
-            changes.notices = tuple(text for text in notices if text)
+            unusable = [text for text in (self._restore(*state, wall_s, changes) for state in states.items()) if text]
+            if len(unusable) > _MOST_NOTICES:
+                unusable[_MOST_NOTICES:] = [f"... and {len(unusable) - _MOST_NOTICES} more saved states"]
+            changes.notices = tuple(unusable)
+            if LINK in self._signals:
+                self._link_restored_s = now_s
         self._find_followers()
 
     def _restore(self, name: str, saved: SavedSignal, wall_s: float, changes: Changes) -> str:

@@ -96,6 +96,11 @@ class Saved:
         return UnusableStateError(f"{self._name(key)}: expected {expected}, got {datum_text(self._values.get(key))}")
 
 
+def without_latch(state: SavedSignal) -> SavedSignal:
+    """Returns a state whose latch is cleared; anything but a mapping unchanged."""
+    return {key: value for key, value in state.items() if key != "latched"} if isinstance(state, Mapping) else state
+
+
 def age_s(since: Optional[float], wall_s: float) -> float:
     """Returns how long ago a saved time was, in seconds.
 

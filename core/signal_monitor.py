@@ -94,6 +94,15 @@ class SignalMonitor:
         return Level.worst((self._level, Level.STALE)) if self._staleness.waiting else self._level
 
     @property
+    def _shown_since_s(self) -> float:
+        """Since when the level to show has lasted, in seconds."""
+        staleness = self._staleness
+        if staleness.unreachable_since_s is not None:
+            return staleness.unreachable_since_s
+        # Before the first sample after a restart, the true level may be older than the monitor.
+        return self._level_since_s if self.level is self._level else staleness.last_seen_s
+
+    @property
     def latest_good(self) -> Optional[float]:
         """Value of the latest sample; None while there is none, it is bad, or the signal is stale or unreachable."""
         unusable = self._staleness.stale or self._staleness.unknown or self._invalid.condition
@@ -210,7 +219,6 @@ class SignalMonitor:
         """Returns the state at `now_s`, in seconds, as of the last call. Reads only."""
         level, staleness, quality = self.level, self._staleness, self._quality
         is_invalid = level is _ERROR and self._invalid.fires
-        unreachable_since_s = staleness.unreachable_since_s
         statistics = self._window.statistics()
         if self._judged is None:
             statistics.pop(self.config.statistic, None)
@@ -221,7 +229,8 @@ class SignalMonitor:
             now_s=now_s,
             level=level,
             state=self._state(),
-            since_s=self._level_since_s if unreachable_since_s is None else unreachable_since_s,
+            announced=self._announcer.level,
+            since_s=self._shown_since_s,
             latest=quality.latest,
             judged=self._judged,
             rule=None if level is _STALE or is_invalid else self._rule_behind(level),

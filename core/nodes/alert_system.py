@@ -96,6 +96,7 @@ class AlertSystem:
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
         if self._continuity is not None:
             now_s = middleware.now_s()
+            self._continuity.record_configuration(_sections(config))
             restored = self._continuity.restore(now_s, at_first_call=middleware.waiting_for_clock())
             self._announce(restored, now_s)
         self._follow_topics(config)
@@ -329,6 +330,8 @@ class AlertSystem:
             self._report_timer.cancel()
             self._report_timer = self._middleware.create_timer(1.0 / config.publish_rate, self._report)
         self._config = config
+        if self._continuity is not None:
+            self._continuity.record_configuration(_sections(config))
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
         self._unavailable &= same
         self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())

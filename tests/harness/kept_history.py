@@ -1,0 +1,100 @@
+"""A history of one robot in memory, and an alert_system that is killed and started again."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
+
+from harness.stage import Stage
+from robot_health_monitor.core.continuity import SavedSignal
+from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Event
+
+
+class KeptHistory:
+    """Implements `core.continuity.SignalHistory`; it passes states through JSON, as a file does."""
+
+    def __init__(self, stage: Stage, wall_offset_s: float = 1e9) -> None:
+        self._stage = stage
+        self.wall_offset_s = wall_offset_s
+        self.states: Dict[str, SavedSignal] = {}
+        self.events: List[str] = []
+        self.evidence: List[Sequence[Tuple[float, Any]]] = []
+        self.configurations: List[Mapping[str, Any]] = []
+        self.saves: List[Mapping[str, SavedSignal]] = []
+
+    def wall_s(self) -> float:
+        return self._stage.bus.now_s + self.wall_offset_s
+
+    def restore(self) -> Mapping[str, SavedSignal]:
+        return dict(self.states)
+
+    def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
+        self.events.append(transition.text)
+        self.evidence.append(evidence)
+        self._keep({transition.signal: saved})
+
+    def save(self, states: Mapping[str, SavedSignal]) -> None:
+        self.saves.append(states)
+        self._keep(states)
+
+    def record_reset(self) -> None:
+        self.events.append("reset")
+
+    def record_configuration(self, text: str) -> None:
+        self.configurations.append(json.loads(text))
+
+    def _keep(self, states: Mapping[str, SavedSignal]) -> None:
+        for name, state in json.loads(json.dumps(states, allow_nan=False)).items():
+            if state:
+                self.states[name] = state
+            else:
+                self.states.pop(name, None)
+
+
+class Robot:
+    """An alert_system with a history, which can be killed and started again, in virtual time."""
+
+    def __init__(self, *, use_sim_time: bool = False, **signals: Mapping[str, Any]) -> None:
+        self.stage = Stage()
+        self.history = KeptHistory(self.stage)
+        self.signals: Dict[str, Mapping[str, Any]] = signals
+        self._use_sim_time = use_sim_time
+        self._announced: List[str] = []
+        self.start()
+
+    def start(self) -> None:
+        parameters = {"robot_name": "r1", "signals": self.signals}
+        bus = self.stage.bus
+        self.middleware = bus.node("alert_system", parameters=parameters, use_sim_time=self._use_sim_time)
+        self.system = AlertSystem(self.middleware, {"seen": self._note}, history=self.history)
+
+    def kill(self) -> None:
+        """Ends it as kill -9 does: nothing is saved."""
+        self.middleware.close()
+
+    def restart(self, downtime_s: float = 0.0) -> None:
+        self.kill()
+        self.stage.bus.run_until(self.stage.bus.now_s + downtime_s)
+        self.start()
+
+    def run_for(self, duration_s: int, **values: float) -> None:
+        """Passes time; publishes the values at the beginning of each second."""
+        for _ in range(duration_s):
+            for name, value in values.items():
+                self.stage.publish(name, value)
+            self.stage.bus.run_until(self.stage.bus.now_s + 1.0)
+
+    def shown(self, signal: str = "battery") -> Tuple[str, str]:
+        """Returns level and message of a signal."""
+        status = self.system.monitor.report(self.stage.bus.now_s).statuses[signal]
+        return status.level.name, status.message
+
+    def announced(self) -> List[str]:
+        """Returns and forgets what was announced."""
+        found, self._announced = self._announced, []
+        return found
+
+    def _note(self, event: Event) -> None:
+        self._announced.append(event.text)
