@@ -118,8 +118,8 @@ if hasattr(nox.options, "allow_parallel"):  # nox for Python 3.8 and 3.9 has no 
 
 @nox.session(venv_backend="none")
 def apt(session: nox.Session) -> None:
-    """Installs Debian's packages that the tests use, if this user may: ROS 1, promtool as a reference, a browser."""
-    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"], ["chromium"]):
+    """Installs Debian's packages that the tests use, if this user may: ROS 1, Prometheus's tools, a browser."""
+    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"], ["prometheus-alertmanager"], ["chromium"]):
         missing = missing_packages(packages)
         if missing and os.geteuid() == 0 and shutil.which("apt-get"):
             options = {"silent": True, "external": True, "success_codes": range(256)}
@@ -127,7 +127,9 @@ def apt(session: nox.Session) -> None:
             session.run_install(*apt_get, "update", **options)
             session.env["DEBIAN_FRONTEND"] = "noninteractive"
             session.run_install(*apt_get, "install", "-y", "--no-install-recommends", *missing, **options)
-    missing = missing_packages([*([] if NOETIC else ROS1_PACKAGES), "prometheus", "chromium"])
+    missing = missing_packages(
+        [*([] if NOETIC else ROS1_PACKAGES), "prometheus", "prometheus-alertmanager", "chromium"]
+    )
     if missing:
         session.skip(f"not installed; as root: apt-get install {' '.join(missing)}")
 
@@ -144,7 +146,7 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
 @nox.session(python=list(dict.fromkeys(["3.8", NEWEST])), requires=["apt"])
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here."""
-    set_up(session, {})
+    set_up(session, {}, "apprise")
     if session.python != "3.8":  # pip finds no version of roslibpy's dependencies for Python 3.8
         session.install("roslibpy", success_codes=range(256))
     others = ("ros1", "ros2", "packaging", "chaos/test_ros1.py", "chaos/test_ros2.py")

@@ -64,6 +64,7 @@ setup(
     options=options,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
     extras_require={
+        "apprise": ["apprise"],
         "recordings": ["lz4>=3.1", "mcap>=1.1", "numpy", "rosbags>=0.9.23", "zstandard>=0.18"],
         "test": ["hypothesis>=6.82", "numpy", "pyte", "pytest>=7.2", "trustme"],
     },

@@ -77,6 +77,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         "replay": lambda: _replay(arguments),
         "suggest": lambda: _suggest(arguments),
         "test": lambda: _test(arguments),
+        "notify": lambda: _notify(arguments),
         "export": lambda: _export(arguments),
     }
     try:
@@ -160,6 +161,12 @@ def _export(arguments: argparse.Namespace) -> int:
 
     export(arguments)
     return FINE
+
+
+def _notify(arguments: argparse.Namespace) -> int:
+    from .notify_command import notify
+
+    return FINE if notify(arguments.file) else FAILED
 
 
 def _prepare_streams() -> None:

@@ -78,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_replay(commands)
     _add_suggest(commands)
     _add_test(commands)
+    _add_notify(commands)
     _add_export(commands)
     return parser
 
@@ -278,6 +279,16 @@ def _add_export(commands: Any) -> None:
     )
     for target in (prometheus, grafana):
         target.add_argument("file", metavar="FILE", help="a thresholds.yaml")
+
+
+def _add_notify(commands: Any) -> None:
+    command = commands.add_parser(
+        "notify",
+        help="send a test notification to every target of an ops.yaml",
+        description="Sends a test notification to every target of an ops.yaml, then its end, and reports each "
+        "response. Ends with code 3 if a target failed.",
+    )
+    command.add_argument("file", metavar="FILE", help="an ops.yaml")
 
 
 def _port(text: str) -> int:

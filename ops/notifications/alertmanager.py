@@ -108,6 +108,7 @@ class Alertmanager:
             found_wrong = abs(ahead_s - self._ahead_s) > _TOLERATED_S
             self._ahead_s = ahead_s
             if found_wrong and answer.status == 400:
-                raise DeliveryError(f"this clock and the server's differ by {duration_text(abs(ahead_s))}; corrected")
+                text = f"this clock and the server's differ by {duration_text(abs(ahead_s))}; corrected"
+                raise DeliveryError(text, is_corrected=True)
         self._target.require_success(answer)
         return answer.title

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from typing import Callable, Collection, Dict, List, Optional, Protocol, Sequence
+from typing import Callable, Collection, Dict, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -66,17 +66,12 @@ class Notifier:
         def is_silenced(robot: str, signal: str) -> bool:
             return silences is not None and silences.silence_of(robot, signal) is not None
 
-        self._queue = NotificationQueue(alerted, is_silenced)
-        self._deliveries: Dict[str, Delivery] = {
-            target.name: Delivery(target.name, make_sender(target), self._queue, history, faults) for target in alerted
-        }
-        self._heartbeats = [Heartbeat(target, faults) for target in targets if target.type == "heartbeat"]
+        self._queue = queue = NotificationQueue(alerted, is_silenced)
+        senders = {target.name: make_sender(target, wall_time_s) for target in alerted}
+        self._deliveries = {name: Delivery(name, sender, queue, history, faults) for name, sender in senders.items()}
+        self._heartbeats = {target.name: Heartbeat(target, faults) for target in targets if target.type == "heartbeat"}
         self._threads = {name: self._thread(name, delivery.step) for name, delivery in self._deliveries.items()}
-        others: List[StepThread] = []
-        others.extend(
-            self._thread(target.name, heartbeat.step)
-            for target, heartbeat in zip((each for each in targets if each.type == "heartbeat"), self._heartbeats)
-        )
+        others = [self._thread(name, heartbeat.step) for name, heartbeat in self._heartbeats.items()]
         if alerted:
             others.append(self._thread("queue", self._check))
             history.on_record(self._note)
@@ -95,7 +90,7 @@ class Notifier:
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""
-        for heartbeat in self._heartbeats:
+        for heartbeat in self._heartbeats.values():
             heartbeat.note_tick()
 
     def end_unwatched(self, robots: Collection[str]) -> None:

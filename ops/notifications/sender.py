@@ -11,7 +11,13 @@ class DeliveryError(Exception):
     """One attempt failed. `str()` is one line, without secrets: of an address only scheme and host."""
 
     def __init__(
-        self, text: str, *, is_refused: bool = False, may_have_arrived: bool = True, retry_after_s: float = 0.0
+        self,
+        text: str,
+        *,
+        is_refused: bool = False,
+        may_have_arrived: bool = True,
+        retry_after_s: float = 0.0,
+        is_corrected: bool = False,
     ) -> None:
         """Stores what is known.
 
@@ -20,11 +26,13 @@ class DeliveryError(Exception):
             is_refused: the target rejects this notification; another attempt will probably fail as well.
             may_have_arrived: False: the target certainly did not receive it.
             retry_after_s: the target requests this wait, in s.
+            is_corrected: the cause was on this side and is corrected; another attempt will probably succeed.
         """
         super().__init__(text)
         self.is_refused = is_refused
         self.may_have_arrived = may_have_arrived
         self.retry_after_s = retry_after_s
+        self.is_corrected = is_corrected
 
 
 class Sender(Protocol):

@@ -1,0 +1,60 @@
+"""A test of one target: an alert that is labelled as a test, then its end."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from harness.alertmanager import RunningAlertmanager, needs_alertmanager
+from harness.http_server import HttpServer, responding
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.transition_json import FIELDS
+from robot_health_monitor.ops.configuration import TargetSettings
+from robot_health_monitor.ops.notifications.trial import Trial, try_target
+
+
+def test_a_webhook_receives_the_test_and_its_end(server: HttpServer) -> None:
+    trial = try_target(TargetSettings("chat", "webhook", Level.ERROR, url=f"{server.url}/s3cret"), "r3")
+    assert trial == Trial("chat", True, f"{server.url}: 200 OK", "")
+    firing, resolved = (request.json for request in server.all())
+    assert set(FIELDS) <= set(firing)
+    assert (firing["to_level"], firing["notification"], firing["test"]) == ("ERROR", "firing", True)
+    assert (resolved["to_level"], resolved["notification"], resolved["test"]) == ("OK", "resolved", True)
+    assert firing["text"] == "test ERROR: test notification of robot-health notify, nothing is wrong"
+
+
+def test_a_failure_is_reported_without_secrets(server: HttpServer, tmp_path: Path) -> None:
+    file = tmp_path / "chat.url"
+    file.write_text(f"{server.url}/s3cret")
+    file.chmod(0o644)
+    server.behave = responding(403)
+    trial = try_target(TargetSettings("chat", "webhook", url_file=str(file)), "r3")
+    assert (trial.succeeded, trial.text) == (False, f"{server.url}: response 403 Forbidden")
+    assert "chmod 600" in trial.warning
+
+
+def test_a_heartbeat_is_called_once(server: HttpServer) -> None:
+    trial = try_target(TargetSettings("alive", "heartbeat", url=f"{server.url}/ping"), "r3")
+    assert trial.succeeded
+    assert [(request.method, request.path) for request in server.all()] == [("GET", "/ping")]
+
+
+def test_a_command_runs_for_the_test_and_for_its_end(tmp_path: Path) -> None:
+    code = f"import sys; open({str(tmp_path / 'log')!r}, 'a').write(sys.stdin.read())"
+    trial = try_target(TargetSettings("horn", "command", command=(sys.executable, "-c", code)), "r3")
+    assert trial == Trial("horn", True, f"{sys.executable}: ended with code 0", "")
+    assert len((tmp_path / "log").read_text().splitlines()) == 2
+
+
+@needs_alertmanager
+@pytest.mark.parametrize("ahead_s", [0.0, 7200.0])
+def test_at_alertmanager_the_test_ends_at_once_also_with_a_wrong_clock(
+    alertmanager: RunningAlertmanager, ahead_s: float
+) -> None:
+    settings = TargetSettings("pager", "alertmanager", url=alertmanager.url)
+    trial = try_target(settings, "r3", lambda: time.time() + ahead_s)
+    assert trial == Trial("pager", True, f"{alertmanager.url}: 200 OK", "")
+    assert alertmanager.levels() == {}
