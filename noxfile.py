@@ -209,7 +209,7 @@ def bench(session: nox.Session) -> None:
 
 @nox.session(python=NEWEST)
 def soak(session: nox.Session) -> None:
-    """The soak test: ten minutes in which memory, threads and file descriptors must stay flat."""
+    """The soak test: kill -9 must lose nothing; memory, threads and file descriptors must stay flat."""
     set_up(session, {})
     session.run("python", "tests/soak", *session.posargs)
 

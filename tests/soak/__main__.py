@@ -1,10 +1,10 @@
-"""The soak test, `make soak`: memory, threads and file descriptors must stay flat.
+"""The soak test, `make soak`: memory, threads and files must stay flat; kill -9 must lose and repeat nothing.
 
-    make soak                              a million samples in virtual time, then ten minutes in real time
+    make soak                              a thousand kills, a million samples in virtual time, ten minutes in real time
     make soak ARGS="--minutes 1"           a short run
-    make soak ARGS="--samples 0 --seed 7"  only the real time part, with the clients of an earlier run
+    make soak ARGS="--samples 0 --kills 0 --seed 7"  only the real time part, with the clients of an earlier run
 
-Prints the figures. Exit code 1 if one of them is not flat.
+Prints the figures. Exit code 1 if one of them is not flat, or a transition or latch was lost or repeated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import List, Optional
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
-from soak import real_time, virtual_time  # noqa: E402  # found through the line above
+from soak import kill, real_time, virtual_time  # noqa: E402  # found through the line above
 from soak.figures import Figure, table  # noqa: E402
 
 
@@ -27,10 +27,16 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="make soak", description="checks that memory, threads and files stay flat")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration of the real time part")
     parser.add_argument("--samples", type=int, default=1_000_000, help="samples of the virtual time part")
+    parser.add_argument("--kills", type=int, default=1_000, help="how often a monitor with a history is killed")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**9))
     options = parser.parse_args(arguments)
     print(f"seed {options.seed}", flush=True)
     figures: List[Figure] = []
+    if options.kills:  # first: it forks, which is safe only while there is one thread
+        violations, counts = kill.run(options.kills, options.seed)
+        print("\n".join([", ".join(f"{name}: {count}" for name, count in counts.items()), *violations]), flush=True)
+        if violations:
+            return 1
     if options.samples:
         figures += virtual_time.run(options.samples, options.seed)
         print(table(figures), flush=True)
