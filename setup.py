@@ -59,10 +59,15 @@ setup(
     packages=list(PACKAGES),
     # colcon refuses a mapping of the root package to the folder of the same name.
     package_dir={name: folder for name, folder in PACKAGES.items() if name != NAME},
-    package_data={NAME: ["py.typed"], NAME + ".ops": ["*.css", "*.js"], NAME + ".ops.plot": ["*.css", "*.js"]},
+    package_data={
+        NAME: ["py.typed"],
+        NAME + ".ops": ["*.css", "*.js"],
+        NAME + ".ops.plot": ["*.css", "*.js"],
+        NAME + ".ops.web.page": ["*.css", "*.html", "*.js", "*.svg"],
+    },
     data_files=data_files,
     options=options,
-    install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "psutil>=5.5", "rich>=10.16"],
+    install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "prometheus-client>=0.7", "psutil>=5.5", "rich>=10.16"],
     extras_require={
         "apprise": ["apprise"],
         "recordings": ["lz4>=3.1", "mcap>=1.1", "numpy", "rosbags>=0.9.23", "zstandard>=0.18"],

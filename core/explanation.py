@@ -40,6 +40,8 @@ class Judgement(NamedTuple):
     """The rule that explains the level; None where none does."""
     is_invalid: bool
     """Whether the level is ERROR for invalid data."""
+    is_bad: bool
+    """Whether the latest datum is invalid."""
     is_stale: bool
     """Whether no sample has come for too long."""
     good_samples: int

@@ -164,19 +164,20 @@ class Monitor:
             now_s: the time in seconds, for ages.
         """
         now_s = self._time_to_show(now_s)
-        statuses = {name: explanation.status(judgement) for name, judgement in self.judgements(now_s).items()}
+        signals = self._signals or self._new_signals(now_s)
+        statuses = {name: explanation.status(signal.judgement(now_s)) for name, signal in signals.items()}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
 
     def judgements(self, now_s: float) -> Mapping[str, Judgement]:
-        """Returns the state of every signal, without the texts of `report`. Reads only.
+        """Returns the state of every signal, without the texts and statistics of `report`. Reads only.
 
         Args:
             now_s: the time in seconds, for ages.
         """
         now_s = self._time_to_show(now_s)
         signals = self._signals or self._new_signals(now_s)
-        return {name: signal.judgement(now_s) for name, signal in signals.items()}
+        return {name: signal.judgement(now_s, with_statistics=False) for name, signal in signals.items()}
 
     @property
     def link_up(self) -> Optional[bool]:

@@ -215,11 +215,16 @@ class SignalMonitor:
             self._advance(now_s)
         return self._settle(now_s)
 
-    def judgement(self, now_s: float) -> Judgement:
-        """Returns the state at `now_s`, in seconds, as of the last call. Reads only."""
+    def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
+        """Returns the state at a time, as of the last call. Reads only.
+
+        Args:
+            now_s: the time in seconds.
+            with_statistics: False leaves `statistics` empty, which takes half the time.
+        """
         level, staleness, quality = self.level, self._staleness, self._quality
         is_invalid = level is _ERROR and self._invalid.fires
-        statistics = self._window.statistics()
+        statistics = self._window.statistics() if with_statistics else {}
         if self._judged is None:
             statistics.pop(self.config.statistic, None)
         return Judgement(
@@ -235,6 +240,7 @@ class SignalMonitor:
             judged=self._judged,
             rule=None if level is _STALE or is_invalid else self._rule_behind(level),
             is_invalid=is_invalid,
+            is_bad=self._invalid.condition,
             is_stale=staleness.stale,
             good_samples=quality.good_samples,
             bad_samples=quality.bad_samples,

@@ -17,11 +17,12 @@ from itertools import islice
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core.config import SignalConfig
+from robot_health_monitor.core.explanation import judged_unit
 from robot_health_monitor.core.formatting import bound_text, duration_text, printable, with_unit
 from robot_health_monitor.core.model import Level, Transition
 
 from .envelope import Envelope
-from .plot import plot_script, plot_style
+from .plot import plot_bounds, plot_script, plot_style
 
 MOST_ALERTS = 1000
 """Most alerts in the table. All are counted."""
@@ -31,7 +32,6 @@ _MOST_BUCKETS = 4096
 _FEWEST_BUCKETS = 256
 _ALL_BUCKETS = 50_000
 """Buckets of all plots together: they make up most of the file."""
-_UNITS = {"rate": "{}/s", "frequency_hz": "Hz"}
 
 
 class PlottedSignal:
@@ -245,7 +245,7 @@ def _plot_title(signal: PlottedSignal) -> str:
 
 def _rules(config: SignalConfig) -> str:
     """Returns the rules of a signal that its plot does not show."""
-    unit = _unit(config)
+    unit = judged_unit(config)
     parts = [f"{name} {with_unit(bound_text(bound), unit)}" for name, bound in config.bounds.items()]
     for name in ("hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"):
         value = getattr(config, name)
@@ -282,7 +282,7 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> 
     places, low, high = envelope.columns
     return {
         "name": _plot_title(signal),
-        "unit": printable(_unit(config)),
+        "unit": printable(judged_unit(config)),
         "start": envelope.start_s,
         "width": envelope.width_s,
         "steps": [after - before for before, after in zip([-1, *places], places)],
@@ -290,25 +290,15 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> 
         "high": list(map(_short, high)),
         "bad": [round(time_s, 3) for time_s in islice(envelope.bad_times_s, _MOST_BUCKETS)],
         "gap": config.stale_after_s,
-        "bounds": [_bound_data(config, name, bound) for name, bound in config.bounds.items()],
+        "bounds": plot_bounds(config),
         "levels": [[round(time_s, 3), level] for time_s, level in signal.shown_levels],
         "alerts": alerts,
     }
 
 
-def _bound_data(config: SignalConfig, name: str, bound: float) -> Mapping[str, Any]:
-    level, _, side = name.partition("_")
-    clears = bound + config.hysteresis if side == "below" else bound - config.hysteresis
-    return {"level": level.upper(), "side": side, "value": bound, "clears": clears}
-
-
 def _short(value: float) -> float:
     """Returns a value with 7 digits, as many as a Float32 has."""
     return float(f"{value:.7g}")
-
-
-def _unit(config: SignalConfig) -> str:
-    return _UNITS.get(config.statistic, "{}").format(config.unit)
 
 
 def _time(wall_s: float, utc_offset_s: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import platform
 from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, NamedTuple, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
@@ -18,6 +19,7 @@ from .tokens import find_token
 if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig
     from robot_health_monitor.core.nodes import AlertSystem
+    from robot_health_monitor.ops.web import WebInterface
     from robot_health_monitor.rosbridge.server import Server, ServerThread
 
 DEFAULT_PORT = 9090
@@ -56,6 +58,7 @@ def make_server(
     alert_system: str,
     settings: ServerSettings,
     parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
+    web: WebInterface,
     *,
     threads: bool,
 ) -> Server:
@@ -66,6 +69,7 @@ def make_server(
         alert_system: the fully qualified name of the alert node; `*` as in file names.
         settings: where it listens and what clients may do.
         parameters: what clients may read of the nodes' parameters, by the full name of the node.
+        web: the page and its API.
         threads: whether the middleware calls back from other threads than the server's loop.
 
     Raises:
@@ -84,7 +88,14 @@ def make_server(
         token=settings.token,
     )
     return Server(
-        middleware, host=settings.address, port=settings.port, access=access, threads=threads, parameters=parameters
+        middleware,
+        host=settings.address,
+        port=settings.port,
+        access=access,
+        threads=threads,
+        parameters=parameters,
+        routes=web.routes(),
+        on_close=(web.close,),
     )
 
 
@@ -117,6 +128,46 @@ class Served(Protocol):
         """Calls back in the loop with each alert_system that is added later."""
 
 
+def make_web(robots: Callable[[], Sequence[AlertSystem]], settings: ServerSettings, *, threads: bool) -> WebInterface:
+    """Returns the page and its API, for `make_server`.
+
+    Args:
+        robots: returns the alert_systems of the robots that are watched now.
+        settings: those of the server.
+        threads: whether robots are judged in other threads than the server's loop.
+
+    Raises:
+        ModuleNotFoundError: a library is not installed.
+    """
+    from robot_health_monitor.ops.web import WebInterface
+
+    web = WebInterface(robots, token=settings.token, threads=threads)
+    for alert_system in robots():
+        web.watch(alert_system)
+    return web
+
+
+def report_web(web: WebInterface, log: Callable[[Severity, str], None], settings: ServerSettings, port: int) -> None:
+    """Logs the address of the page, and what is missing.
+
+    Args:
+        web: the page and its API.
+        log: writes a line.
+        settings: those of the server.
+        port: its port.
+    """
+    log(Severity.INFO, f"web page: {_page_address(settings.address, port)}")
+    missing = web.missing()
+    if missing is not None:
+        log(Severity.WARN, missing)
+
+
+def _page_address(address: str, port: int) -> str:
+    """Returns the address to open in a browser: of all addresses of this machine, its name."""
+    host = platform.node() if address in ("0.0.0.0", "::", "") else address
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+
+
 async def serve(monitor: Served, settings: ServerSettings, *, required: bool) -> Optional[Server]:
     """Serves monitors in the running loop; `stop_serving` ends it.
 
@@ -133,7 +184,8 @@ async def serve(monitor: Served, settings: ServerSettings, *, required: bool) ->
     """
     node = monitor.bus.node("rosbridge")
     try:
-        server = make_server(node, monitor.alert_system_pattern, settings, monitor.parameters, threads=False)
+        web = make_web(lambda: monitor.alert_systems, settings, threads=False)
+        server = make_server(node, monitor.alert_system_pattern, settings, monitor.parameters, web, threads=False)
         await server.start()
     except ModuleNotFoundError as error:
         node.close()
@@ -146,8 +198,10 @@ async def serve(monitor: Served, settings: ServerSettings, *, required: bool) ->
             raise ConfigError(f"{problem}; --port 0 picks a free one") from None
         monitor.faults.report(_FAULT, f"not served: {problem}; --port chooses another")
         return None
+    monitor.on_new_alert_system(web.watch)
     _show_log(monitor, server)
     node.log(Severity.INFO, f"serving on ws://{settings.address}:{server.port}")
+    report_web(web, node.log, settings, server.port)
     return server
 
 
@@ -177,7 +231,8 @@ def serve_in_thread(
         settings = _settings_of(config, middleware)
         node = create_node()
         given = middleware.given_parameters()
-        server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, threads=True)
+        web = make_web(lambda: [alert_system], settings, threads=True)
+        server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, web, threads=True)
         thread = ServerThread(server)
     except ModuleNotFoundError as error:
         problem = f"{error.name} is not installed"
@@ -189,6 +244,7 @@ def serve_in_thread(
     else:
         _report_server(alert_system.self_report, server)
         node.log(Severity.INFO, f"rosbridge: serving on ws://{settings.address}:{server.port}")
+        report_web(web, node.log, settings, server.port)
         return thread
     if node is not None:
         node.close()

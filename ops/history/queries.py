@@ -30,6 +30,7 @@ def transitions(
     signal: Optional[str] = None,
     level: Optional[Level] = None,
     after_id: int = 0,
+    before_id: Optional[int] = None,
     limit: Optional[int] = None,
     newest_first: bool = False,
 ) -> Iterator[StoredTransition]:
@@ -43,10 +44,12 @@ def transitions(
         signal: those of this signal only; `*` and `?` work as in file names.
         level: transitions to this level only.
         after_id: only those with a larger id.
+        before_id: only those with a smaller id.
         limit: at most so many.
         newest_first: in reverse order; with a `limit`: the newest ones.
     """
     conditions: List[Tuple[str, Any]] = [("id > ?", after_id)] if after_id else []
+    conditions += [] if before_id is None else [("id < ?", before_id)]
     conditions += [] if since_s is None else [("wall_s >= ?", since_s)]
     conditions += [] if until_s is None else [("wall_s < ?", until_s)]
     conditions += [] if robot is None else [pattern_condition("robot", robot)]

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import pkgutil
+from typing import Any, Dict, List
+
+from robot_health_monitor.core.config import SignalConfig
 
 
 def plot_script() -> str:
@@ -13,6 +16,16 @@ def plot_script() -> str:
 def plot_style() -> str:
     """Returns the style sheet, for light, dark and printed pages."""
     return _read("plot.css")
+
+
+def plot_bounds(config: SignalConfig) -> List[Dict[str, Any]]:
+    """Returns the bounds of a signal as the plot takes them, each with the value at which its alert clears."""
+    found = []
+    for name, bound in config.bounds.items():
+        level, _, side = name.partition("_")
+        clears = bound + config.hysteresis if side == "below" else bound - config.hysteresis
+        found.append({"level": level.upper(), "side": side, "value": bound, "clears": clears})
+    return found
 
 
 def _read(name: str) -> str:

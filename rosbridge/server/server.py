@@ -70,6 +70,7 @@ class Server:
         ssl_context: Optional[ssl.SSLContext] = None,
         parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
         routes: Sequence[web.RouteDef] = (),
+        on_close: Sequence[Callable[[], None]] = (),
     ) -> None:
         """Prepares a server; `start` opens the port.
 
@@ -88,7 +89,8 @@ class Server:
             ssl_context: serve TLS (`wss://`) with it.
             parameters: returns the parameters that clients may read, per node; None: those of `middleware`.
             routes: further HTTP routes. Host, origin and a wrong token are checked here; a handler that needs a token
-                checks `Access.credentials`.
+                checks it itself.
+            on_close: called in the loop before connections are closed, to end the long answers of `routes`.
 
         Raises:
             ConfigError: `host` is reachable from other machines, but neither a token nor client certificates are
@@ -115,6 +117,7 @@ class Server:
         self._ssl_context = ssl_context
         self._parameters = parameters or self._own_parameters
         self._routes = routes
+        self._on_close = on_close
         # Several nodes of one ROS 1 process share its log.
         prefix = "rosbridge: " if threads else ""
         self._log_limit = LogLimit(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}"))
@@ -157,6 +160,8 @@ class Server:
         if runner is None:
             return
         self._sweeper.cancel()
+        for end in self._on_close:
+            end()
         for listening in self._listener.sockets:
             asyncio.get_event_loop().remove_reader(listening.fileno())
         await asyncio.sleep(0)  # asyncio fails if it closes the listener before it has created the last transport

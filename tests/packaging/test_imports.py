@@ -24,12 +24,12 @@ ALLOWED = {
     "ros2": ROS2 | MESSAGES,
     "rosbridge": {"aiohttp", "cbor2"},
     "recordings": {"yaml"} | RECORDINGS,
-    "ops": {"numpy"},
+    "ops": {"aiohttp", "numpy", "prometheus_client"},
     NAME: {"rich"},
 }
 """Packages that a folder may import, in addition to the standard library and this package."""
 
-PIP_NAMES = {"yaml": "PyYAML"}
+PIP_NAMES = {"yaml": "PyYAML", "prometheus_client": "prometheus-client"}
 """Modules that pip knows by another name."""
 
 CARRIED = {"builtin_interfaces": "rcl_interfaces", "rosgraph_msgs": "rclpy"}
@@ -98,7 +98,7 @@ def test_every_import_is_a_dependency_with_a_rosdep_key() -> None:
             elif module in RECORDINGS:
                 assert module in extra, found
             else:
-                assert f"python3-{module}" in keys, found
+                assert f"python3-{module.replace('_', '-')}" in keys, found
                 assert PIP_NAMES.get(module, module) in pip_names, found
 
 

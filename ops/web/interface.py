@@ -1,0 +1,331 @@
+"""The routes of the page, the API, the metrics and the health check, for the server that they are passed to."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import time
+from functools import partial
+from typing import Any, Awaitable, Callable, Dict, List, Optional, Sequence, Tuple, TypeVar
+
+from aiohttp import web
+
+from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.version import package_version
+
+from ..metrics import METRICS_LIBRARY, Metrics
+from .history import HistorySource, PastAlerts, query_of
+from .page_files import PageFiles
+from .requests import API_HEADERS, ApiError, check_same_origin, json_bytes, json_response, read_object
+from .sessions import SESSION_S, LoginLimit, Sessions, TooManyLoginsError
+from .silencing import SilenceSource, expire_silence, new_silence, silence_json
+from .state import RobotReader, Samples, iso_time
+from .updates import Updates
+from .worker import BusyError, Worker
+
+__all__ = ["WebInterface"]
+
+LATEST_TICK_S = 6.0
+"""Largest age of the tick of a healthy monitor, in s: 5 s late."""
+_READ_TIMEOUT_S = 5.0
+_ROBOTS_AT_ONCE = 10
+"""Robots that are read without a pause for others in the same loop."""
+_KEPT_S = 0.5
+"""How long an answer of `/api/state` serves further requests, in s."""
+
+Result = TypeVar("Result")
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Json = Dict[str, Any]
+
+
+class WebInterface:
+    """Serves the state of robots. It costs nothing until the first request."""
+
+    def __init__(
+        self,
+        robots: Callable[[], Sequence[AlertSystem]],
+        *,
+        token: str = "",
+        threads: bool = False,
+        history: Optional[HistorySource] = None,
+        silences: Optional[SilenceSource] = None,
+        notifications_waiting: Callable[[], int] = int,
+        wall_time_s: Callable[[], float] = time.time,
+    ) -> None:
+        """Prepares the routes.
+
+        Args:
+            robots: returns the alert_systems of the robots that are watched now.
+            token: what clients must present; empty: nothing.
+            threads: whether robots are judged in other threads than the server's loop (ROS).
+            history: past alerts; None: there are none.
+            silences: silences; None: none can be added.
+            notifications_waiting: returns how many notifications are not delivered yet.
+            wall_time_s: seconds since 1970.
+        """
+        self._robots = robots
+        self._history = None if history is None else PastAlerts(history)
+        self._silences = silences
+        self._wall_time_s = wall_time_s
+        self._sessions = Sessions(token, wall_time_s)
+        self._logins = LoginLimit()
+        # Reading a robot waits for its callbacks, and a history for a disk.
+        self._reading = Worker(4, _READ_TIMEOUT_S) if threads else None
+        self._worker = Worker(8, _READ_TIMEOUT_S)
+        self._readers: Dict[AlertSystem, RobotReader] = {}
+        self._answers: Dict[Tuple[str, bool], asyncio.Future[bytes]] = {}
+        self._metrics = Metrics(notifications_waiting, wall_time_s)
+        self._page = PageFiles()
+        self.updates = Updates(self._read_state, self._read_samples, wall_time_s)
+        """The open pages."""
+
+    def watch(self, alert_system: AlertSystem) -> None:
+        """Counts the transitions of a robot, and sends them to open pages. Call once for each robot."""
+        count = self._metrics.counter(alert_system.robot)
+
+        def note(event: Event) -> None:
+            if isinstance(event, Transition):
+                count(event)
+            self.updates.note_change()
+
+        alert_system.outlets.add("web", note)
+
+    def routes(self) -> List[web.RouteDef]:
+        """Returns the routes."""
+        get, post = web.get, web.post
+        return [
+            get("/api/state", self._reading_route(self._get_state)),
+            get("/api/events", self._reading_route(self.updates.serve)),
+            get("/api/history", self._reading_route(self._get_history)),
+            get("/api/history/{id}", self._reading_route(self._get_past_alert)),
+            post("/api/login", self._route(self._login)),
+            post("/api/logout", self._route(self._logout)),
+            post("/api/silence", self._changing_route(self._add_silence)),
+            post("/api/silence/expire", self._changing_route(self._expire_silence)),
+            post("/api/reset", self._changing_route(self._reset)),
+            web.route("*", "/api/{path:.*}", self._route(_refuse_path)),
+            get("/metrics", self._reading_route(self._get_metrics)),
+            get("/healthz", self._route(self._get_health)),
+            get("/", self._page.serve),
+            get(r"/{name:[\w-]+\.\w+}", self._page.serve),
+        ]
+
+    def missing(self) -> Optional[str]:
+        """Returns which function is missing because a library is not installed; None: none is."""
+        if importlib.util.find_spec(METRICS_LIBRARY) is None:
+            return f"no /metrics: the Python package {METRICS_LIBRARY} is not installed"
+        return None
+
+    def close(self) -> None:
+        """Disconnects every page. Call in the server's loop."""
+        self.updates.close()
+
+    # Checks
+
+    def _route(self, handler: Handler) -> Handler:
+        """Answers errors as docs/api.md says."""
+
+        async def handle(request: web.Request) -> web.StreamResponse:
+            try:
+                return await handler(request)
+            except ApiError as error:
+                return error.response()
+            except ConfigError as error:
+                return ApiError(400, error.problem).response()
+            except (ServiceError, BusyError) as error:
+                return ApiError(503, str(error)).response()
+
+        return handle
+
+    def _reading_route(self, handler: Handler) -> Handler:
+        async def handle(request: web.Request) -> web.StreamResponse:
+            if not self._sessions.admits(request.headers, request.cookies):
+                raise ApiError(401, "a token is required", {"WWW-Authenticate": "Bearer"})
+            return await handler(request)
+
+        return self._route(handle)
+
+    def _changing_route(self, handler: Callable[[Json], Awaitable[object]]) -> Handler:
+        async def handle(request: web.Request) -> web.StreamResponse:
+            check_same_origin(request)
+            return json_response(await handler(await read_object(request)))
+
+        return self._reading_route(handle)
+
+    # Login
+
+    async def _login(self, request: web.Request) -> web.StreamResponse:
+        check_same_origin(request)
+        client = request.remote or ""
+        try:
+            self._logins.check(client)
+        except TooManyLoginsError as error:
+            raise ApiError(429, str(error), {"Retry-After": f"{error.wait_s:.0f}"}) from None
+        body = await read_object(request)
+        response = json_response({"ok": True})
+        if self._sessions.required:
+            if not self._sessions.is_token(body.get("token")):
+                self._logins.note_wrong(client)
+                raise ApiError(401, "wrong token")
+            self._set_cookie(request, response, self._sessions.new_session(), SESSION_S)
+        return response
+
+    async def _logout(self, request: web.Request) -> web.StreamResponse:
+        check_same_origin(request)
+        response = json_response({"ok": True})
+        self._set_cookie(request, response, "", 0)
+        return response
+
+    def _set_cookie(self, request: web.Request, response: web.Response, value: str, max_age_s: int) -> None:
+        secure = "; Secure" if request.secure else ""
+        cookie = f"{self._sessions.cookie}={value}; Path=/; Max-Age={max_age_s}; HttpOnly; SameSite=Strict{secure}"
+        response.headers.add("Set-Cookie", cookie)  # set_cookie of aiohttp 3.6 knows no SameSite
+
+    # State
+
+    async def _get_state(self, request: web.Request) -> web.StreamResponse:
+        robot, window = request.query.get("robot", ""), request.query.get("window", "1") != "0"
+        if robot and robot not in (alert_system.robot for alert_system in self._robots()):
+            raise ApiError(404, f"there is no robot {robot}")
+        body = await self._shared_answer(robot, window)
+        return web.Response(body=body, content_type="application/json", headers=API_HEADERS)
+
+    async def _shared_answer(self, robot: str, window: bool) -> bytes:
+        """Returns `/api/state`; requests at the same time share one answer."""
+        key = robot, window
+        answer = self._answers.get(key)
+        if answer is None:
+            answer = self._answers[key] = asyncio.ensure_future(self._encode_state(robot, window))
+
+            def forget() -> None:
+                self._answers.pop(key, None)
+
+            loop = asyncio.get_event_loop()
+            answer.add_done_callback(lambda done: loop.call_later(_KEPT_S, forget))
+        return await asyncio.shield(answer)
+
+    async def _encode_state(self, robot: str, window: bool) -> bytes:
+        state = await self._read_state(robot, window)
+        robots = state.pop("robots")
+        parts = []
+        for name, one in robots.items():
+            parts.append(json_bytes(name) + b":" + json_bytes(one))
+            await asyncio.sleep(0)  # large fleets take long
+        return json_bytes(state)[:-1] + b',"robots":{' + b",".join(parts) + b"}}"
+
+    async def _read_state(self, robot: str = "", window: bool = False) -> Json:
+        robots: Json = {}
+        for number, reader in enumerate(self._current_readers()):
+            name = reader.alert_system.robot
+            if robot in ("", name):
+                robots[name] = await self._read(partial(reader.state, window=window))
+            if number % _ROBOTS_AT_ONCE == _ROBOTS_AT_ONCE - 1:
+                await asyncio.sleep(0)
+        silences = [] if self._silences is None else [silence_json(silence) for silence in self._silences.active()]
+        return {
+            "version": package_version(),
+            "now": iso_time(self._wall_time_s()),
+            "worst": Level.worst(Level[each["level"]] for each in robots.values()).name,
+            "history": self._history is not None,
+            "silencing": self._silences is not None,
+            "can_change": True,  # every client that may read
+            "silences": silences,
+            "robots": robots,
+        }
+
+    async def _read_samples(self, robot: str, before: Optional[Samples]) -> Optional[Samples]:
+        for reader in self._current_readers():
+            if reader.alert_system.robot == robot:
+                return await self._read(partial(reader.samples, before))
+        return None
+
+    def _current_readers(self) -> List[RobotReader]:
+        """Returns the readers of the robots that are watched now."""
+        robots = self._robots()
+        known = self._readers
+        self._readers = {robot: known.get(robot) or RobotReader(robot, self._wall_time_s) for robot in robots}
+        return list(self._readers.values())
+
+    async def _read(self, function: Callable[[], Result]) -> Result:
+        """Reads robots: in a thread if that may wait."""
+        return function() if self._reading is None else await self._reading.run(function)
+
+    def _robot(self, name: object) -> AlertSystem:
+        for alert_system in self._robots():
+            if alert_system.robot == name:
+                return alert_system
+        raise ApiError(404, f"there is no robot {name}")
+
+    # History
+
+    async def _get_history(self, request: web.Request) -> web.StreamResponse:
+        history, query = self._require_history(), query_of(request.query)
+        return json_response(await self._worker.run(lambda: history.alerts(query)))
+
+    async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
+        history, text = self._require_history(), request.match_info["id"]
+        number = int(text) if text.isdigit() and len(text) < 19 else -1
+        found = await self._worker.run(lambda: history.alert(number))
+        if found is None:
+            raise ApiError(404, f"there is no alert {text}")
+        alert, samples = found
+        unit = ""
+        bounds: List[Json] = []
+        for reader in self._current_readers():
+            if reader.alert_system.robot == alert["robot"]:
+                unit, bounds = reader.plot_of(alert["signal"])
+        return json_response({"alert": alert, "unit": unit, "bounds": bounds, "samples": samples})
+
+    def _require_history(self) -> PastAlerts:
+        if self._history is None:
+            raise ApiError(404, "there is no history; ops.yaml configures one")
+        return self._history
+
+    # Changes
+
+    async def _add_silence(self, body: Json) -> object:
+        silences = self._require_silences()
+        return {"silence": silence_json(await self._worker.run(lambda: new_silence(silences, body)))}
+
+    async def _expire_silence(self, body: Json) -> object:
+        silences = self._require_silences()
+        await self._worker.run(lambda: expire_silence(silences, body))
+        return {"ok": True}
+
+    def _require_silences(self) -> SilenceSource:
+        if self._silences is None:
+            raise ApiError(404, "there are no silences; ops.yaml configures a history for them")
+        return self._silences
+
+    async def _reset(self, body: Json) -> object:
+        alert_system = self._robot(body.get("robot"))
+        message = await self._read(alert_system.reset)
+        self.updates.note_change()
+        return {"message": message}
+
+    # Metrics and health
+
+    async def _get_metrics(self, request: web.Request) -> web.StreamResponse:
+        if importlib.util.find_spec(METRICS_LIBRARY) is None:
+            raise ApiError(501, str(self.missing()))
+        robots = []
+        for number, alert_system in enumerate(self._robots()):
+            robots.append(await self._read(partial(self._metrics.read, alert_system)))
+            if number % _ROBOTS_AT_ONCE == _ROBOTS_AT_ONCE - 1:
+                await asyncio.sleep(0)
+        body, content_type = await self._worker.run(lambda: self._metrics.render(robots))
+        return web.Response(body=body, headers={**API_HEADERS, "Content-Type": content_type})
+
+    async def _get_health(self, request: web.Request) -> web.StreamResponse:
+        late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]
+        if not late:
+            return json_response({"ok": True})
+        oldest_s = max(robot.tick_age_s for robot in late)
+        return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, status=503)
+
+
+async def _refuse_path(request: web.Request) -> web.StreamResponse:
+    raise ApiError(404, "there is no such path, or it does not take this method")

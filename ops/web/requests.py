@@ -1,0 +1,110 @@
+"""Checks and reads requests, and writes answers, as docs/api.md describes them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any, Dict, Mapping, Optional
+from urllib.parse import urlsplit
+
+from aiohttp import web
+
+__all__ = ["API_HEADERS", "ApiError", "check_same_origin", "json_bytes", "json_response", "read_object"]
+
+MOST_BODY = 16_384
+"""Largest body of a request, in bytes."""
+_BODY_TIMEOUT_S = 10.0
+
+SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+API_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+
+
+class ApiError(Exception):
+    """A request that is refused or failed."""
+
+    def __init__(self, status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> None:
+        """Creates the error.
+
+        Args:
+            status: HTTP status.
+            text: one line for the client.
+            headers: further headers of the answer.
+        """
+        super().__init__(text)
+        self.status = status
+        self.headers = headers or {}
+
+    def response(self) -> web.Response:
+        """Returns the answer."""
+        return json_response({"error": str(self)}, status=self.status, headers=self.headers)
+
+
+def json_bytes(value: object) -> bytes:
+    """Returns JSON in ASCII.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def json_response(value: object, *, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
+    """Returns an answer with JSON, which must not be cached."""
+    return web.Response(
+        status=status,
+        body=json_bytes(value),
+        content_type="application/json",
+        headers={**API_HEADERS, **(headers or {})},
+    )
+
+
+def check_same_origin(request: web.Request) -> None:
+    """Checks that a browser sends a request only for the server's own page. Other clients send neither header.
+
+    Raises:
+        ApiError: it comes from another page.
+    """
+    origin = request.headers.get("Origin")
+    site = request.headers.get("Sec-Fetch-Site")
+    try:
+        is_own = origin is None or urlsplit(origin).netloc.lower() == request.headers.get("Host", "").lower() != ""
+    except ValueError:
+        is_own = False
+    if not is_own or site not in (None, "same-origin", "none"):
+        raise ApiError(403, "requests that change something must come from the server's own page")
+
+
+async def read_object(request: web.Request) -> Dict[str, Any]:
+    """Returns the JSON object in a request's body.
+
+    Raises:
+        ApiError: it is too large, does not come in time, or is no JSON object.
+    """
+    if request.content_type != "application/json":
+        raise ApiError(415, "expected Content-Type: application/json")
+    if (request.content_length or 0) > MOST_BODY:
+        raise ApiError(413, f"expected a body of at most {MOST_BODY} bytes")
+    try:
+        body = await asyncio.wait_for(_read(request), _BODY_TIMEOUT_S)
+    except asyncio.TimeoutError:
+        raise ApiError(400, "the body did not come in time") from None
+    try:
+        value = json.loads(body.decode("utf-8"), parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        raise ApiError(400, "expected a JSON object, got something else") from None
+    if not isinstance(value, dict):
+        raise ApiError(400, "expected a JSON object, got something else")
+    return value
+
+
+async def _read(request: web.Request) -> bytes:
+    body = bytearray()
+    async for chunk in request.content.iter_chunked(4096):
+        body += chunk
+        if len(body) > MOST_BODY:
+            raise ApiError(413, f"expected a body of at most {MOST_BODY} bytes")
+    return bytes(body)
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(constant)

@@ -1,0 +1,107 @@
+"""Silences as JSON values: what pages show, and what they ask for."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Mapping, Optional, Protocol, Sequence
+
+from ..matchers import Matcher, matchers_text
+from ..silences import Silence
+from .requests import ApiError
+from .state import iso_time
+
+__all__ = ["SilenceSource", "expire_silence", "new_silence", "silence_json"]
+
+_MOST_TEXT = 200
+
+
+class SilenceSource(Protocol):
+    """What is needed of the silences; `ops.silences.Silences`."""
+
+    def active(self) -> Sequence[Silence]:
+        """Returns the active silences, oldest first."""
+
+    def add(
+        self,
+        matchers: Sequence[Matcher],
+        *,
+        for_s: Optional[float] = ...,
+        until_resolved: bool = ...,
+        reason: str = ...,
+        author: str = ...,
+    ) -> Silence:
+        """Adds a silence.
+
+        Raises:
+            ConfigError: it is not possible.
+            ServiceError: the history failed or did not answer.
+        """
+
+    def expire(self, number: int) -> Silence:
+        """Ends a silence.
+
+        Raises:
+            ConfigError: there is no such silence, or it has ended.
+            ServiceError: the history failed or did not answer.
+        """
+
+
+def silence_json(silence: Silence) -> Dict[str, Any]:
+    """Returns a silence as docs/api.md describes it."""
+    return {
+        "id": str(silence.id),
+        "matchers": matchers_text(silence.matchers),
+        "reason": silence.reason,
+        "author": silence.author,
+        "since": iso_time(silence.created_s),
+        "until": None if silence.until_s is None else iso_time(silence.until_s),
+        "until_resolved": silence.until_resolved,
+    }
+
+
+def new_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
+    """Adds the silence that a request asks for. May block.
+
+    Raises:
+        ApiError: a value is missing or invalid.
+        ConfigError: it is not possible.
+        ServiceError: the history failed or did not answer.
+    """
+    robot, signal = _text(body, "robot"), _text(body, "signal")
+    if not robot:
+        raise ApiError(400, "robot: expected a name or a pattern, got nothing")
+    matchers = [Matcher("robot", True, robot)] + ([Matcher("signal", True, signal)] if signal else [])
+    for_s = body.get("for_s")
+    if for_s is not None and (isinstance(for_s, bool) or not isinstance(for_s, (int, float))):
+        raise ApiError(400, "for_s: expected a number of seconds")
+    if for_s is not None and not 0 < for_s < 1e9:
+        raise ApiError(400, "for_s: expected seconds above 0, at most a year")
+    return silences.add(
+        matchers,
+        for_s=None if for_s is None else float(for_s),
+        until_resolved=body.get("until_resolved") is True,
+        reason=_text(body, "reason"),
+        author=_text(body, "author"),
+    )
+
+
+def expire_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
+    """Ends the silence that a request names. May block.
+
+    Raises:
+        ApiError: it is not named.
+        ConfigError: there is no such silence, or it has ended.
+        ServiceError: the history failed or did not answer.
+    """
+    text = str(body.get("id", ""))[:20]
+    if not (text.isascii() and text.isdigit()):
+        raise ApiError(400, "id: expected the id of a silence")
+    return silences.expire(int(text))
+
+
+def _text(body: Mapping[str, Any], name: str) -> str:
+    value = body.get(name)
+    if value is None:
+        return ""
+    if not isinstance(value, str) or len(value) > _MOST_TEXT:
+        raise ApiError(400, f"{name}: expected a text of at most {_MOST_TEXT} characters")
+    return value

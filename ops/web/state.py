@@ -1,0 +1,187 @@
+"""The state of robots as JSON values: the part of docs/api.md that describes robots and signals."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from datetime import datetime, timezone
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from robot_health_monitor.core import explanation
+from robot_health_monitor.core.config import SignalConfig
+from robot_health_monitor.core.explanation import Judgement
+from robot_health_monitor.core.formatting import with_unit
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.monitor import Monitor
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.quality import as_float, converted
+
+from ..plot import plot_bounds
+
+__all__ = ["MOST_SAMPLES", "RobotReader", "Samples", "iso_time"]
+
+MOST_SAMPLES = 300
+"""Most samples of one signal in an answer."""
+
+_OFFSET_TOLERANCE_S = 0.25
+"""Wall time and the monitor's time may drift apart by this much before samples get other wall times."""
+
+Json = Dict[str, Any]
+
+
+def iso_time(wall_s: float) -> Optional[str]:
+    """Returns a time in s since 1970 as ISO 8601 in UTC, with milliseconds; None where there is no such date."""
+    try:
+        return datetime.fromtimestamp(wall_s, timezone.utc).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
+class Samples(NamedTuple):
+    """Samples of one robot's signals."""
+
+    full: bool
+    """True: all samples of the windows. False: those since the time that was asked for."""
+    signals: Mapping[str, Sequence[Tuple[float, float]]]
+    """By signal: time in s since 1970 and value."""
+    window_s: Mapping[str, float]
+    """Length of each window, in s."""
+    last_s: Mapping[str, float]
+    """Time of the newest sample, on the monitor's clock."""
+    offset_s: float
+    """Wall time minus the monitor's clock, in s."""
+
+
+class _Known(NamedTuple):
+    """What is kept of a signal so that it need not be made again."""
+
+    config: SignalConfig
+    bounds: List[Json]
+    since_s: float
+    since: Optional[str]
+
+
+class RobotReader:
+    """Reads the state of one robot. May be used in any thread."""
+
+    def __init__(self, alert_system: AlertSystem, wall_time_s: Callable[[], float] = time.time) -> None:
+        """Reads nothing yet.
+
+        Args:
+            alert_system: the node that judges the robot.
+            wall_time_s: seconds since 1970.
+        """
+        self.alert_system = alert_system
+        self._wall_time_s = wall_time_s
+        self._lock = threading.Lock()
+        self._known: Dict[str, _Known] = {}
+        self._offset_s = math.nan
+
+    def state(self, *, window: bool) -> Json:
+        """Returns the robot's state as in `/api/state`.
+
+        Args:
+            window: with the samples.
+        """
+
+        def read(monitor: Monitor, now_s: float) -> Json:
+            self._follow_clock(now_s)
+            judgements = monitor.judgements(now_s)
+            return self._robot(monitor, judgements, self._windows(monitor, judgements) if window else {})
+
+        with self._lock:
+            return self.alert_system.read(read)
+
+    def samples(self, before: Optional[Samples] = None) -> Samples:
+        """Returns the samples of the windows.
+
+        Args:
+            before: an earlier result: only newer samples; None: all.
+        """
+
+        def read(monitor: Monitor, now_s: float) -> Samples:
+            self._follow_clock(now_s)
+            names = monitor.judgements(now_s)
+            found = {name: monitor.window_samples(name, MOST_SAMPLES) for name in names}
+            last_s = {name: samples[-1][0] for name, samples in found.items() if samples}
+            full = before is None or before.offset_s != self._offset_s or _went_back(before.last_s, last_s)
+            since_s: Mapping[str, float] = {} if before is None or full else before.last_s
+            signals = {
+                name: [(t + self._offset_s, value) for t, value in samples if t > since_s.get(name, -math.inf)]
+                for name, samples in found.items()
+            }
+            window_s = {name: judgement.config.window_s for name, judgement in names.items()}
+            return Samples(full, signals, window_s, {**since_s, **last_s}, self._offset_s)
+
+        with self._lock:
+            return self.alert_system.read(read)
+
+    def plot_of(self, signal: str) -> Tuple[str, List[Json]]:
+        """Returns the unit of a signal's samples and its bounds; empty if it is not watched."""
+        config = self.alert_system.monitor.config.signals.get(signal)
+        return ("", []) if config is None else (config.unit, plot_bounds(config))
+
+    def _follow_clock(self, now_s: float) -> None:
+        offset_s = self._wall_time_s() - now_s
+        if not abs(offset_s - self._offset_s) <= _OFFSET_TOLERANCE_S:  # also the first time
+            self._offset_s = offset_s
+
+    def _windows(self, monitor: Monitor, names: Mapping[str, Any]) -> Mapping[str, List[List[float]]]:
+        offset_s = self._offset_s
+        return {
+            name: [[round(t + offset_s, 3), value] for t, value in monitor.window_samples(name, MOST_SAMPLES)]
+            for name in names
+        }
+
+    def _robot(
+        self, monitor: Monitor, judgements: Mapping[str, Judgement], windows: Mapping[str, List[List[float]]]
+    ) -> Json:
+        level = Level.worst(judgement.level for judgement in judgements.values())
+        signals = {name: self._signal(name, judgement, windows.get(name, [])) for name, judgement in judgements.items()}
+        cause = None
+        if level is not Level.OK:
+            cause = next(name for name, judgement in judgements.items() if judgement.level is level)
+        own_level, own_message = self.alert_system.own_state()
+        return {
+            "level": level.name,
+            "link": {None: None, True: "up", False: "down"}[monitor.link_up],
+            "signal": cause,
+            "message": signals[cause]["message"] if cause is not None else "",
+            "since": signals[cause]["since"] if cause is not None else None,
+            "monitor": {"level": own_level.name, "message": own_message},
+            "signals": signals,
+        }
+
+    def _signal(self, name: str, judgement: Judgement, window: List[List[float]]) -> Json:
+        known = self._known.get(name)
+        if known is None or known.since_s != judgement.since_s or known.config is not judgement.config:
+            config, since_s = judgement.config, judgement.since_s
+            known = _Known(config, plot_bounds(config), since_s, iso_time(since_s + self._offset_s))
+            self._known[name] = known
+        config = known.config
+        number = converted(config, as_float(judgement.latest)) if judgement.seen else math.nan
+        text = explanation.latest_text(judgement)
+        return {
+            "level": judgement.level.name,
+            "state": judgement.state,
+            "value": number if math.isfinite(number) else None,
+            "unit": config.unit,
+            "message": explanation.reason(judgement),
+            "since": known.since,
+            "silenced": self.alert_system.silence_of(name),
+            "bounds": known.bounds,
+            "window": window,
+            "text": with_unit(text, config.unit) if text else "",
+            "statistic": config.statistic,
+            "judged": judgement.judged,
+            "judged_unit": explanation.judged_unit(config),
+            "flapping": judgement.flapping,
+            "latch": config.latch,
+        }
+
+
+def _went_back(before_s: Mapping[str, float], after_s: Mapping[str, float]) -> bool:
+    return any(last_s < before_s.get(name, last_s) for name, last_s in after_s.items()) or not (
+        before_s.keys() <= after_s.keys()
+    )

@@ -1,0 +1,263 @@
+"""Server-sent events: one reading and one encoding per update, however many pages are open; none without a page."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Set
+
+from aiohttp import web
+
+from .requests import API_HEADERS, ApiError, json_bytes
+from .state import Samples
+from .worker import BusyError
+
+__all__ = ["MOST_PAGES", "Updates", "changes"]
+
+MOST_PAGES = 200
+"""Most pages at a time."""
+MOST_WAITING = 10
+"""Events that may wait for a page, about one per second; a page that is slower is disconnected."""
+PERIOD_S = 1.0
+SHORTEST_S = 0.5
+"""Shortest time between two updates: a transition is sent at once, but a burst of them is one update."""
+_CHUNK = 65_536
+_RETRY = b"retry: 2000\n\n"
+_HEADERS = {**API_HEADERS, "Content-Type": "text/event-stream; charset=utf-8", "X-Accel-Buffering": "no"}
+
+Json = Dict[str, Any]
+
+
+class _Page:
+    """One open connection."""
+
+    def __init__(self, robot: str) -> None:
+        self.robot = robot
+        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 2)  # `state` and `samples` at the start
+        self.is_slow = asyncio.Event()
+
+    def send(self, event: bytes) -> None:
+        """Queues an event; a page that reads too slowly is to be disconnected."""
+        try:
+            self._waiting.put_nowait(event)
+        except asyncio.QueueFull:
+            self.is_slow.set()
+
+    async def next(self) -> bytes:
+        """Waits for the next event."""
+        return await self._waiting.get()
+
+
+class Updates:
+    """Sends the state to pages, then what changes."""
+
+    def __init__(
+        self,
+        read_state: Callable[[], Awaitable[Json]],
+        read_samples: Callable[[str, Optional[Samples]], Awaitable[Optional[Samples]]],
+        wall_time_s: Callable[[], float] = time.time,
+    ) -> None:
+        """Starts without pages.
+
+        Args:
+            read_state: returns the state without samples.
+            read_samples: returns a robot's samples since an earlier result, None if there is no such robot.
+            wall_time_s: seconds since 1970.
+        """
+        self._read_state = read_state
+        self._read_samples = read_samples
+        self._wall_time_s = wall_time_s
+        self._pages: Set[_Page] = set()
+        self._state: Optional[Json] = None
+        self._encoded_state: Optional[bytes] = None
+        self._samples: Dict[str, Samples] = {}
+        self._task: Optional[asyncio.Task[None]] = None
+        self._wake: Optional[asyncio.Event] = None
+        self._loop: Optional[asyncio.AbstractEventLoop] = None
+        self._reading: Optional[asyncio.Lock] = None
+        self._closed = False
+        self.encodings = 0
+        """How often an event was encoded."""
+
+    @property
+    def pages(self) -> int:
+        """Number of open pages."""
+        return len(self._pages)
+
+    def note_change(self) -> None:
+        """Something was announced: pages get it soon. May be called in any thread."""
+        loop, wake = self._loop, self._wake
+        if self._pages and loop is not None and wake is not None:
+            try:
+                loop.call_soon_threadsafe(wake.set)
+            except RuntimeError:
+                pass  # the loop is closed
+
+    async def serve(self, request: web.Request) -> web.StreamResponse:
+        """Answers `/api/events` until the page or the server closes the connection.
+
+        Raises:
+            ApiError: there are too many pages, or there is no such robot.
+        """
+        if len(self._pages) >= MOST_PAGES or self._closed:
+            raise ApiError(503, f"{MOST_PAGES} pages are open")
+        page = _Page(request.query.get("robot", ""))
+        await self._add(page)
+        try:
+            response = web.StreamResponse(headers=_HEADERS)
+            await response.prepare(request)
+            await self._write(page, request, response)
+            return response
+        finally:
+            self._remove(page)
+
+    def close(self) -> None:
+        """Disconnects every page. Call in the loop."""
+        self._closed = True
+        for page in self._pages:
+            page.is_slow.set()
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _write(self, page: _Page, request: web.Request, response: web.StreamResponse) -> None:
+        slow = asyncio.ensure_future(page.is_slow.wait())
+        writing = asyncio.ensure_future(_write_events(page, response))
+        try:
+            await asyncio.wait({slow, writing}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (slow, writing):
+                task.cancel()
+            await asyncio.wait({slow, writing})
+            if not writing.cancelled():
+                writing.exception()  # the page has gone: it is retrieved, so that asyncio does not log it
+            if request.transport is not None:
+                request.transport.abort()  # what waits for a page that does not read would be kept otherwise
+
+    async def _add(self, page: _Page) -> None:
+        if self._reading is None:
+            self._reading = asyncio.Lock()
+        async with self._reading:
+            if self._state is None:
+                self._state = await self._read_state()
+            if page.robot and page.robot not in self._state["robots"]:
+                raise ApiError(404, f"there is no robot {page.robot}")
+            page.send(_RETRY + self._state_event())
+            self._pages.add(page)
+            if self._task is None:
+                self._loop, self._wake = asyncio.get_event_loop(), asyncio.Event()
+                self._task = asyncio.ensure_future(self._run(self._wake))
+            if page.robot:
+                try:
+                    samples = await self._read_samples(page.robot, None)
+                except BusyError:
+                    samples = None
+                if samples is not None:
+                    self._samples.setdefault(page.robot, samples)
+                    page.send(self._samples_event(page.robot, samples))
+
+    def _remove(self, page: _Page) -> None:
+        self._pages.discard(page)
+        if not any(other.robot == page.robot for other in self._pages):
+            self._samples.pop(page.robot, None)
+        if not self._pages:
+            self._state = self._encoded_state = None
+            if self._task is not None:
+                self._task.cancel()
+                self._task = None
+
+    async def _run(self, wake: asyncio.Event) -> None:
+        """Updates the pages until it is cancelled."""
+        while True:
+            started_s = time.monotonic()
+            try:
+                await asyncio.wait_for(wake.wait(), PERIOD_S)
+                await asyncio.sleep(SHORTEST_S - (time.monotonic() - started_s))
+            except asyncio.TimeoutError:
+                pass
+            wake.clear()
+            try:
+                await self._update()
+            except BusyError:
+                pass  # without events the pages show that they have lost the monitor
+
+    async def _update(self) -> None:
+        assert self._reading is not None
+        async with self._reading:
+            before, after = self._state, await self._read_state()
+            changed = None if before is None else changes(before, after)
+            self._state, self._encoded_state = after, None
+            self._send("", self._state_event() if changed is None else self._event("change", changed))
+            for robot in sorted({page.robot for page in self._pages} - {""}):
+                samples = await self._read_samples(robot, self._samples.get(robot))
+                if samples is None:
+                    self._samples.pop(robot, None)
+                else:
+                    self._samples[robot] = samples
+                    self._send(robot, self._samples_event(robot, samples))
+
+    def _send(self, robot: str, event: bytes) -> None:
+        """Sends an event to the pages that show a robot; an empty name: to all."""
+        for page in self._pages:
+            if not robot or page.robot == robot:
+                page.send(event)
+
+    def _state_event(self) -> bytes:
+        if self._encoded_state is None:
+            self._encoded_state = self._event("state", self._state)
+        return self._encoded_state
+
+    def _samples_event(self, robot: str, samples: Samples) -> bytes:
+        signals = {
+            name: [[round(t, 3), value] for t, value in new]
+            for name, new in samples.signals.items()
+            if new or samples.full
+        }
+        data = {"robot": robot, "full": samples.full, "signals": signals, "window_s": samples.window_s}
+        return self._event("samples", data)
+
+    def _event(self, kind: str, data: object) -> bytes:
+        self.encodings += 1
+        return b"event: %s\ndata: %s\n\n" % (kind.encode("ascii"), json_bytes(data))
+
+
+async def _write_events(page: _Page, response: web.StreamResponse) -> None:
+    while True:
+        event = await page.next()
+        for start in range(0, len(event), _CHUNK):
+            await response.write(event[start : start + _CHUNK])
+
+
+def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> Optional[Json]:
+    """Returns what changed from one state to the next, as the event `change`; None if robots or signals did.
+
+    Args:
+        before: the earlier state.
+        after: the later one.
+    """
+    changed = _changed_keys(before, after, "robots")
+    old, new = before["robots"], after["robots"]
+    if list(old) != list(new):
+        return None
+    robots: Json = {}
+    for name, robot in new.items():
+        known = old[name]
+        if robot == known:
+            continue
+        if list(robot["signals"]) != list(known["signals"]):
+            return None
+        changed_robot = _changed_keys(known, robot, "signals")
+        signals = {
+            signal: _changed_keys(known["signals"][signal], state, "")
+            for signal, state in robot["signals"].items()
+            if state != known["signals"][signal]
+        }
+        if signals:
+            changed_robot["signals"] = signals
+        robots[name] = changed_robot
+    if robots:
+        changed["robots"] = robots
+    return changed
+
+
+def _changed_keys(before: Mapping[str, Any], after: Mapping[str, Any], without: str) -> Json:
+    return {key: value for key, value in after.items() if key != without and value != before.get(key)}

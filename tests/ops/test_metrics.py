@@ -1,0 +1,144 @@
+"""Metrics, as Prometheus' own tools read them."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from typing import Any, Dict
+
+import pytest
+
+pytest.importorskip("prometheus_client", reason="prometheus_client, which renders the metrics, is not installed")
+pytest.importorskip("aiohttp", reason="aiohttp, which serves them, is not installed")
+
+from harness.web import Robots
+from prometheus_client.parser import text_string_to_metric_families
+
+from robot_health_monitor.core.version import package_version
+from robot_health_monitor.ops.metrics import Metrics
+
+PROMTOOL = shutil.which("promtool")
+
+
+def watched(robots: Robots, metrics: Metrics) -> None:
+    for robot in robots.all:
+        count = metrics.counter(robot.robot)
+        robot.outlets.add("metrics", lambda event, count=count: count(event))
+
+
+def samples(metrics: Metrics, robots: Robots) -> Dict[str, Dict[Any, float]]:
+    """Returns the values by metric and labels, as prometheus_client's own parser reads them."""
+    body, content_type = metrics.render([metrics.read(robot) for robot in robots.all])
+    assert content_type.startswith("text/plain")
+    found: Dict[str, Dict[Any, float]] = {}
+    for family in text_string_to_metric_families(body.decode("utf-8")):
+        for sample in family.samples:
+            key = tuple(sample.labels.values())
+            assert key not in found.setdefault(sample.name, {})
+            found[sample.name][tuple(sorted(sample.labels.items()))] = sample.value
+    return found
+
+
+def labels(**given: str) -> Any:
+    return tuple(sorted(given.items()))
+
+
+def test_every_metric_has_its_value() -> None:
+    robots = Robots("atlas", "spot")
+    metrics = Metrics(lambda: 3, robots.wall_s)
+    watched(robots, metrics)
+    robots.observe(50.0)
+    robots.at(101.0)
+    robots.observe(19.0)
+    robots.observe(float("nan"))
+    robots.at(102.5)
+    robots.all[1].observe_link(False, "refused")
+    found = samples(metrics, robots)
+    battery = {"robot": "atlas", "signal": "battery_level"}
+    other = {"robot": "spot", "signal": "battery_level"}
+    assert found["robot_health_level"] == {
+        labels(**battery): 2.0,
+        labels(**other): 3.0,
+        labels(robot="spot", signal="link"): 2.0,
+    }
+    assert found["robot_health_value"] == {labels(**battery): 19.0, labels(robot="spot", signal="link"): 0.0}
+    assert found["robot_health_data_valid"] == {labels(**battery): 0.0, labels(robot="spot", signal="link"): 1.0}
+    assert found["robot_health_samples_total"][labels(**battery, quality="good")] == 2.0
+    assert found["robot_health_samples_total"][labels(**battery, quality="bad")] == 1.0
+    transitions = found["robot_health_transitions_total"]
+    assert {to: transitions[labels(**battery, to=to)] for to in ("OK", "WARN", "ERROR", "STALE")} == {
+        "OK": 0.0,
+        "WARN": 1.0,
+        "ERROR": 1.0,
+        "STALE": 0.0,
+    }
+    assert transitions[labels(robot="spot", signal="link", to="ERROR")] == 1.0
+    assert found["robot_health_link_up"] == {labels(robot="spot"): 0.0}
+    assert found["robot_health_notifications_waiting"] == {(): 3.0}
+    assert found["robot_health_last_tick_timestamp_seconds"] == {(): robots.wall_s()}
+    assert found["robot_health_build_info"] == {labels(version=package_version()): 1.0}
+
+
+def test_the_age_of_the_oldest_tick_is_seen() -> None:
+    robots = Robots("atlas", "spot")
+    robots.bus.nodes[0].cancel_timers()
+    robots.at(130.0)
+    found = samples(Metrics(wall_time_s=robots.wall_s), robots)
+    assert robots.wall_s() - found["robot_health_last_tick_timestamp_seconds"][()] == pytest.approx(30.0, abs=1.0)
+
+
+def test_counters_go_on_when_the_configuration_changes() -> None:
+    robots = Robots()
+    metrics = Metrics(wall_time_s=robots.wall_s)
+    watched(robots, metrics)
+    robots.observe(19.0)
+    before = samples(metrics, robots)
+    node = robots.bus.nodes[0]
+    node.set_parameter("signals.battery_level.warn_below", 10.0)
+    robots.all[0].reset()
+    robots.observe(9.0)
+    after = samples(metrics, robots)
+    for name in ("robot_health_samples_total", "robot_health_transitions_total"):
+        assert all(after[name][key] >= value for key, value in before[name].items())
+    key = labels(robot="atlas", signal="battery_level", to="WARN")
+    assert after["robot_health_transitions_total"][key] == before["robot_health_transitions_total"][key] + 1.0
+
+
+def test_a_repeated_announcement_is_no_transition() -> None:
+    robots = Robots(signals={"battery_level": {"warn_below": 20.0, "repeat_s": 1.0, "stale_after_s": 0.0}})
+    metrics = Metrics(wall_time_s=robots.wall_s)
+    watched(robots, metrics)
+    robots.observe(19.0)
+    for second in range(1, 6):
+        robots.at(100.0 + second)
+    key = labels(robot="atlas", signal="battery_level", to="WARN")
+    assert samples(metrics, robots)["robot_health_transitions_total"][key] == 1.0
+
+
+def test_names_are_escaped() -> None:
+    name = 'a"b\\c<d> {e} ü'
+    robots = Robots(name)
+    robots.observe(50.0)
+    found = samples(Metrics(wall_time_s=robots.wall_s), robots)
+    assert found["robot_health_level"] == {labels(robot=name, signal="battery_level"): 0.0}
+
+
+def test_without_robots_there_are_no_series_of_robots() -> None:
+    robots = Robots()
+    robots.all.clear()
+    found = samples(Metrics(wall_time_s=robots.wall_s), robots)
+    assert "robot_health_level" not in found
+    assert found["robot_health_last_tick_timestamp_seconds"] == {(): robots.wall_s()}
+
+
+@pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed (Debian's package prometheus)")
+def test_promtool_finds_nothing() -> None:
+    robots = Robots("atlas", 'a"b\\c')
+    robots.observe(50.0)
+    robots.all[0].observe_link(True)
+    metrics = Metrics(wall_time_s=robots.wall_s)
+    body, _ = metrics.render([metrics.read(robot) for robot in robots.all])
+    checked = subprocess.run(
+        [str(PROMTOOL), "check", "metrics"], input=body, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    assert (checked.returncode, checked.stdout.decode()) == (0, "")

@@ -1,0 +1,42 @@
+"""The parameters of a request for past alerts; test_interface.py has the answers."""
+
+from __future__ import annotations
+
+from typing import Mapping
+
+import pytest
+
+pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
+
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.ops.web.history import Query, query_of
+from robot_health_monitor.ops.web.requests import ApiError
+
+
+def test_parameters_that_are_left_out_or_empty_do_not_limit() -> None:
+    nothing = Query(None, None, None, None, None, 100)
+    assert query_of({}) == nothing
+    assert query_of({"robot": "", "signal": "", "level": "", "since": "", "before": "", "limit": ""}) == nothing
+
+
+def test_every_parameter_is_read() -> None:
+    given = {
+        "robot": "r1",
+        "signal": "b*",
+        "level": "WARN",
+        "since": "1970-01-01T00:01:00Z",
+        "before": "7",
+        "limit": "5",
+    }
+    assert query_of(given) == Query("r1", "b*", Level.WARN, 60.0, 7, 5)
+    assert query_of({"since": "1970-01-01T01:00:00+01:00"}).since_s == 0.0
+    assert query_of({"since": "1970-01-01T00:01:00.500"}).since_s == 60.5
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"level": "warn"}, {"since": "x"}, {"since": "\ud800"}, {"limit": "-1"}, {"limit": "٣"}, {"before": "9" * 5000}],
+)
+def test_an_invalid_parameter_is_named(given: Mapping[str, str]) -> None:
+    with pytest.raises(ApiError, match=f"^{next(iter(given))}: expected"):
+        query_of(given)

@@ -1,0 +1,641 @@
+"""The page and the API as clients see them: a real server, real requests."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+import pytest
+
+pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
+
+import aiohttp
+from harness.web import Robots, Site, open_page, with_site
+
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.silences import Silences
+from robot_health_monitor.ops.web.sessions import SESSION_S
+
+BEARER = {"Authorization": "Bearer s3cret"}
+EXPECTED = {
+    "level": "WARN",
+    "link": None,
+    "signal": "battery_level",
+    "message": "19 % is below 20 %",
+    "since": "2026-11-22T05:06:41.000Z",
+    "monitor": {"level": "OK", "message": "no faults"},
+    "signals": {
+        "battery_level": {
+            "level": "WARN",
+            "state": "firing",
+            "value": 19.0,
+            "unit": "%",
+            "message": "19 % is below 20 %",
+            "since": "2026-11-22T05:06:41.000Z",
+            "silenced": None,
+            "bounds": [{"level": "WARN", "side": "below", "value": 20.0, "clears": 22.0}],
+            "window": [[1_795_324_000.0, 50.0], [1_795_324_001.0, 19.0]],
+            "text": "19 %",
+            "statistic": "last",
+            "judged": 19.0,
+            "judged_unit": "%",
+            "flapping": False,
+            "latch": True,
+        }
+    },
+}
+
+
+def low_battery() -> Robots:
+    robots = Robots()
+    robots.observe(50.0)
+    robots.at(101.0)
+    robots.observe(19.0)
+    return robots
+
+
+# --- state ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_state_is_as_documented() -> None:
+    async def use(site: Site) -> None:
+        status, state = await site.get("/api/state")
+        assert status == 200
+        assert state.pop("version")
+        assert state == {
+            "now": "2026-11-22T05:06:41.000Z",
+            "worst": "WARN",
+            "history": False,
+            "silencing": False,
+            "can_change": True,
+            "silences": [],
+            "robots": {"atlas": EXPECTED},
+        }
+
+    with_site(use, low_battery())
+
+
+def test_the_state_of_one_robot_and_without_samples() -> None:
+    async def use(site: Site) -> None:
+        _, state = await site.get("/api/state?robot=spot&window=0")
+        assert list(state["robots"]) == ["spot"]
+        assert state["robots"]["spot"]["signals"]["battery_level"]["window"] == []
+        assert await site.get("/api/state?robot=talos") == (404, {"error": "there is no robot talos"})
+
+    with_site(use, Robots("atlas", "spot"))
+
+
+def test_requests_at_the_same_time_share_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def use(site: Site) -> None:
+        read = site.web._read_state
+        readings: List[str] = []
+
+        async def count(robot: str = "", window: bool = False) -> Dict[str, Any]:
+            readings.append(robot)
+            return await read(robot, window)
+
+        monkeypatch.setattr(site.web, "_read_state", count)
+        answers = await asyncio.gather(*(site.get("/api/state") for _ in range(100)))
+        assert {status for status, _ in answers} == {200}
+        assert readings == [""]
+
+    with_site(use)
+
+
+def test_a_thousand_requests_are_answered() -> None:
+    async def use(site: Site) -> None:
+        for _ in range(10):
+            answers = await asyncio.gather(*(site.get("/healthz") for _ in range(100)))
+            assert {status for status, _ in answers} == {200}
+
+    with_site(use)
+
+
+@pytest.mark.parametrize("name", ["<img src=x onerror=alert(1)>", "Großer Förderroboter 'Überlänge' \\ \"x\""])
+def test_names_are_data(name: str) -> None:
+    async def use(site: Site) -> None:
+        async with site.session.get(f"{site.url}/api/state") as response:
+            body = await response.read()
+            assert body.isascii()
+            assert list((await response.json())["robots"]) == [name]
+        assert (await site.get("/metrics"))[0] in (200, 501)
+        async with open_page(site) as page:
+            _, state = await page.next("state")
+            assert list(state["robots"]) == [name]
+
+    with_site(use, Robots(name))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 10**400, "\x1b[31m\ud800", None, b"\xff"])
+def test_any_value_gives_valid_json(value: object) -> None:
+    async def use(site: Site) -> None:
+        site.robots.observe(value)
+        status, state = await site.get("/api/state")
+        assert status == 200
+        signal = state["robots"]["atlas"]["signals"]["battery_level"]
+        assert signal["value"] is None
+        assert signal["message"].startswith("invalid data: ")
+        assert signal["message"].isprintable()
+        assert (await site.get("/metrics"))[0] in (200, 501)
+
+    with_site(use)
+
+
+# --- who may read -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ["/api/state", "/api/events", "/api/history", "/api/history/1", "/metrics"])
+def test_reading_needs_the_token(path: str) -> None:
+    async def use(site: Site) -> None:
+        async with site.session.get(site.url + path) as response:
+            assert response.status == 401
+            assert response.headers["WWW-Authenticate"] == "Bearer"
+            assert await response.json() == {"error": "a token is required"}
+        assert (await site.get(path, headers={"Authorization": "Bearer wrong"}))[0] == 401
+        assert (await site.get(path, headers={"Authorization": "Basic s3cret"}))[0] == 401
+
+    with_site(use, token="s3cret")
+
+
+def test_the_page_and_the_health_check_need_no_token() -> None:
+    async def use(site: Site) -> None:
+        assert (await site.get("/"))[0] == 200
+        assert await site.get("/healthz") == (200, {"ok": True})
+
+    with_site(use, token="s3cret")
+
+
+def test_a_program_presents_the_token_in_a_header() -> None:
+    async def use(site: Site) -> None:
+        assert (await site.get("/api/state", headers=BEARER))[0] == 200
+
+    with_site(use, token="s3cret")
+
+
+def test_a_page_gets_a_cookie_for_the_token() -> None:
+    async def use(site: Site) -> None:
+        assert await site.post("/api/login", {"token": "wrong"}) == (401, {"error": "wrong token"})
+        async with site.session.post(f"{site.url}/api/login", json={"token": "s3cret"}) as response:
+            assert (response.status, await response.json()) == (200, {"ok": True})
+            (cookie,) = response.headers.getall("Set-Cookie")
+        assert "s3cret" not in cookie
+        assert cookie.partition("; ")[2] == f"Path=/; Max-Age={SESSION_S}; HttpOnly; SameSite=Strict"
+        assert (await site.get("/api/state"))[0] == 200
+        async with open_page(site) as page:
+            assert (await page.next())[0] == "state"
+        assert await site.post("/api/logout", {}) == (200, {"ok": True})
+        assert (await site.get("/api/state"))[0] == 401
+
+    with_site(use, token="s3cret")
+
+
+def test_ten_wrong_tokens_lock_further_ones_for_a_while() -> None:
+    async def use(site: Site) -> None:
+        await site.post("/api/login", {"token": "s3cret"})
+        for _ in range(10):
+            assert (await site.post("/api/login", {"token": "guess"}))[0] == 401
+        async with site.session.post(f"{site.url}/api/login", json={"token": "s3cret"}) as response:
+            assert response.status == 429
+            assert 0 < int(response.headers["Retry-After"]) <= 60
+        assert (await site.get("/api/state"))[0] == 200  # who has a cookie is not affected
+
+    with_site(use, token="s3cret")
+
+
+def test_without_a_token_a_name_that_is_not_loopback_is_refused() -> None:
+    async def use(site: Site) -> None:
+        for path in ("/", "/api/state", "/metrics"):
+            assert (await site.get(path, headers={"Host": "rebound.example.org"}))[0] == 403
+
+    with_site(use)
+
+
+# --- changes ----------------------------------------------------------------------------------------------------------
+
+
+def test_reset_clears_latched_alerts() -> None:
+    async def use(site: Site) -> None:
+        site.robots.observe(50.0)
+        assert await site.post("/api/reset", {"robot": "atlas"}) == (200, {"message": "reset: battery_level"})
+        assert site.robots.all[0].monitor.report(101.0).overall is Level.OK
+        assert await site.post("/api/reset", {"robot": "spot"}) == (404, {"error": "there is no robot spot"})
+        assert (await site.post("/api/reset", {}))[0] == 404
+        assert (await site.post("/api/reset", {"robot": ["atlas"]}))[0] == 404
+
+    with_site(use, low_battery())
+
+
+def test_changes_need_the_token_and_the_servers_own_page() -> None:
+    async def use(site: Site) -> None:
+        body = {"robot": "atlas"}
+        assert (await site.post("/api/reset", body))[0] == 401
+        own = {**BEARER, "Origin": site.url, "Sec-Fetch-Site": "same-origin"}
+        assert (await site.post("/api/reset", body, headers=own))[0] == 200
+        for foreign in (
+            {"Origin": "https://evil.example.org"},
+            {"Origin": "http://127.0.0.1:1"},
+            {"Origin": "null"},
+            {"Origin": ""},
+            {"Sec-Fetch-Site": "cross-site"},
+            {"Sec-Fetch-Site": "same-site"},
+        ):
+            assert (await site.post("/api/reset", body, headers={**BEARER, **foreign}))[0] == 403, foreign
+        assert (await site.get("/api/reset", headers=BEARER))[0] == 404
+
+    with_site(use, token="s3cret")
+
+
+def test_a_page_of_another_local_server_may_not_change_anything() -> None:
+    async def use(site: Site) -> None:
+        status, answer = await site.post("/api/reset", {"robot": "atlas"}, headers={"Origin": "http://localhost:3000"})
+        assert (status, answer["error"]) == (403, "requests that change something must come from the server's own page")
+
+    with_site(use)
+
+
+@pytest.mark.parametrize(
+    ("body", "content_type", "status"),
+    [
+        (b'{"robot": "atlas"}', "text/plain", 415),
+        (b'{"robot": "atlas"}', "application/x-www-form-urlencoded", 415),
+        (b"", "application/json", 400),
+        (b"[1]", "application/json", 400),
+        (b"NaN", "application/json", 400),
+        (b"\xff\xfe", "application/json", 400),
+        (b"[" * 16_000, "application/json", 400),
+        (b"9" * 16_000, "application/json", 400),
+        (b'{"robot": "' + b"x" * 20_000 + b'"}', "application/json", 413),
+    ],
+)
+def test_a_body_that_is_no_small_json_object_is_refused(body: bytes, content_type: str, status: int) -> None:
+    async def use(site: Site) -> None:
+        headers = {"Content-Type": content_type}
+        async with site.session.post(f"{site.url}/api/reset", data=body, headers=headers) as response:
+            assert response.status == status
+            assert list(await response.json()) == ["error"]
+
+    with_site(use)
+
+
+def test_a_large_body_without_a_length_is_refused() -> None:
+    async def chunks() -> Any:
+        for _ in range(100):
+            yield b" " * 1000
+
+    async def use(site: Site) -> None:
+        headers = {"Content-Type": "application/json"}
+        try:
+            async with site.session.post(f"{site.url}/api/reset", data=chunks(), headers=headers) as response:
+                assert response.status == 413
+        except aiohttp.ClientConnectionError:
+            pass  # the server answered and closed before everything was sent
+
+    with_site(use)
+
+
+def test_unknown_paths_and_methods_are_errors_in_json() -> None:
+    async def use(site: Site) -> None:
+        for method, path in (("GET", "/api/nothing"), ("PUT", "/api/state"), ("POST", "/api/state")):
+            async with site.session.request(method, site.url + path) as response:
+                assert response.status == 404
+                assert list(await response.json()) == ["error"]
+
+    with_site(use)
+
+
+# --- events -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_page_gets_the_state_then_only_what_changed() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site) as page:
+            kind, state = await page.next()
+            assert kind == "state"
+            assert state["robots"]["atlas"]["signals"]["battery_level"]["window"] == []
+            site.robots.at(102.0)
+            site.robots.observe(9.0)
+            while True:
+                _, change = await page.next("change")
+                if "robots" in change:
+                    break
+            assert change == {
+                "now": "2026-11-22T05:06:42.000Z",
+                "robots": {
+                    "atlas": {
+                        "message": "9 % is below 20 %",
+                        "signals": {
+                            "battery_level": {
+                                "value": 9.0,
+                                "message": "9 % is below 20 %",
+                                "text": "9 %",
+                                "judged": 9.0,
+                            }
+                        },
+                    }
+                },
+            }
+
+    with_site(use, low_battery())
+
+
+def test_an_alert_is_sent_at_once_and_a_page_without_news_gets_the_time() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site) as page:
+            await page.next("state")
+            started_s = asyncio.get_event_loop().time()
+            site.robots.observe(9.0)
+            _, change = await page.next("change")
+            assert change["robots"]["atlas"]["level"] == change["worst"] == "WARN"
+            assert asyncio.get_event_loop().time() - started_s < 10.0
+            _, change = await page.next("change")
+            assert change == {}  # virtual time stands still
+
+    with_site(use)
+
+
+def test_a_page_gets_the_samples_of_the_robot_that_it_shows() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site, "?robot=atlas") as page, open_page(site, "?robot=spot") as other:
+            assert (await page.next())[0] == "state"
+            assert await page.next() == (
+                "samples",
+                {
+                    "robot": "atlas",
+                    "full": True,
+                    "signals": {"battery_level": [[1_795_324_000.0, 50.0]]},
+                    "window_s": {"battery_level": 60.0},
+                },
+            )
+            site.robots.at(101.0)
+            site.robots.observe(49.0)
+            while True:
+                _, samples = await page.next("samples")
+                if samples["signals"]:
+                    break
+            assert samples["full"] is False
+            assert samples["signals"] == {"battery_level": [[1_795_324_001.0, 49.0]]}
+            site.robots.at(50.0)  # time went back
+            site.robots.observe(48.0)
+            while not samples["full"]:
+                _, samples = await page.next("samples")
+            assert [value for _, value in samples["signals"]["battery_level"]] == [48.0]
+            _, samples = await other.next("samples")
+            assert (samples["robot"], samples["full"]) == ("spot", True)
+
+    robots = Robots("atlas", "spot")
+    robots.observe(50.0)
+    with_site(use, robots)
+
+
+def test_robots_that_come_and_go_are_a_new_state() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site) as page:
+            await page.next("state")
+            site.robots.all.append(site.robots.new("spot"))
+            _, state = await page.next("state")
+            assert list(state["robots"]) == ["atlas", "spot"]
+            del site.robots.all[0]
+            _, state = await page.next("state")
+            assert list(state["robots"]) == ["spot"]
+
+    with_site(use)
+
+
+def test_a_hundred_pages_cost_one_encoding() -> None:
+    async def use(site: Site) -> None:
+        pages = [open_page(site) for _ in range(100)]
+        opened = [await page.__aenter__() for page in pages]
+        for page in opened:
+            await page.next("state")
+        updates = site.web.updates
+        assert updates._task is not None
+        updates._task.cancel()  # the test makes the update
+        site.robots.observe(9.0)
+        before = updates.encodings
+        await updates._update()
+        assert updates.encodings == before + 1
+        for page in opened:
+            _, change = await page.next("change")
+            while "worst" not in change:
+                _, change = await page.next("change")
+            assert change["worst"] == "WARN"
+        for each in pages:
+            await each.__aexit__(None, None, None)
+
+    with_site(use)
+
+
+def test_without_a_page_nothing_is_read() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site) as page:
+            await page.next("state")
+        while site.web.updates.pages:
+            await asyncio.sleep(0.01)
+        assert site.web.updates._task is None
+        assert site.web.updates._state is None
+
+    with_site(use)
+
+
+def test_an_unknown_robot_has_no_samples() -> None:
+    async def use(site: Site) -> None:
+        assert await site.get("/api/events?robot=talos") == (404, {"error": "there is no robot talos"})
+        assert site.web.updates.pages == 0
+
+    with_site(use)
+
+
+def test_pages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.web.updates.MOST_PAGES", 1)
+
+    async def use(site: Site) -> None:
+        async with open_page(site) as page:
+            await page.next()
+            assert (await site.get("/api/events"))[0] == 503
+
+    with_site(use)
+
+
+def test_a_page_that_does_not_read_is_disconnected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.web.updates.PERIOD_S", 0.01)
+
+    async def use(site: Site) -> None:
+        with socket.socket() as page:
+            page.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            page.connect(("127.0.0.1", site.server.port))
+            page.send(b"GET /api/events?robot=atlas HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            while not site.web.updates.pages:
+                await asyncio.sleep(0.01)
+            (connection,) = site.server._connections._stages
+            connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+            now_s = 100.0
+            while site.web.updates.pages:
+                now_s += 1.0
+                site.robots.at(now_s)
+                for signal in many:
+                    site.robots.observe(now_s, signal)
+                await asyncio.sleep(0.01)
+
+    many = [f"signal_{number}" for number in range(200)]
+    with_site(use, Robots(signals={name: {"warn_above": 1e9} for name in many}))
+
+
+def test_the_end_of_the_server_ends_the_pages() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site) as page:
+            await page.next()
+            await asyncio.wait_for(site.server.close(), 5.0)
+            with pytest.raises((EOFError, aiohttp.ClientError)):
+                await page.next("none of this kind")
+
+    with_site(use)
+
+
+# --- history and silences ---------------------------------------------------------------------------------------------
+
+
+def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
+    robots = Robots(history_file=str(tmp_path / "history.db"))
+    robots.observe(50.0)
+    robots.at(101.0)
+    robots.observe(19.0)
+    robots.at(102.0)
+    robots.observe(18.0)
+
+    async def use(site: Site) -> None:
+        status, answer = await site.get("/api/history")
+        assert status == 200
+        (alert,) = answer["alerts"]
+        number = alert.pop("id")
+        expected = {
+            "time": "2026-11-22T05:06:41.000Z",
+            "robot": "atlas",
+            "signal": "battery_level",
+            "from_level": "OK",
+            "to_level": "WARN",
+            "value": 19.0,
+            "statistic": "last",
+            "bound": 20.0,
+            "since": "2026-11-22T05:06:40.000Z",
+            "text": "battery_level WARN: 19 % is below 20 % (was OK for 1 s)",
+            "repeat": False,
+        }
+        assert alert == expected
+        assert (answer["more"], answer["gaps"]) == (False, [])
+        status, answer = await site.get(f"/api/history/{number}")
+        assert answer == {
+            "alert": {"id": number, **expected},
+            "unit": "%",
+            "bounds": [{"level": "WARN", "side": "below", "value": 20.0, "clears": 22.0}],
+            "samples": [[1_795_324_000.0, 50.0], [1_795_324_001.0, 19.0]],
+        }
+        for path in ("/api/history/999", "/api/history/x", "/api/history/-1", f"/api/history/{'9' * 40}"):
+            assert (await site.get(path))[0] == 404
+        for query, found in (
+            ("robot=atlas&signal=battery_level&level=WARN&since=2026-11-22T05:00:00Z", 1),
+            ("robot=spot", 0),
+            ("level=ERROR", 0),
+            ("since=2026-11-22T06:00:00Z", 0),
+            (f"before={number}", 0),
+        ):
+            assert len((await site.get(f"/api/history?{query}"))[1]["alerts"]) == found, query
+        for query in ("level=BAD", "since=yesterday", "since=%ff", "limit=0", "limit=1001", "before=x", "limit=%F9"):
+            assert (await site.get(f"/api/history?{query}"))[0] == 400, query
+        assert (await site.get("/api/state"))[1]["history"] is True
+
+    with_site(use, robots)
+
+
+def test_more_alerts_come_page_by_page(tmp_path: Path) -> None:
+    robots = Robots(history_file=str(tmp_path / "history.db"))
+    for number in range(6):
+        robots.at(101.0 + number)
+        robots.observe(19.0 if number % 2 else 50.0)
+        robots.all[0].reset()
+
+    async def use(site: Site) -> None:
+        _, answer = await site.get("/api/history?limit=3")
+        levels: List[Tuple[str, bool]] = [(alert["to_level"], answer["more"]) for alert in answer["alerts"]]
+        assert levels == [("WARN", True), ("OK", True), ("WARN", True)]
+        _, answer = await site.get(f"/api/history?limit=3&before={answer['alerts'][-1]['id']}")
+        assert [alert["to_level"] for alert in answer["alerts"]] == ["OK", "WARN"]
+        assert answer["more"] is False
+
+    with_site(use, robots)
+
+
+def test_without_a_history_there_are_no_past_alerts_and_no_silences() -> None:
+    async def use(site: Site) -> None:
+        assert (await site.get("/api/history"))[0] == 404
+        assert (await site.get("/api/history/1"))[0] == 404
+        assert (await site.post("/api/silence", {"robot": "atlas", "for_s": 60}))[0] == 404
+        assert (await site.post("/api/silence/expire", {"id": "1"}))[0] == 404
+
+    with_site(use)
+
+
+def test_a_silence_is_added_shown_and_expired() -> None:
+    robots = low_battery()
+    history = History(None, robots.wall_s)
+    silences = Silences(history, None, robots.wall_s)
+
+    async def use(site: Site) -> None:
+        body = {"robot": "atlas", "signal": "battery*", "for_s": 3600, "reason": "<b>charging</b>", "author": "ana"}
+        status, answer = await site.post("/api/silence", body)
+        assert (status, answer) == (
+            200,
+            {
+                "silence": {
+                    "id": "1",
+                    "matchers": "robot=atlas,signal=battery*",
+                    "reason": "<b>charging</b>",
+                    "author": "ana",
+                    "since": "2026-11-22T05:06:41.000Z",
+                    "until": "2026-11-22T06:06:41.000Z",
+                    "until_resolved": False,
+                }
+            },
+        )
+        _, state = await site.get("/api/state")
+        assert state["silencing"] is True
+        assert state["silences"] == [answer["silence"]]
+        for bad in (
+            {"for_s": 60},
+            {"robot": "atlas"},
+            {"robot": "atlas", "for_s": 0},
+            {"robot": "atlas", "for_s": -1},
+            {"robot": "atlas", "for_s": True},
+            {"robot": "atlas", "for_s": "60"},
+            {"robot": "atlas", "for_s": 1e12},
+            {"robot": "x" * 1000, "for_s": 60},
+            {"robot": 3, "for_s": 60},
+        ):
+            assert (await site.post("/api/silence", bad))[0] == 400, bad
+        assert await site.post("/api/silence/expire", {"id": "1"}) == (200, {"ok": True})
+        for gone in ("1", "99", "x", "", None, "9" * 30):
+            assert (await site.post("/api/silence/expire", {"id": gone}))[0] in (400, 404), gone
+
+    try:
+        with_site(use, robots, silences=silences)
+    finally:
+        silences.close()
+        history.close()
+
+
+# --- health -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_monitor_that_does_not_tick_is_unhealthy() -> None:
+    async def use(site: Site) -> None:
+        assert await site.get("/healthz") == (200, {"ok": True})
+        node = site.robots.bus.nodes[0]
+        node.cancel_timers()
+        site.robots.at(105.0)
+        assert (await site.get("/healthz"))[0] == 200
+        site.robots.at(107.0)
+        assert await site.get("/healthz") == (503, {"ok": False, "error": "no tick for 7 s"})
+
+    with_site(use)

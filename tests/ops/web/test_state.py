@@ -1,0 +1,108 @@
+"""The state of one robot as JSON; test_interface.py has the common case."""
+
+from __future__ import annotations
+
+from harness.web import Robots
+
+from robot_health_monitor.ops.web.state import MOST_SAMPLES, RobotReader, iso_time
+
+
+def reader(robots: Robots) -> RobotReader:
+    return RobotReader(robots.all[0], robots.wall_s)
+
+
+def test_times_are_iso_8601_in_utc() -> None:
+    assert iso_time(0.0) == "1970-01-01T00:00:00.000Z"
+    assert iso_time(1_795_324_032.25) == "2026-11-22T05:07:12.250Z"
+    for impossible in (float("nan"), float("inf"), 1e300, -1e18):
+        assert iso_time(impossible) is None
+
+
+def test_a_signal_without_a_sample_is_unknown() -> None:
+    robots = Robots()
+    robots.at(101.0)
+    robot = reader(robots).state(window=True)
+    assert (robot["level"], robot["signal"], robot["message"]) == (
+        "STALE",
+        "battery_level",
+        "waiting for the first sample",
+    )
+    signal = robot["signals"]["battery_level"]
+    assert (signal["state"], signal["value"], signal["text"], signal["window"]) == ("waiting", None, "", [])
+
+
+def test_a_link_that_is_down_is_the_cause_and_the_others_are_unreachable() -> None:
+    robots = Robots()
+    robots.observe(19.0)
+    robots.all[0].observe_link(True)
+    assert reader(robots).state(window=False)["link"] == "up"
+    robots.at(101.0)
+    robots.all[0].observe_link(False, "connection refused")
+    robot = reader(robots).state(window=False)
+    assert (robot["level"], robot["link"], robot["signal"]) == ("ERROR", "down", "link")
+    assert robot["message"] == "down: connection refused"
+    signal = robot["signals"]["battery_level"]
+    assert (signal["level"], signal["state"], signal["value"]) == ("STALE", "unreachable", 19.0)
+
+
+def test_since_does_not_change_with_the_drift_of_clocks_nor_when_the_wall_clock_is_set() -> None:
+    robots = Robots()
+    robots.observe(19.0)
+    state = reader(robots)
+    before = state.state(window=False)["since"]
+    robots.wall_offset_s += 3600.0
+    assert state.state(window=False)["since"] == before
+
+
+def test_bounds_apply_to_the_statistic() -> None:
+    robots = Robots(
+        signals={"odom": {"statistic": "frequency_hz", "field": "", "warn_below": 8.0, "window_min_s": 0.0}}
+    )
+    for number in range(5):
+        robots.at(100.0 + number)
+        robots.observe(1.0, "odom")
+    signal = reader(robots).state(window=False)["signals"]["odom"]
+    assert (signal["statistic"], signal["judged"], signal["judged_unit"]) == ("frequency_hz", 1.0, "Hz")
+    assert signal["message"] == "rate 1 Hz is below 8 Hz"
+
+
+def test_a_silence_is_shown() -> None:
+    robots = Robots()
+    robots.all[0].silence_of = lambda signal: "on the charger (until 06:00)"
+    robots.at(101.0)
+    signal = reader(robots).state(window=False)["signals"]["battery_level"]
+    assert signal["silenced"] == "on the charger (until 06:00)"
+
+
+def test_samples_are_bounded_and_then_only_new_ones_follow() -> None:
+    robots = Robots()
+    state = reader(robots)
+    for number in range(400):
+        robots.at(100.0 + number / 100.0)
+        robots.observe(50.0 + number % 7)
+    all_samples = state.samples()
+    assert all_samples.full
+    assert len(all_samples.signals["battery_level"]) <= MOST_SAMPLES
+    robots.at(105.0)
+    robots.observe(42.0)
+    new = state.samples(all_samples)
+    assert not new.full
+    assert new.signals["battery_level"] == [(robots.wall_s(), 42.0)]
+    assert state.samples(new).signals["battery_level"] == []
+
+
+def test_a_wall_clock_that_is_set_moves_all_samples() -> None:
+    robots = Robots()
+    state = reader(robots)
+    robots.observe(50.0)
+    before = state.samples()
+    robots.wall_offset_s += 3600.0
+    after = state.samples(before)
+    assert after.full
+    assert after.signals["battery_level"] == [(robots.wall_s(), 50.0)]
+
+
+def test_the_plot_of_a_signal_that_is_not_watched_has_no_bounds() -> None:
+    robots = Robots()
+    assert reader(robots).plot_of("battery_level")[0] == "%"
+    assert reader(robots).plot_of("motor") == ("", [])
