@@ -6,11 +6,12 @@ import os
 import socket
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Dict, Iterator, List, Sequence
 
 import pytest
 from harness.chaos import PEERS, THRESHOLDS, Robot, new_seed
 from harness.line_process import LineProcess
+from harness.separate_network import SeparateNetwork
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,13 +55,22 @@ def robot_health(environment: Dict[str, str]) -> Iterator[Callable[..., LineProc
 
 @pytest.fixture
 def robot(environment: Dict[str, str]) -> Iterator[Callable[..., Robot]]:
-    """Starts a robot: (name of the peer, its arguments)."""
+    """Starts a robot: (name of the peer, its arguments, words before the command, variables)."""
     started: List[Any] = []
 
-    def start(peer: str, *arguments: object) -> Robot:
-        started.append(Robot([sys.executable, str(PEERS / f"{peer}.py"), *map(str, arguments)], environment))
+    def start(peer: str, *arguments: object, prefix: Sequence[str] = (), **variables: str) -> Robot:
+        command = [*prefix, sys.executable, str(PEERS / f"{peer}.py"), *map(str, arguments)]
+        started.append(Robot(command, {**environment, **variables}))
         return started[-1]
 
     yield start
     for each in started:
         each.end()
+
+
+@pytest.fixture
+def network() -> Iterator[SeparateNetwork]:
+    """A network between this machine and the robot, which can be cut."""
+    network = SeparateNetwork()
+    yield network
+    network.close()

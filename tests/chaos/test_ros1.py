@@ -1,4 +1,4 @@
-"""Chaos around alert_system on ROS 1: the node, the master and the log fail."""
+"""Chaos around alert_system on ROS 1: the node, the master and the network fail."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any, Callable, Dict, Iterator, List
 import pytest
 from harness.chaos import SIGNALS, START_S, Robot, Trial, check_stderr, end
 from harness.line_process import LineProcess
+from harness.separate_network import SeparateNetwork
 
 rospy = pytest.importorskip("rospy", reason="no ROS 1")
 if not shutil.which("roscore"):
@@ -28,17 +29,18 @@ class Roscore:
     """A ROS master that can be killed, stopped and started again on its port."""
 
     def __init__(self, folder: Path, port: int) -> None:
-        self.uri = f"http://127.0.0.1:{port}"
+        self.uri = ""
         self._port = port
-        self._environment = {**os.environ, "ROS_MASTER_URI": self.uri, "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder)}
+        self._environment = {**os.environ, "ROS_HOME": str(folder)}
         self._environment.pop("ROS_HOSTNAME", None)
         self.start()
 
-    def start(self) -> None:
+    def start(self, address: str = "127.0.0.1") -> None:
         """Starts it, and sets the parameters of alert_system."""
+        self.uri = f"http://{address}:{self._port}"
         self._process = subprocess.Popen(
             ["rosmaster", "--core", "-p", str(self._port)],
-            env=self._environment,
+            env={**self._environment, "ROS_MASTER_URI": self.uri, "ROS_IP": address},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -78,12 +80,14 @@ def environment(environment: Dict[str, str], master: Roscore, tmp_path: Path) ->
 
 
 @pytest.fixture
-def alert_system(environment: Dict[str, str]) -> Iterator[Callable[[], LineProcess]]:
+def alert_system(environment: Dict[str, str]) -> Iterator[Callable[..., LineProcess]]:
     started: List[LineProcess] = []
 
-    def start() -> LineProcess:
-        started.append(LineProcess([sys.executable, "-c", CODE], environment))
-        return started[-1]
+    def start(**variables: str) -> LineProcess:
+        process = LineProcess([sys.executable, "-c", CODE], {**environment, **variables})
+        started.append(process)
+        process.wait_for_text("watching battery_level")  # it has registered everything with the master
+        return process
 
     yield start
     for process in started:
@@ -164,5 +168,21 @@ def test_a_master_that_is_restarted_ends_the_node_and_a_new_one_works(
     peer.wait_until_connected()
     trial = Trial(seed, peer.alerts, peer.publish)
     trial.change(trial.pause)
+    trial.finish()
+    end(process)
+
+
+def test_the_loss_of_the_network_costs_no_alert(
+    alert_system: Any, robot: Any, master: Roscore, network: SeparateNetwork, seed: int
+) -> None:
+    master.kill()
+    master.start(network.here)  # another machine cannot reach it on loopback
+    process = alert_system(ROS_MASTER_URI=master.uri, ROS_IP=network.here)
+    peer: Robot = robot("ros1_peer", prefix=network.command, ROS_MASTER_URI=master.uri, ROS_IP=network.there)
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+    for _ in range(ROUNDS):
+        trial.change(trial.pause)
+        trial.change(lambda: trial.lose(network))
     trial.finish()
     end(process)

@@ -1,4 +1,4 @@
-"""Chaos around alert_system on ROS 2: the node and the robot fail."""
+"""Chaos around alert_system on ROS 2: the node, the robot and the network fail."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, Iterator, List, Sequence
 import pytest
 from harness.chaos import THRESHOLDS, Robot, Trial, check_stderr, end
 from harness.line_process import LineProcess
+from harness.separate_network import SeparateNetwork
 
 rclpy = pytest.importorskip("rclpy", reason="no ROS 2")
 
@@ -74,6 +75,21 @@ def test_a_node_that_is_killed_or_stopped_recovers(alert_system: Any, robot: Any
         peer = robot("ros2_peer")
         peer.wait_until_connected()
         trial = Trial(trial.chance.randrange(10**9), peer.alerts, peer.publish)
+    trial.finish()
+    end(process)
+
+
+def test_the_loss_of_the_network_costs_no_alert(
+    alert_system: Any, robot: Any, network: SeparateNetwork, seed: int
+) -> None:
+    process = alert_system(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    process.wait_for_text("watching battery_level")
+    peer: Robot = robot("ros2_peer", prefix=network.command, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    peer.wait_until_connected()
+    trial = Trial(seed, peer.alerts, peer.publish)
+    for _ in range(ROUNDS):
+        trial.change(trial.pause)
+        trial.change(lambda: trial.lose(network))
     trial.finish()
     end(process)
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Callable, List, Mapping, NamedTuple, Sequence
 
 from harness.line_process import LineProcess
+from harness.separate_network import SeparateNetwork
 
 PEERS = Path(__file__).parent / "chaos_peers"
 VALUES = {"OK": 50.0, "WARN": 15.0, "ERROR": 5.0}
@@ -140,6 +141,13 @@ class Trial:
         """Waits for a random time, so that what follows happens at a random moment."""
         time.sleep(self.chance.random() * longest_s)
 
+    def lose(self, network: SeparateNetwork) -> None:
+        """Cuts the network to the robot for a random time of up to 3 s."""
+        self.pause()
+        network.cut()
+        self.pause(3.0)
+        network.mend()
+
     def check(self) -> None:
         """Checks the alerts of the present life: each change once, in order.
 
@@ -154,7 +162,8 @@ class Trial:
         for _ in range(2):
             self.change()
         time.sleep(0.3)
-        assert self.seen() == self._lives[-1].wanted
+        wanted, seen = self._lives[-1].wanted, self.seen()
+        assert seen == wanted, f"expected {wanted}, got {seen}"
 
     def seen(self) -> List[str]:
         """Returns the alerts of the present life."""

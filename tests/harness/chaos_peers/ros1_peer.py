@@ -13,6 +13,12 @@ LEVELS = ("OK", "WARN", "ERROR", "STALE")
 value = 50.0
 
 
+def write(line: str) -> None:
+    """Writes a line at once: `print` writes its end apart, and two threads write here."""
+    sys.stdout.write(line)
+    sys.stdout.flush()
+
+
 def read_stdin() -> None:
     global value
     for line in sys.stdin:
@@ -21,7 +27,7 @@ def read_stdin() -> None:
 
 def take(status: DiagnosticStatus) -> None:
     if status.name.endswith(": battery_level"):
-        print(f"alert {LEVELS[status.level]}", flush=True)
+        write(f"alert {LEVELS[status.level]}\n")
 
 
 rospy.init_node("robot", disable_signals=True)
@@ -32,5 +38,5 @@ pause = threading.Event()
 while True:
     publisher.publish(value)
     if publisher.get_num_connections() and subscriber.get_num_connections():
-        print("connected", flush=True)
+        write("connected\n")
     pause.wait(0.05)

@@ -13,6 +13,12 @@ LEVELS = ("OK", "WARN", "ERROR", "STALE")
 value = 50.0
 
 
+def write(line: str) -> None:
+    """Writes a line at once: `print` writes its end apart, and two threads write here."""
+    sys.stdout.write(line)
+    sys.stdout.flush()
+
+
 def read_stdin() -> None:
     global value
     for line in sys.stdin:
@@ -21,13 +27,13 @@ def read_stdin() -> None:
 
 def take(status: DiagnosticStatus) -> None:
     if status.name.endswith(": battery_level"):
-        print(f"alert {LEVELS[ord(status.level)]}", flush=True)
+        write(f"alert {LEVELS[ord(status.level)]}\n")
 
 
 def publish() -> None:
     publisher.publish(Float32(data=value))
     if publisher.get_subscription_count() and node.count_publishers("/alerts"):
-        print("connected", flush=True)
+        write("connected\n")
 
 
 rclpy.init()
