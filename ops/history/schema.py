@@ -97,6 +97,12 @@ CREATE TABLE silenced_alerts (
     PRIMARY KEY (silence_id, robot, signal)
 ) WITHOUT ROWID;
 CREATE INDEX silenced_alerts_by_signal ON silenced_alerts(robot, signal);
+-- Transitions that are not yet queued for the targets of notifications.
+CREATE TABLE noted_transitions (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    at_s REAL NOT NULL,
+    transition_json TEXT NOT NULL
+);
 -- The latest transition of each alert that is open.
 CREATE TABLE open_alerts (
     fingerprint TEXT PRIMARY KEY,
@@ -129,7 +135,9 @@ CREATE TABLE notifications (
 CREATE INDEX notifications_by_alert ON notifications(target, fingerprint, id);
 """
 
-LIVE_TABLES = ("signal_states", "silences", "silenced_alerts", "open_alerts", "notified", "notifications")
+LIVE_TABLES = (
+    "signal_states", "silences", "silenced_alerts", "noted_transitions", "open_alerts", "notified", "notifications",
+)  # fmt: skip
 """Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
 written the monitor goes on with a copy of them in memory."""
 

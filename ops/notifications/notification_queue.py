@@ -1,8 +1,9 @@
 """The queue of notifications, in the history's database: written with the transition, read by one thread per target.
 
-Four rules keep it correct across restarts, silences and outages of any length:
+These rules keep it correct across restarts, silences and outages of any length:
 
-* A row is a transition that a target may have to be sent. It is stored in the transaction that stores the transition.
+* A transition is noted in the transaction that stores it, which is all that the alert waits for. Soon afterwards it
+  becomes a row for each target that may have to be sent it.
 * `notified` is what a target was last sent about an alert that is open there. What a row means for a target is decided
   only when it is its turn: compared with `notified`, the silences and the target's `min_level`.
 * The rows of one alert are sent in their order. A row that failed waits behind the other alerts.
@@ -30,6 +31,7 @@ MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
 
 _DROPPED_AT_ONCE = 100
+_DISTRIBUTED_AT_ONCE = 20  # transitions in one transaction, for which alerts have to wait
 _MOST_SKIPPED = 50  # rows that `take` discards in one transaction, for which alerts have to wait
 
 _HEAD = """
@@ -99,28 +101,48 @@ class NotificationQueue:
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
             unknown = [(name,) for name in known if name not in self._targets]
             connection.executemany(f"DELETE FROM {table} WHERE target = ?", unknown)
+        while self.distribute(connection):
+            pass
         self.reconcile(connection)
 
     def note(self, connection: sqlite3.Connection, transition: Transition, wall_s: float) -> None:
-        """Queues a transition for every target that it concerns.
+        """Notes a transition for `distribute`. The alert waits for this, so it is one insertion.
 
         Args:
             connection: inside the transaction that stores the transition.
             transition: what is announced.
             wall_s: when, in s since 1970.
         """
-        line = json_line(transition)
-        key, level = transition.fingerprint, transition.to_level
+        insert = "INSERT INTO noted_transitions (at_s, transition_json) VALUES (?, ?)"
+        connection.execute(insert, (wall_s, json_line(transition)))
+
+    def distribute(self, connection: sqlite3.Connection) -> bool:
+        """Queues the noted transitions for every target that they concern.
+
+        Returns:
+            Whether there are more: one call handles a bounded number.
+        """
+        query = "SELECT id, at_s, transition_json FROM noted_transitions ORDER BY id LIMIT ?"
+        rows = connection.execute(query, (_DISTRIBUTED_AT_ONCE,)).fetchall()
+        for _, at_s, line in rows:
+            self._queue(connection, at_s, line)
+        if rows:
+            connection.execute("DELETE FROM noted_transitions WHERE id <= ?", (rows[-1][0],))
+        return len(rows) == _DISTRIBUTED_AT_ONCE
+
+    def _queue(self, connection: sqlite3.Connection, at_s: float, line: str) -> None:
+        transition = json.loads(line)
+        key, robot, signal = (str(transition[name]) for name in ("fingerprint", "robot", "signal"))
+        level, is_repeat = Level[transition["to_level"]], bool(transition["repeat"])
         if level is Level.OK:
             connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
-        elif not transition.repeat:
-            row = (key, transition.robot, transition.signal, int(level), wall_s, line)
+        elif not is_repeat:
+            row = (key, robot, signal, int(level), at_s, line)
             connection.execute("INSERT OR REPLACE INTO open_alerts VALUES (?, ?, ?, ?, ?, ?)", row)
         for name, target in self._targets.items():
-            wanted = _wants(target, transition.robot, transition.signal, level)
             values = {
-                "target": name, "fingerprint": key, "level": int(level), "at_s": wall_s, "json": line,
-                "repeat": transition.repeat, "wanted": wanted,
+                "target": name, "fingerprint": key, "level": int(level), "at_s": at_s, "json": line,
+                "repeat": is_repeat, "wanted": _wants(target, robot, signal, level),
             }  # fmt: skip
             if connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0:
                 self._waiting[name] += 1

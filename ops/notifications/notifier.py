@@ -21,10 +21,13 @@ from .step_thread import StepThread
 CHECK_PERIOD_S = 1.0
 """Period of the check for silences that have expired, in s."""
 
+DISTRIBUTION_PERIOD_S = 0.05
+"""Period at which new transitions are queued for the targets, in s."""
+
 CLOSE_TIMEOUT_S = 1.0
 """How long `close` waits for notifications of targets that work, in s."""
 
-_PREPARE_TIMEOUT_S = 5.0
+_TIMEOUT_S = 5.0
 _CLOSE_POLL_S = 0.02
 
 
@@ -60,6 +63,8 @@ class Notifier:
         faults = Faults() if faults is None else faults
         self._faults = faults
         self._is_prepared = False
+        self._has_news = False
+        self._checked_s = time.monotonic() - CHECK_PERIOD_S
         self._watched: Optional[Collection[str]] = None
         alerted = [target for target in targets if target.type != "heartbeat"]
 
@@ -73,7 +78,7 @@ class Notifier:
         self._threads = {name: self._thread(name, delivery.step) for name, delivery in self._deliveries.items()}
         others = [self._thread(name, heartbeat.step) for name, heartbeat in self._heartbeats.items()]
         if alerted:
-            others.append(self._thread("queue", self._check))
+            others.append(self._thread("queue", self._step))
             history.on_record(self._note)
         self._others = others
         for thread in (*self._threads.values(), *others):
@@ -100,15 +105,11 @@ class Notifier:
             robots: names of all robots that are watched. Call when this is known, and when it changes.
         """
         self._watched = frozenset(robots)
-        for thread in self._others:
-            thread.wake()
 
     def close(self) -> None:
         """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
         until_s = time.monotonic() + CLOSE_TIMEOUT_S
-        while time.monotonic() < until_s and any(
-            self._queue.waiting(name) and not delivery.is_failing for name, delivery in self._deliveries.items()
-        ):
+        while time.monotonic() < until_s and (self._deliveries and self._has_work()):
             time.sleep(_CLOSE_POLL_S)
         threads = [*self._threads.values(), *self._others]
         for thread in threads:
@@ -118,6 +119,11 @@ class Notifier:
         for thread in threads:
             thread.join(max(0.0, until_s - time.monotonic()))
 
+    def _has_work(self) -> bool:
+        return self._has_news or any(
+            self._queue.waiting(name) and not delivery.is_failing for name, delivery in self._deliveries.items()
+        )
+
     def _thread(self, name: str, step: Callable[[], float]) -> StepThread:
         def report(error: Exception) -> None:
             self._faults.report(f"notify {name}", f"internal error: {type(error).__name__}")
@@ -125,9 +131,9 @@ class Notifier:
         return StepThread(f"notify {name}", step, report)
 
     def _note(self, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float) -> None:
-        """Queues a transition; runs inside the transaction that stores it."""
+        """Notes a transition; runs inside the transaction that stores it. Wakes no thread: the alert comes first."""
         self._queue.note(connection, transition, wall_s)
-        self._wake()
+        self._has_news = True
 
     def _wake(self) -> None:
         for name, delivery in self._deliveries.items():
@@ -135,25 +141,40 @@ class Notifier:
                 delivery.note_news()
                 self._threads[name].wake()
 
-    def _check(self) -> float:
-        """Queues alerts whose silence has expired; first, what is open since an earlier run."""
+    def _step(self) -> float:
+        """Queues new transitions, and each second what a change of silences or robots causes."""
         try:
             if not self._is_prepared:
-                self._history.run(self._queue.prepare, _PREPARE_TIMEOUT_S)
+                self._history.run(self._queue.prepare, _TIMEOUT_S)
                 self._is_prepared = True
                 self._wake()
-            watched = self._watched
-            if watched is not None:
-                now_s = self._wall_time_s()
-                self._history.run(
-                    lambda connection: self._queue.end_unwatched(connection, watched, now_s), _PREPARE_TIMEOUT_S
-                )
-                if self._watched is watched:
-                    self._watched = None
-                self._wake()
-            if self._queue.has_expired_silence():
-                self._history.run(self._queue.reconcile, _PREPARE_TIMEOUT_S)
-                self._wake()
+            if self._has_news:
+                self._distribute()
+            if time.monotonic() >= self._checked_s + CHECK_PERIOD_S:
+                self._checked_s = time.monotonic()
+                self._check()
         except ServiceError:
-            pass  # retried; the history reports its own fault
-        return CHECK_PERIOD_S
+            return CHECK_PERIOD_S  # the history reports its own fault
+        return DISTRIBUTION_PERIOD_S
+
+    def _distribute(self) -> None:
+        self._has_news = False  # first: a transition may be noted at any moment
+        try:
+            if self._history.run(self._queue.distribute, _TIMEOUT_S):
+                self._has_news = True
+        except ServiceError:
+            self._has_news = True
+            raise
+        self._wake()
+
+    def _check(self) -> None:
+        watched = self._watched
+        if watched is not None:
+            now_s = self._wall_time_s()
+            self._history.run(lambda connection: self._queue.end_unwatched(connection, watched, now_s), _TIMEOUT_S)
+            if self._watched is watched:
+                self._watched = None
+            self._wake()
+        if self._queue.has_expired_silence():
+            self._history.run(self._queue.reconcile, _TIMEOUT_S)
+            self._wake()

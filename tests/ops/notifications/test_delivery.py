@@ -61,6 +61,7 @@ class Bench:
             to_level=Level[level], signal=signal, fingerprint=signal, robot="r3", text=f"{signal} {level}"
         )
         self.queue.note(self.database.connection, event, 1_700_000_000.0 + self.now_s)
+        self.queue.distribute(self.database.connection)
         self.delivery.note_news()
 
     def run(self, until_s: float) -> List[float]:

@@ -46,6 +46,7 @@ class Bench:
             **fields,
         )
         self.queue.note(self.connection, event, self.now_s)
+        self.queue.distribute(self.connection)
 
     def take(self, target: str = "chat") -> Optional[Taken]:
         return self.queue.take(self.connection, target)
@@ -165,6 +166,24 @@ def test_an_alert_whose_end_the_history_lost_is_resolved() -> None:
     bench.connection.execute("DELETE FROM open_alerts")
     bench.restart()
     assert bench.deliver() == [("battery", "resolved", "WARN")]
+
+
+def test_a_transition_that_was_only_noted_when_the_monitor_was_killed_is_sent() -> None:
+    bench = Bench()
+    for number in range(45):
+        event = transition(robot="r3", signal=f"s{number}", fingerprint=f"fp-{number}")
+        bench.queue.note(bench.connection, event, 1.0)
+    assert bench.take() is None
+    bench.restart()
+    assert [signal for signal, _, _ in bench.deliver()] == [f"s{number}" for number in range(45)]
+
+
+def test_transitions_are_distributed_a_bounded_number_at_a_time() -> None:
+    bench = Bench()
+    for number in range(45):
+        bench.queue.note(bench.connection, transition(fingerprint=f"fp-{number}"), 1.0)
+    assert [bench.queue.distribute(bench.connection) for _ in range(3)] == [True, True, False]
+    assert bench.queue.waiting("chat") == 45
 
 
 def test_a_silenced_alert_is_sent_once_when_the_silence_expires() -> None:
