@@ -156,13 +156,13 @@ def report_web(web: WebInterface, log: Callable[[Severity, str], None], settings
         settings: those of the server.
         port: its port.
     """
-    log(Severity.INFO, f"web page: {_page_address(settings.address, port)}")
+    log(Severity.INFO, f"web page: {page_address(settings.address, port)}")
     missing = web.missing()
     if missing is not None:
         log(Severity.WARN, missing)
 
 
-def _page_address(address: str, port: int) -> str:
+def page_address(address: str, port: int) -> str:
     """Returns the address to open in a browser: of all addresses of this machine, its name."""
     host = platform.node() if address in ("0.0.0.0", "::", "") else address
     return f"http://{f'[{host}]' if ':' in host else host}:{port}/"

@@ -316,7 +316,10 @@ class WebInterface:
             robots.append(await self._read(partial(self._metrics.read, alert_system)))
             if number % _ROBOTS_AT_ONCE == _ROBOTS_AT_ONCE - 1:
                 await asyncio.sleep(0)
-        body, content_type = await self._worker.run(lambda: self._metrics.render(robots))
+        try:
+            body, content_type = await self._worker.run(lambda: self._metrics.render(robots))
+        except ImportError as error:
+            raise ApiError(501, f"no metrics: {METRICS_LIBRARY} cannot be imported: {error}") from None
         return web.Response(body=body, headers={**API_HEADERS, "Content-Type": content_type})
 
     async def _get_health(self, request: web.Request) -> web.StreamResponse:

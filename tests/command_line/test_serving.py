@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import platform
 import socket
 from typing import Any, Awaitable, Callable, List
 
@@ -17,7 +18,7 @@ from harness.rosbridge_peer import Peer
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.embedded import EmbeddedMonitor
-from robot_health_monitor.serving import ServerSettings, serve, stop_serving
+from robot_health_monitor.serving import ServerSettings, page_address, serve, stop_serving
 
 LOCAL = ServerSettings(port=0)
 
@@ -112,3 +113,35 @@ def test_an_address_that_others_can_reach_needs_a_token() -> None:
             await serve(EmbeddedMonitor(source="none"), LOCAL._replace(address="0.0.0.0"), required=False)
 
     asyncio.run(run())
+
+
+def test_the_address_of_the_page_is_logged_and_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: List[str] = []
+
+    async def run() -> None:
+        monitor = EmbeddedMonitor(robot="atlas", source="none", on_log=lambda line: lines.append(line.text))
+        server = await serve(monitor, LOCAL, required=True)
+        assert server is not None
+        port = server.port
+        await stop_serving(server)
+        monitor.close()
+        assert lines[-2:] == [
+            f"web page: http://127.0.0.1:{port}/",
+            "no /metrics: the Python package x is not installed",
+        ]
+
+    monkeypatch.setattr("robot_health_monitor.ops.web.interface.METRICS_LIBRARY", "x")
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("127.0.0.1", "http://127.0.0.1:9090/"),
+        ("::1", "http://[::1]:9090/"),
+        ("0.0.0.0", f"http://{platform.node()}:9090/"),
+        ("::", f"http://{platform.node()}:9090/"),
+    ],
+)
+def test_the_address_of_the_page_can_be_opened(address: str, shown: str) -> None:
+    assert page_address(address, 9090) == shown

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import platform
 import re
 import signal
+import time
 from pathlib import Path
-from typing import Any, List
+from typing import Any, List, Mapping, Tuple
 
 from harness.rosbridge_peer import Peer
 
@@ -24,7 +28,8 @@ def settings(folder: Path, port: int, token: str) -> str:
 
 
 async def look_at(port: int, token: str) -> List[Any]:
-    """Returns what a client sees: a battery level, the answer of `reset`, that of a service that it may not call."""
+    """Returns what a client sees: a battery level, the answer of `reset`, that of a service that it may not call, the
+    names of the parameters, and the answers to HTTP requests."""
     import aiohttp
 
     headers = {"Authorization": f"Bearer {token}"}
@@ -36,17 +41,44 @@ async def look_at(port: int, token: str) -> List[Any]:
         await peer.subscribe("/battery_level", type="std_msgs/Float32")
         level = await peer.receive()
         parameters = (await peer.call("/rosapi/get_param_names"))["values"]["names"]
-        return [level["msg"]["data"], reset["values"], refused["values"], parameters]
+        answers = {}
+        for path in ("", "api/state", "healthz", "metrics"):
+            async with session.get(url + path) as response:
+                answers[path] = response.status, await response.text()
+        async with session.post(f"{url}api/reset", json={"robot": platform.node()}) as response:
+            answers["api/reset"] = response.status, await response.text()
+    async with aiohttp.ClientSession() as session, session.get(f"{url}api/state") as response:
+        answers["without a token"] = response.status, await response.text()
+    return [level["msg"]["data"], reset["values"], refused["values"], parameters, answers]
+
+
+def check_web(answers: Mapping[str, Tuple[int, str]]) -> None:
+    """Checks the answers to the HTTP requests of `look_at`."""
+    assert answers[""][0] == 200 and "<!DOCTYPE html>" in answers[""][1]
+    robot = json.loads(answers["api/state"][1])["robots"][platform.node()]
+    battery = robot["signals"]["battery_level"]
+    assert (battery["level"], battery["state"]) == ("OK", "inactive")
+    assert battery["window"][-1][1] == battery["value"]
+    assert abs(battery["window"][-1][0] - time.time()) < 60.0
+    assert answers["healthz"] == (200, '{"ok":true}')
+    assert answers["api/reset"] == (200, '{"message":"reset: nothing was latched"}')
+    assert answers["without a token"] == (401, '{"error":"a token is required"}')
+    if importlib.util.find_spec("prometheus_client"):
+        assert f'robot_health_level{{robot="{platform.node()}",signal="battery_level"}} 0.0' in answers["metrics"][1]
+    else:
+        assert answers["metrics"][0] == 501
 
 
 def check_served(process: Any, seen: List[Any]) -> None:
     """Checks what `look_at` saw of `health_monitor`, and that the process ends as it should."""
-    level, reset, refused, parameters = seen
+    level, reset, refused, parameters, answers = seen
     assert 0.0 <= level <= 100.0
     assert reset == {"success": True, "message": "reset: nothing was latched"}
     assert refused == "clients may not call /alert_system/set_logger_level"
     assert "/alert_system:signals.battery_level.warn_below" in parameters
     assert "/alert_system:rosbridge_token" not in parameters
+    check_web(answers)
+    process.wait_for_text("web page: http://127.0.0.1:")
     process.signal(signal.SIGINT)
     assert process.wait() == 0
     assert not re.search("Traceback|ERROR", process.text)

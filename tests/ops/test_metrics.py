@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import subprocess
+from pathlib import Path
 from typing import Any, Dict
 
 import pytest
@@ -11,7 +13,8 @@ import pytest
 pytest.importorskip("prometheus_client", reason="prometheus_client, which renders the metrics, is not installed")
 pytest.importorskip("aiohttp", reason="aiohttp, which serves them, is not installed")
 
-from harness.web import Robots
+from harness.prometheus_server import PrometheusServer, needs_prometheus
+from harness.web import Robots, Site, with_site
 from prometheus_client.parser import text_string_to_metric_families
 
 from robot_health_monitor.core.version import package_version
@@ -142,3 +145,31 @@ def test_promtool_finds_nothing() -> None:
         [str(PROMTOOL), "check", "metrics"], input=body, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
     assert (checked.returncode, checked.stdout.decode()) == (0, "")
+
+
+@needs_prometheus
+def test_a_real_prometheus_scrapes_them_with_the_token(tmp_path: Path) -> None:
+    async def use(site: Site) -> None:
+        site.robots.observe(19.0)
+        target = f"127.0.0.1:{site.server.port}"
+        prometheus = PrometheusServer(tmp_path, target, authorization="s3cret")
+        loop = asyncio.get_event_loop()
+        try:
+            (level,) = await loop.run_in_executor(None, prometheus.wait_for, "robot_health_level")
+            assert level["value"][1] == "1"
+            assert level["metric"] == {
+                "__name__": "robot_health_level",
+                "instance": target,
+                "job": "robot_health",
+                "robot": "atlas",
+                "signal": "battery_level",
+            }
+            site.robots.observe(5.0)
+            query = 'robot_health_transitions_total{to="WARN"} == 1 and on (robot, signal) (robot_health_value == 5)'
+            assert await loop.run_in_executor(None, prometheus.wait_for, query)
+            (up,) = await loop.run_in_executor(None, prometheus.query, "up")
+            assert up["value"][1] == "1"
+        finally:
+            prometheus.close()
+
+    with_site(use, token="s3cret")

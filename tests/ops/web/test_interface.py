@@ -639,3 +639,18 @@ def test_a_monitor_that_does_not_tick_is_unhealthy() -> None:
         assert await site.get("/healthz") == (503, {"ok": False, "error": "no tick for 7 s"})
 
     with_site(use)
+
+
+# --- metrics ----------------------------------------------------------------------------------------------------------
+
+
+def test_without_the_library_only_the_metrics_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.web.interface.METRICS_LIBRARY", "no_such_library")
+
+    async def use(site: Site) -> None:
+        missing = "no /metrics: the Python package no_such_library is not installed"
+        assert site.web.missing() == missing
+        assert await site.get("/metrics") == (501, {"error": missing})
+        assert (await site.get("/api/state"))[0] == 200
+
+    with_site(use)
