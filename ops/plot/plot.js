@@ -1,19 +1,19 @@
 /* The plot of one signal over time: its value, bounds, level and alerts. Plain SVG, no dependency.
 
-   const view = new HealthPlot.View(from, to, utcOffset);            // times in s since 1970; plots can share a view
+   const view = new HealthPlot.View(from, to, utcOffset);  // times in s since 1970; plots can share a view
    const plot = new HealthPlot.Plot(element, signal, view);
-   plot.update(signal);                                               // new data, the same view
-   plot.pick(id);                                                     // marks an alert; "" marks none
+   plot.update(signal);  // new data, the same view
+   plot.pick(id);  // marks an alert; "" marks none
 
    signal: {
-     name, unit,                          // texts
-     start, width,                        // begin of the first bucket and width of a bucket, in s
-     steps: [1, 1, 5, ...],               // distance of each bucket from the one before it, in buckets; first: from -1
-     low: [...], high: [...],             // smallest and largest value of each bucket
-     bad: [t, ...],                       // times of bad samples
-     gap,                                 // the line breaks where there is no bucket for this long, in s
+     name, unit,  // texts
+     start, width,  // begin of the first bucket and width of a bucket, in s
+     steps: [1, 1, 5, ...],  // distance of each bucket from the one before it, in buckets; first: from -1
+     low: [...], high: [...],  // smallest and largest value of each bucket
+     bad: [t, ...],  // times of bad samples
+     gap,  // the line breaks where there is no bucket for this long, in s
      bounds: [{level: "WARN", side: "below", value: 20, clears: 22}, ...],
-     levels: [[t, "OK"], [t, ""], ...],   // level from t on; "": unknown
+     levels: [[t, "OK"], [t, ""], ...],  // level from t on; "": unknown
      alerts: [{id, t, level, text}, ...]  // id: of the element that shows its text
    }
 
@@ -21,471 +21,480 @@
 "use strict";
 
 const HealthPlot = (() => {
-  const SVG = "http://www.w3.org/2000/svg";
-  const HEIGHT = {top: 18, plot: 150, gap: 8, strip: 16, axis: 20};
-  const LEFT = 54, RIGHT = 10, NARROWEST = 240, MARKER_SPACE = 11, CLICK = 5;
-  const RANK = {"": -1, OK: 0, WARN: 1, STALE: 2, ERROR: 3};
-  const STRIP_SHARE = {OK: 0.3, WARN: 0.8, STALE: 1, ERROR: 1};  // levels differ in height, not in colour alone
-  const STEPS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800,
-    3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 2592000, 31536000];
-  let plots = 0;
+const SVG = "http://www.w3.org/2000/svg";
+const HEIGHT = {top: 18, plot: 150, gap: 8, strip: 16, axis: 20};
+const LEFT = 54, RIGHT = 10, NARROWEST = 240, MARKER_SPACE = 11, CLICK = 5;
+const RANK = {"": -1, OK: 0, WARN: 1, STALE: 2, ERROR: 3};
+const STRIP_SHARE = {OK: 0.3, WARN: 0.8, STALE: 1, ERROR: 1};  // levels differ in height, not in colour alone
+const STEPS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800,
+  3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 2592000, 31536000];
+let plots = 0;
 
-  const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
-  const pixel = (value) => value.toFixed(1);
-  const numberText = (value) => String(Number(value.toPrecision(5)));
-  const withUnit = (text, unit) => (unit ? `${text} ${unit}` : text);
+const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+const pixel = (value) => value.toFixed(1);
+const numberText = (value) => String(Number(value.toPrecision(5)));
+const withUnit = (text, unit) => (unit ? `${text} ${unit}` : text);
 
-  /** Returns the local time of `t`, in s since 1970; with fractions of a second where `step` is below 1 s. */
-  function timeText(t, utcOffset, step, withDate) {
-    const local = new Date((t + utcOffset) * 1000);
-    if (Number.isNaN(local.getTime())) return `${numberText(t)} s`;
-    const iso = local.toISOString();
-    const time = iso.slice(iso.length - 13, step < 1 ? -1 : step < 60 ? -5 : -8);
-    return withDate ? `${iso.slice(0, iso.length - 14)} ${time}` : time;
+/** Returns the local time of `t`, in s since 1970; with fractions of a second where `step` is below 1 s. */
+function timeText(t, utcOffset, step, withDate) {
+  const local = new Date((t + utcOffset) * 1000);
+  if (Number.isNaN(local.getTime())) return `${numberText(t)} s`;
+  const iso = local.toISOString();
+  const time = iso.slice(iso.length - 13, step < 1 ? -1 : step < 60 ? -5 : -8);
+  return withDate ? `${iso.slice(0, iso.length - 14)} ${time}` : time;
+}
+
+function add(parent, name, attributes, text) {
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes || {})) element.setAttribute(key, value);
+  if (text !== undefined) element.textContent = text;
+  parent.appendChild(element);
+  return element;
+}
+
+/** Returns the place of the first number in ascending `numbers` that is at least `wanted`. */
+function firstAtLeast(numbers, wanted) {
+  let low = 0, high = numbers.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (numbers[middle] < wanted) low = middle + 1; else high = middle;
+  }
+  return low;
+}
+
+function niceStep(span, most) {
+  const rough = span / most, power = 10 ** Math.floor(Math.log10(rough));
+  return power * ([1, 2, 5].find((factor) => factor * power >= rough) || 10);
+}
+
+/** The span of time that plots show. */
+class View {
+  constructor(from, to, utcOffset) {
+    this.first = from;
+    this.last = Math.max(to, from + 1e-3);
+    this.from = this.first;
+    this.to = this.last;
+    this.utcOffset = utcOffset || 0;
+    this.onChange = [];
+    this.pending = false;
   }
 
-  function add(parent, name, attributes, text) {
-    const element = document.createElementNS(SVG, name);
-    for (const [key, value] of Object.entries(attributes || {})) element.setAttribute(key, value);
-    if (text !== undefined) element.textContent = text;
-    parent.appendChild(element);
-    return element;
-  }
+  get isWhole() { return this.from <= this.first && this.to >= this.last; }
 
-  /** Returns the place of the first number in ascending `numbers` that is at least `wanted`. */
-  function firstAtLeast(numbers, wanted) {
-    let low = 0, high = numbers.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (numbers[middle] < wanted) low = middle + 1; else high = middle;
-    }
-    return low;
-  }
-
-  function niceStep(span, most) {
-    const rough = span / most, power = 10 ** Math.floor(Math.log10(rough));
-    return power * ([1, 2, 5].find((factor) => factor * power >= rough) || 10);
-  }
-
-  /** The span of time that plots show. */
-  class View {
-    constructor(from, to, utcOffset) {
-      this.first = from;
-      this.last = Math.max(to, from + 1e-3);
-      this.from = this.first;
-      this.to = this.last;
-      this.utcOffset = utcOffset || 0;
-      this.onChange = [];
-      this.pending = false;
-    }
-
-    get isWhole() { return this.from <= this.first && this.to >= this.last; }
-
-    show(from, to) {
-      const whole = this.last - this.first;
-      const span = clamp(to - from, Math.min(whole, 0.01), whole);
-      const start = clamp((from + to - span) / 2, this.first, this.last - span);
-      this.from = start;
-      this.to = start + span;
-      if (!this.pending) {
-        this.pending = true;
-        requestAnimationFrame(() => { this.pending = false; this.onChange.forEach((draw) => draw()); });
-      }
-    }
-
-    showAll() { this.show(this.first, this.last); }
-
-    zoom(factor, around) {
-      const center = around === undefined ? (this.from + this.to) / 2 : around;
-      this.show(center - (center - this.from) * factor, center + (this.to - center) * factor);
-    }
-
-    move(share) {
-      const span = this.to - this.from;
-      const from = clamp(this.from + share * span, this.first, this.last - span);
-      this.show(from, from + span);
+  show(from, to) {
+    const whole = this.last - this.first;
+    const span = clamp(to - from, Math.min(whole, 0.01), whole);
+    const start = clamp((from + to - span) / 2, this.first, this.last - span);
+    this.from = start;
+    this.to = start + span;
+    if (!this.pending) {
+      this.pending = true;
+      requestAnimationFrame(() => { this.pending = false; this.onChange.forEach((draw) => draw()); });
     }
   }
 
-  class Plot {
-    constructor(element, signal, view) {
-      this.element = element;
-      this.view = view;
-      this.picked = "";
-      this.at = null;
-      this.pointers = new Map();
-      this.id = `health-plot-${++plots}`;
-      element.classList.add("health-plot");
-      const bar = document.createElement("div");
-      bar.className = "plot-bar";
-      this.output = document.createElement("output");
-      bar.append(this.output);
-      this.zoomIn = this.button(bar, "+", "zoom in", () => view.zoom(0.5));
-      this.zoomOut = this.button(bar, "−", "zoom out", () => view.zoom(2));
-      this.all = this.button(bar, "all", "show all", () => view.showAll());
-      this.svg = document.createElementNS(SVG, "svg");
-      this.svg.setAttribute("tabindex", "0");
-      this.svg.setAttribute("role", "group");
-      element.append(bar, this.svg);
-      this.listen();
-      view.onChange.push(() => this.draw());
-      if (typeof ResizeObserver === "function") {
-        new ResizeObserver(() => {
-          if (element.clientWidth && Math.abs(element.clientWidth - this.width) > 1) requestAnimationFrame(() => this.draw());
-        }).observe(element);
+  showAll() { this.show(this.first, this.last); }
+
+  /** Changes the span of the data. A part that was zoomed to stays. Draws nothing: update the plots afterwards. */
+  extend(first, last) {
+    const {isWhole} = this;
+    this.first = first;
+    this.last = Math.max(last, first + 1e-3);
+    if (isWhole) [this.from, this.to] = [this.first, this.last];
+    else this.from = clamp(this.from, this.first, Math.max(this.first, this.last - (this.to - this.from)));
+  }
+
+  zoom(factor, around) {
+    const center = around === undefined ? (this.from + this.to) / 2 : around;
+    this.show(center - (center - this.from) * factor, center + (this.to - center) * factor);
+  }
+
+  move(share) {
+    const span = this.to - this.from;
+    const from = clamp(this.from + share * span, this.first, this.last - span);
+    this.show(from, from + span);
+  }
+}
+
+class Plot {
+  constructor(element, signal, view) {
+    this.element = element;
+    this.view = view;
+    this.picked = "";
+    this.at = null;
+    this.pointers = new Map();
+    this.id = `health-plot-${++plots}`;
+    element.classList.add("health-plot");
+    const bar = document.createElement("div");
+    bar.className = "plot-bar";
+    this.output = document.createElement("output");
+    bar.append(this.output);
+    this.zoomIn = this.button(bar, "+", "zoom in", () => view.zoom(0.5));
+    this.zoomOut = this.button(bar, "−", "zoom out", () => view.zoom(2));
+    this.all = this.button(bar, "all", "show all", () => view.showAll());
+    this.svg = document.createElementNS(SVG, "svg");
+    this.svg.setAttribute("tabindex", "0");
+    this.svg.setAttribute("role", "group");
+    element.append(bar, this.svg);
+    this.listen();
+    view.onChange.push(() => this.draw());
+    if (typeof ResizeObserver === "function") {
+      new ResizeObserver(() => {
+        if (element.clientWidth && Math.abs(element.clientWidth - this.width) > 1) requestAnimationFrame(() => this.draw());
+      }).observe(element);
+    }
+    this.update(signal);
+  }
+
+  update(signal) {
+    this.signal = signal;
+    let place = -1;
+    this.times = signal.steps.map((step) => signal.start + ((place += step) + 0.5) * signal.width);
+    this.levelTimes = signal.levels.map(([t]) => t);
+    this.draw();
+  }
+
+  pick(id) {
+    this.picked = id;
+    const alert = this.signal.alerts.find((each) => each.id === id);
+    if (alert) this.at = alert.t;
+    this.draw();
+  }
+
+  button(parent, text, meaning, action) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = text;
+    button.title = meaning;
+    button.setAttribute("aria-label", `${meaning}`);
+    button.addEventListener("click", action);
+    parent.append(button);
+    return button;
+  }
+
+  x(t) { return LEFT + (t - this.view.from) / (this.view.to - this.view.from) * (this.width - LEFT - RIGHT); }
+
+  t(x) { return this.view.from + (x - LEFT) / (this.width - LEFT - RIGHT) * (this.view.to - this.view.from); }
+
+  y(value) { return HEIGHT.top + (this.highest - value) / (this.highest - this.lowest) * HEIGHT.plot; }
+
+  levelAt(t) {
+    const place = firstAtLeast(this.levelTimes, t + 1e-3) - 1;
+    return place < 0 ? "" : this.signal.levels[place][1];
+  }
+
+  draw() {
+    const {svg, signal, view} = this;
+    this.width = Math.max(this.element.clientWidth || 640, NARROWEST);
+    const bottom = HEIGHT.top + HEIGHT.plot;
+    const height = bottom + HEIGHT.gap + HEIGHT.strip + HEIGHT.axis;
+    svg.replaceChildren();
+    svg.setAttribute("viewBox", `0 0 ${this.width} ${height}`);
+    const defs = add(svg, "defs");
+    const hatch = add(defs, "pattern",
+      {id: `${this.id}-hatch`, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)"});
+    add(hatch, "line", {class: "hatch", x1: 0, y1: 0, x2: 0, y2: 6});
+    add(add(defs, "clipPath", {id: `${this.id}-clip`}), "rect",
+      {x: LEFT, y: HEIGHT.top - 1, width: this.width - LEFT - RIGHT, height: HEIGHT.plot + 2});
+    this.first = Math.max(0, firstAtLeast(this.times, view.from) - 1);
+    this.end = Math.min(this.times.length, firstAtLeast(this.times, view.to) + 1);
+    this.setRange();
+    this.drawAxes(bottom);
+    const inside = add(svg, "g", {"clip-path": `url(#${this.id}-clip)`});
+    const names = document.createElementNS(SVG, "g");
+    this.drawBounds(inside, names);
+    this.drawValue(inside, bottom);
+    inside.append(names);  // above the line
+    this.drawStrip(bottom + HEIGHT.gap);
+    this.drawAlerts(bottom);
+    this.overlay = add(svg, "g");
+    this.drawCursor();
+    this.zoomOut.disabled = this.all.disabled = view.isWhole;
+    svg.setAttribute("aria-label", this.description());
+  }
+
+  description() {
+    const {signal} = this;
+    const alerts = signal.alerts.filter((alert) => alert.level !== "OK").length;
+    const range = this.times.length ? `${withUnit(numberText(this.dataLow), signal.unit)} to ` +
+      `${withUnit(numberText(this.dataHigh), signal.unit)}` : "no samples";
+    return `${signal.name}: ${range}, ${alerts} ${alerts === 1 ? "alert" : "alerts"}. ` +
+      "Keys: plus and minus zoom, arrows move, 0 shows all.";
+  }
+
+  setRange() {
+    const {signal} = this;
+    let low = Infinity, high = -Infinity;
+    for (let at = this.first; at < this.end; at++) {
+      low = Math.min(low, signal.low[at]);
+      high = Math.max(high, signal.high[at]);
+    }
+    this.dataLow = low;
+    this.dataHigh = high;
+    for (const bound of signal.bounds) {
+      low = Math.min(low, bound.value, bound.clears);
+      high = Math.max(high, bound.value, bound.clears);
+    }
+    if (low > high) [low, high] = [0, 1];
+    const room = (high - low) * 0.12 || Math.max(Math.abs(high), 1) * 0.1;
+    this.lowest = low - room;
+    this.highest = high + room;
+  }
+
+  drawAxes(bottom) {
+    const {svg, view, signal} = this, right = this.width - RIGHT;
+    const step = niceStep(this.highest - this.lowest, 4);
+    for (let value = Math.ceil(this.lowest / step) * step; value <= this.highest; value += step) {
+      const y = pixel(this.y(value));
+      add(svg, "line", {class: "grid", x1: LEFT, x2: right, y1: y, y2: y});
+      add(svg, "text", {x: LEFT - 6, y: Number(y) + 4, "text-anchor": "end"}, numberText(Number(value.toFixed(12))));
+    }
+    add(svg, "text", {x: 0, y: 10}, signal.unit);
+    const span = view.to - view.from;
+    const time = STEPS.find((each) => span / each <= Math.max(2, (right - LEFT) / 90)) || STEPS[STEPS.length - 1];
+    const axis = bottom + HEIGHT.gap + HEIGHT.strip + 15;
+    let first = true;
+    for (let t = Math.ceil((view.from + view.utcOffset) / time) * time - view.utcOffset; t <= view.to; t += time) {
+      const x = this.x(t);
+      add(svg, "line", {class: "grid", x1: pixel(x), x2: pixel(x), y1: HEIGHT.top, y2: bottom});
+      if (x > right - 24 || x < LEFT + 10) continue;
+      const withDate = time >= 86400 || (first && x > LEFT + 50 && x < right - 60);
+      const text = time >= 86400 ? timeText(t, view.utcOffset, time, true).slice(0, 10)
+        : timeText(t, view.utcOffset, time, withDate);
+      add(svg, "text", {x: pixel(x), y: axis, "text-anchor": "middle"}, text);
+      first = false;
+    }
+  }
+
+  drawBounds(parent, names) {
+    const right = this.width - RIGHT, taken = [];
+    for (const bound of this.signal.bounds) {
+      const level = bound.level.toLowerCase(), y = this.y(bound.value), clears = this.y(bound.clears);
+      if (y !== clears) {
+        add(parent, "rect", {class: `band ${level}`, x: LEFT, y: pixel(Math.min(y, clears)), width: right - LEFT,
+          height: pixel(Math.abs(y - clears))});
       }
-      this.update(signal);
+      add(parent, "line", {class: `bound ${level}`, x1: LEFT, x2: right, y1: pixel(y), y2: pixel(y)});
+      const text = `${bound.level} ${bound.side} ${withUnit(numberText(bound.value), this.signal.unit)}`;
+      const places = bound.side === "above" ? [y - 4, y + 12] : [y + 12, y - 4];  // first: the side of the alert
+      const fits = (place) => place > HEIGHT.top + 9 && place < HEIGHT.top + HEIGHT.plot - 2 &&
+        taken.every((other) => Math.abs(other - place) >= 12);
+      const place = places.find(fits) || places[0];
+      taken.push(place);
+      add(names, "text", {class: `bound-name ${level}`, x: right - 4, y: pixel(place), "text-anchor": "end"}, text);
     }
+  }
 
-    update(signal) {
-      this.signal = signal;
-      let place = -1;
-      this.times = signal.steps.map((step) => signal.start + ((place += step) + 0.5) * signal.width);
-      this.levelTimes = signal.levels.map(([t]) => t);
-      this.draw();
-    }
-
-    pick(id) {
-      this.picked = id;
-      const alert = this.signal.alerts.find((each) => each.id === id);
-      if (alert) this.at = alert.t;
-      this.draw();
-    }
-
-    button(parent, text, meaning, action) {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.textContent = text;
-      button.title = meaning;
-      button.setAttribute("aria-label", `${meaning}`);
-      button.addEventListener("click", action);
-      parent.append(button);
-      return button;
-    }
-
-    x(t) { return LEFT + (t - this.view.from) / (this.view.to - this.view.from) * (this.width - LEFT - RIGHT); }
-
-    t(x) { return this.view.from + (x - LEFT) / (this.width - LEFT - RIGHT) * (this.view.to - this.view.from); }
-
-    y(value) { return HEIGHT.top + (this.highest - value) / (this.highest - this.lowest) * HEIGHT.plot; }
-
-    levelAt(t) {
-      const place = firstAtLeast(this.levelTimes, t + 1e-3) - 1;
-      return place < 0 ? "" : this.signal.levels[place][1];
-    }
-
-    draw() {
-      const {svg, signal, view} = this;
-      this.width = Math.max(this.element.clientWidth || 640, NARROWEST);
-      const bottom = HEIGHT.top + HEIGHT.plot;
-      const height = bottom + HEIGHT.gap + HEIGHT.strip + HEIGHT.axis;
-      svg.replaceChildren();
-      svg.setAttribute("viewBox", `0 0 ${this.width} ${height}`);
-      const defs = add(svg, "defs");
-      const hatch = add(defs, "pattern",
-        {id: `${this.id}-hatch`, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)"});
-      add(hatch, "line", {class: "hatch", x1: 0, y1: 0, x2: 0, y2: 6});
-      add(add(defs, "clipPath", {id: `${this.id}-clip`}), "rect",
-        {x: LEFT, y: HEIGHT.top - 1, width: this.width - LEFT - RIGHT, height: HEIGHT.plot + 2});
-      this.first = Math.max(0, firstAtLeast(this.times, view.from) - 1);
-      this.end = Math.min(this.times.length, firstAtLeast(this.times, view.to) + 1);
-      this.setRange();
-      this.drawAxes(bottom);
-      const inside = add(svg, "g", {"clip-path": `url(#${this.id}-clip)`});
-      const names = document.createElementNS(SVG, "g");
-      this.drawBounds(inside, names);
-      this.drawValue(inside, bottom);
-      inside.append(names);  // above the line
-      this.drawStrip(bottom + HEIGHT.gap);
-      this.drawAlerts(bottom);
-      this.overlay = add(svg, "g");
-      this.drawCursor();
-      this.zoomOut.disabled = this.all.disabled = view.isWhole;
-      svg.setAttribute("aria-label", this.description());
-    }
-
-    description() {
-      const {signal} = this;
-      const alerts = signal.alerts.filter((alert) => alert.level !== "OK").length;
-      const range = this.times.length ? `${withUnit(numberText(this.dataLow), signal.unit)} to ` +
-        `${withUnit(numberText(this.dataHigh), signal.unit)}` : "no samples";
-      return `${signal.name}: ${range}, ${alerts} ${alerts === 1 ? "alert" : "alerts"}. ` +
-        "Keys: plus and minus zoom, arrows move, 0 shows all.";
-    }
-
-    setRange() {
-      const {signal} = this;
-      let low = Infinity, high = -Infinity;
-      for (let at = this.first; at < this.end; at++) {
-        low = Math.min(low, signal.low[at]);
-        high = Math.max(high, signal.high[at]);
-      }
-      this.dataLow = low;
-      this.dataHigh = high;
-      for (const bound of signal.bounds) {
-        low = Math.min(low, bound.value, bound.clears);
-        high = Math.max(high, bound.value, bound.clears);
-      }
-      if (low > high) [low, high] = [0, 1];
-      const room = (high - low) * 0.08 || Math.max(Math.abs(high), 1) * 0.1;
-      this.lowest = low - room;
-      this.highest = high + room;
-    }
-
-    drawAxes(bottom) {
-      const {svg, view, signal} = this, right = this.width - RIGHT;
-      const step = niceStep(this.highest - this.lowest, 4);
-      for (let value = Math.ceil(this.lowest / step) * step; value <= this.highest; value += step) {
-        const y = pixel(this.y(value));
-        add(svg, "line", {class: "grid", x1: LEFT, x2: right, y1: y, y2: y});
-        add(svg, "text", {x: LEFT - 6, y: Number(y) + 4, "text-anchor": "end"}, numberText(Number(value.toFixed(12))));
-      }
-      add(svg, "text", {x: 0, y: 10}, signal.unit);
-      const span = view.to - view.from;
-      const time = STEPS.find((each) => span / each <= Math.max(2, (right - LEFT) / 90)) || STEPS[STEPS.length - 1];
-      const axis = bottom + HEIGHT.gap + HEIGHT.strip + 15;
-      let first = true;
-      for (let t = Math.ceil((view.from + view.utcOffset) / time) * time - view.utcOffset; t <= view.to; t += time) {
-        const x = this.x(t);
-        add(svg, "line", {class: "grid", x1: pixel(x), x2: pixel(x), y1: HEIGHT.top, y2: bottom});
-        if (x > right - 24 || x < LEFT + 10) continue;
-        const withDate = time >= 86400 || (first && x > LEFT + 50 && x < right - 60);
-        const text = time >= 86400 ? timeText(t, view.utcOffset, time, true).slice(0, 10)
-          : timeText(t, view.utcOffset, time, withDate);
-        add(svg, "text", {x: pixel(x), y: axis, "text-anchor": "middle"}, text);
-        first = false;
-      }
-    }
-
-    drawBounds(parent, names) {
-      const right = this.width - RIGHT, taken = [];
-      for (const bound of this.signal.bounds) {
-        const level = bound.level.toLowerCase(), y = this.y(bound.value), clears = this.y(bound.clears);
-        if (y !== clears) {
-          add(parent, "rect", {class: `band ${level}`, x: LEFT, y: pixel(Math.min(y, clears)), width: right - LEFT,
-            height: pixel(Math.abs(y - clears))});
-        }
-        add(parent, "line", {class: `bound ${level}`, x1: LEFT, x2: right, y1: pixel(y), y2: pixel(y)});
-        const text = `${bound.level} ${bound.side} ${withUnit(numberText(bound.value), this.signal.unit)}`;
-        const places = bound.side === "above" ? [y - 4, y + 12] : [y + 12, y - 4];  // first: the side of the alert
-        const fits = (place) => place > HEIGHT.top + 9 && place < HEIGHT.top + HEIGHT.plot - 2 &&
-          taken.every((other) => Math.abs(other - place) >= 12);
-        const place = places.find(fits) || places[0];
-        taken.push(place);
-        add(names, "text", {class: `bound-name ${level}`, x: right - 4, y: pixel(place), "text-anchor": "end"}, text);
-      }
-    }
-
-    /** Draws one minimum and one maximum per column of pixels, so that no extreme is lost. */
-    drawValue(parent, bottom) {
-      const {signal} = this;
-      let path = "", column = null, before = -Infinity, lastY = 0, drawing = false;
-      const flush = () => {
-        if (!column) return;
-        const x = pixel(column.x), ends = [this.y(column.low), this.y(column.high)];
-        if (drawing && Math.abs(ends[1] - lastY) < Math.abs(ends[0] - lastY)) ends.reverse();
-        path += drawing ? `L${x} ${pixel(ends[0])}` : `M${x} ${pixel(ends[0])}h0`;
-        if (ends[0] !== ends[1]) path += `L${x} ${pixel(ends[1])}`;
-        lastY = ends[1];
-        drawing = true;
-        column = null;
-      };
-      for (let at = this.first; at < this.end; at++) {
-        const t = this.times[at], x = this.x(t);
-        const breaks = signal.gap > 0 && t - before > Math.max(signal.gap, 2.5 * signal.width);
-        if (column && (breaks || x - column.x >= 1)) flush();
-        if (breaks) drawing = false;
-        if (column) {
-          column.low = Math.min(column.low, signal.low[at]);
-          column.high = Math.max(column.high, signal.high[at]);
-        } else {
-          column = {x, low: signal.low[at], high: signal.high[at]};
-        }
-        before = t;
-      }
-      flush();
-      add(parent, "path", {class: "value", d: path || "M0 0"});
-      let lastX = -Infinity, crosses = "";
-      for (const t of signal.bad) {
-        const x = this.x(t);
-        if (x < LEFT || x > this.width - RIGHT || x - lastX < 4) continue;
-        lastX = x;
-        crosses += `M${pixel(x - 3)} ${bottom - 9}l6 6m0 -6l-6 6`;
-      }
-      if (crosses) add(add(parent, "path", {class: "bad", d: crosses}), "title", {}, "bad samples");
-    }
-
-    drawStrip(top) {
-      const {svg, view, signal} = this, right = this.width - RIGHT;
-      const levels = signal.levels.concat([[view.last, ""]]);
-      let drawnTo = LEFT, worst = "", began = LEFT;
-      const bar = (from, to, level) => {
-        if (!level || to <= from) return;
-        const height = HEIGHT.strip * STRIP_SHARE[level], y = top + HEIGHT.strip - height;
-        const box = {x: pixel(from), y: pixel(y), width: pixel(Math.max(to - from, 1)), height: pixel(height)};
-        add(svg, "rect", {class: `strip ${level.toLowerCase()}`, ...box});
-        if (level === "STALE") add(svg, "rect", {fill: `url(#${this.id}-hatch)`, ...box});
-        if (level !== "OK" && to - from > 44) {
-          add(svg, "text", {class: "in-strip", x: pixel((from + to) / 2), y: top + 13.5, "text-anchor": "middle"}, level);
-        }
-      };
-      for (let at = 0; at + 1 < levels.length; at++) {
-        const from = clamp(this.x(levels[at][0]), LEFT, right), to = clamp(this.x(levels[at + 1][0]), LEFT, right);
-        const level = levels[at][1];
-        if (levels[at + 1][0] < view.from || levels[at][0] > view.to) continue;
-        if (to - began < 1) {  // narrower than a pixel: the worst level shows
-          if (RANK[level] > RANK[worst]) worst = level;
-          continue;
-        }
-        if (worst && from - began < 1 && RANK[worst] > RANK[level]) {
-          bar(began, began + 1, worst);
-          drawnTo = began + 1;
-        }
-        bar(Math.max(from, drawnTo), to, level);
-        drawnTo = began = to;
-        worst = "";
-      }
-      if (worst) bar(began, began + 1, worst);
-      add(svg, "text", {x: LEFT - 6, y: top + 13, "text-anchor": "end"}, "level");
-    }
-
-    drawAlerts(bottom) {
-      const {view} = this, groups = [];
-      for (const alert of this.signal.alerts) {
-        if (alert.t < view.from || alert.t > view.to) continue;
-        const x = this.x(alert.t), group = groups[groups.length - 1];
-        if (group && x - group.x < MARKER_SPACE) {
-          group.count++;
-          const better = RANK[alert.level] > RANK[group.alert.level] && group.alert.id !== this.picked;
-          if (better || alert.id === this.picked) group.alert = alert;
-        } else {
-          groups.push({x, alert, count: 1});
-        }
-      }
-      for (const {x, alert, count} of groups) {
-        const level = alert.level.toLowerCase(), y = HEIGHT.top - 7;
-        add(this.svg, "line",
-          {class: `alert-line ${level}`, x1: pixel(x), x2: pixel(x), y1: HEIGHT.top, y2: bottom});
-        const link = add(this.svg, "a", {href: `#${encodeURIComponent(alert.id)}`});
-        if (alert.id === this.picked) link.setAttribute("class", "picked");
-        add(link, "title", {}, count > 1 ? `${alert.text} (and ${count - 1} more here)` : alert.text);
-        add(link, "rect", {x: pixel(x - 9), y: 0, width: 18, height: HEIGHT.top, fill: "transparent"});
-        const shapes = {
-          OK: `M${x - 4} ${y}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0z`,
-          WARN: `M${x} ${y - 6}l6 11h-12z`,
-          ERROR: `M${x - 5} ${y - 5}h10v10h-10z`,
-          STALE: `M${x} ${y - 6}l6 6l-6 6l-6 -6z`,
-        };
-        add(link, "path", {class: `marker ${level}`, d: shapes[alert.level] || shapes.OK});
-      }
-    }
-
-    drawCursor() {
-      this.overlay.replaceChildren();
-      const {signal, view} = this;
-      if (this.at === null || this.at < view.from || this.at > view.to) {
-        this.output.textContent = "";
-        return;
-      }
-      let at = firstAtLeast(this.times, this.at);
-      if (at > 0 && (at === this.times.length || this.at - this.times[at - 1] < this.times[at] - this.at)) at--;
-      const near = at < this.times.length &&
-        Math.abs(this.times[at] - this.at) <= Math.max(signal.gap || Infinity, signal.width * 2);
-      const t = near && Math.abs(this.x(this.times[at]) - this.x(this.at)) < 12 ? this.times[at] : this.at;
-      const x = pixel(this.x(t));
-      add(this.overlay, "line",
-        {class: "cursor", x1: x, x2: x, y1: HEIGHT.top, y2: HEIGHT.top + HEIGHT.plot + HEIGHT.gap + HEIGHT.strip});
-      const precision = Math.max(signal.width, (view.to - view.from) / 1000) < 0.5 ? 0.1 : 1;
-      const parts = [timeText(t, view.utcOffset, precision, true)];
-      if (near) {
-        const low = signal.low[at], high = signal.high[at];
-        for (const value of new Set([low, high])) add(this.overlay, "circle", {class: "dot", cx: x, cy: this.y(value), r: 3.5});
-        parts.push(low === high ? withUnit(numberText(low), signal.unit)
-          : `${numberText(low)} to ${withUnit(numberText(high), signal.unit)}`);
+  /** Draws one minimum and one maximum per column of pixels, so that no extreme is lost. */
+  drawValue(parent, bottom) {
+    const {signal} = this;
+    let path = "", column = null, before = -Infinity, lastY = 0, drawing = false;
+    const flush = () => {
+      if (!column) return;
+      const x = pixel(column.x), ends = [this.y(column.low), this.y(column.high)];
+      if (drawing && Math.abs(ends[1] - lastY) < Math.abs(ends[0] - lastY)) ends.reverse();
+      path += drawing ? `L${x} ${pixel(ends[0])}` : `M${x} ${pixel(ends[0])}h0`;
+      if (ends[0] !== ends[1]) path += `L${x} ${pixel(ends[1])}`;
+      lastY = ends[1];
+      drawing = true;
+      column = null;
+    };
+    for (let at = this.first; at < this.end; at++) {
+      const t = this.times[at], x = this.x(t);
+      const breaks = signal.gap > 0 && t - before > Math.max(signal.gap, 2.5 * signal.width);
+      if (column && (breaks || x - column.x >= 1)) flush();
+      if (breaks) drawing = false;
+      if (column) {
+        column.low = Math.min(column.low, signal.low[at]);
+        column.high = Math.max(column.high, signal.high[at]);
       } else {
-        parts.push("no sample");
+        column = {x, low: signal.low[at], high: signal.high[at]};
       }
-      parts.push(this.levelAt(t) || "unknown");
-      this.output.textContent = parts.join(" · ");
+      before = t;
     }
-
-    /** Returns the place of a pointer in the coordinates of the SVG. */
-    place(event) {
-      const box = this.svg.getBoundingClientRect();
-      return (event.clientX - box.left) / box.width * this.width;
+    flush();
+    add(parent, "path", {class: "value", d: path || "M0 0"});
+    let lastX = -Infinity, crosses = "";
+    for (const t of signal.bad) {
+      const x = this.x(t);
+      if (x < LEFT || x > this.width - RIGHT || x - lastX < 4) continue;
+      lastX = x;
+      crosses += `M${pixel(x - 3)} ${bottom - 9}l6 6m0 -6l-6 6`;
     }
+    if (crosses) add(add(parent, "path", {class: "bad", d: crosses}), "title", {}, "bad samples");
+  }
 
-    listen() {
-      const {svg, view} = this;
-      svg.addEventListener("wheel", (event) => {
-        // Without focus or Ctrl the wheel scrolls the page.
-        if (!event.ctrlKey && document.activeElement !== svg) return;
-        event.preventDefault();
-        view.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.t(clamp(this.place(event), LEFT, this.width - RIGHT)));
-      }, {passive: false});
-      svg.addEventListener("keydown", (event) => {
-        const actions = {
-          "+": () => view.zoom(0.5), "=": () => view.zoom(0.5), "-": () => view.zoom(2), "0": () => view.showAll(),
-          ArrowLeft: () => view.move(-0.2), ArrowRight: () => view.move(0.2), Escape: () => { this.at = null; this.draw(); },
-        };
-        if (event.target !== svg || event.ctrlKey || event.altKey || event.metaKey || !actions[event.key]) return;
-        event.preventDefault();
-        actions[event.key]();
-      });
-      svg.addEventListener("pointerdown", (event) => {
-        if (event.pointerType === "mouse" && event.button !== 0) return;
-        if (event.target.closest("a")) return;
-        const x = this.place(event);
-        this.pointers.set(event.pointerId, {type: event.pointerType, start: x, x, pan: event.shiftKey});
-        svg.setPointerCapture(event.pointerId);
-      });
-      svg.addEventListener("pointermove", (event) => {
-        const pointer = this.pointers.get(event.pointerId), x = this.place(event);
-        if (this.pointers.size === 2 && pointer) {
-          this.pinch(pointer, x);
-        } else if (pointer && pointer.pan) {
-          view.move((pointer.x - x) / (this.width - LEFT - RIGHT));
-          pointer.x = x;
-        } else {
-          if (pointer) pointer.x = x;
-          this.at = this.t(clamp(x, LEFT, this.width - RIGHT));
-          this.drawCursor();
-          if (pointer && pointer.type === "mouse" && Math.abs(x - pointer.start) > CLICK) this.drawSelection(pointer);
-        }
-      });
-      const release = (event) => {
-        const pointer = this.pointers.get(event.pointerId);
-        this.pointers.delete(event.pointerId);
-        if (!pointer || event.type === "pointercancel") return;
-        const [from, to] = [pointer.start, pointer.x].sort((a, b) => a - b).map((x) => clamp(x, LEFT, this.width - RIGHT));
-        if (pointer.type === "mouse" && !pointer.pan && to - from > CLICK) {
-          view.show(this.t(from), this.t(to));
-        } else if (pointer.type !== "mouse") {
-          this.at = this.t(clamp(pointer.x, LEFT, this.width - RIGHT));
-          this.drawCursor();
-        }
+  drawStrip(top) {
+    const {svg, view, signal} = this, right = this.width - RIGHT;
+    const levels = signal.levels.concat([[view.last, ""]]);
+    let drawnTo = LEFT, worst = "", began = LEFT;
+    const bar = (from, to, level) => {
+      if (!level || to <= from) return;
+      const height = HEIGHT.strip * STRIP_SHARE[level], y = top + HEIGHT.strip - height;
+      const box = {x: pixel(from), y: pixel(y), width: pixel(Math.max(to - from, 1)), height: pixel(height)};
+      add(svg, "rect", {class: `strip ${level.toLowerCase()}`, ...box});
+      if (level === "STALE") add(svg, "rect", {fill: `url(#${this.id}-hatch)`, ...box});
+      if (level !== "OK" && to - from > 44) {
+        add(svg, "text", {class: "in-strip", x: pixel((from + to) / 2), y: top + 13.5, "text-anchor": "middle"}, level);
+      }
+    };
+    for (let at = 0; at + 1 < levels.length; at++) {
+      const from = clamp(this.x(levels[at][0]), LEFT, right), to = clamp(this.x(levels[at + 1][0]), LEFT, right);
+      const level = levels[at][1];
+      if (levels[at + 1][0] < view.from || levels[at][0] > view.to) continue;
+      if (to - began < 1) {  // narrower than a pixel: the worst level shows
+        if (RANK[level] > RANK[worst]) worst = level;
+        continue;
+      }
+      if (worst && from - began < 1 && RANK[worst] > RANK[level]) {
+        bar(began, began + 1, worst);
+        drawnTo = began + 1;
+      }
+      bar(Math.max(from, drawnTo), to, level);
+      drawnTo = began = to;
+      worst = "";
+    }
+    if (worst) bar(began, began + 1, worst);
+    add(svg, "text", {x: LEFT - 6, y: top + 13, "text-anchor": "end"}, "level");
+  }
+
+  drawAlerts(bottom) {
+    const {view} = this, groups = [];
+    for (const alert of this.signal.alerts) {
+      if (alert.t < view.from || alert.t > view.to) continue;
+      const x = this.x(alert.t), group = groups[groups.length - 1];
+      if (group && x - group.x < MARKER_SPACE) {
+        group.count++;
+        const better = RANK[alert.level] > RANK[group.alert.level] && group.alert.id !== this.picked;
+        if (better || alert.id === this.picked) group.alert = alert;
+      } else {
+        groups.push({x, alert, count: 1});
+      }
+    }
+    for (const {x, alert, count} of groups) {
+      const level = alert.level.toLowerCase(), y = HEIGHT.top - 7;
+      add(this.svg, "line",
+        {class: `alert-line ${level}`, x1: pixel(x), x2: pixel(x), y1: HEIGHT.top, y2: bottom});
+      const link = add(this.svg, "a", {href: `#${encodeURIComponent(alert.id)}`});
+      if (alert.id === this.picked) link.setAttribute("class", "picked");
+      add(link, "title", {}, count > 1 ? `${alert.text} (and ${count - 1} more here)` : alert.text);
+      add(link, "rect", {x: pixel(x - 9), y: 0, width: 18, height: HEIGHT.top, fill: "transparent"});
+      const shapes = {
+        OK: `M${x - 4} ${y}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0z`,
+        WARN: `M${x} ${y - 6}l6 11h-12z`,
+        ERROR: `M${x - 5} ${y - 5}h10v10h-10z`,
+        STALE: `M${x} ${y - 6}l6 6l-6 6l-6 -6z`,
       };
-      svg.addEventListener("pointerup", release);
-      svg.addEventListener("pointercancel", release);
-      svg.addEventListener("pointerleave", (event) => {
-        if (event.pointerType === "mouse" && !this.pointers.size) { this.at = null; this.drawCursor(); }
-      });
-      svg.addEventListener("dblclick", () => view.showAll());
-    }
-
-    drawSelection(pointer) {
-      const [from, to] = [pointer.start, pointer.x].sort((a, b) => a - b).map((x) => clamp(x, LEFT, this.width - RIGHT));
-      add(this.overlay, "rect",
-        {class: "selection", x: pixel(from), y: HEIGHT.top, width: pixel(to - from), height: HEIGHT.plot});
-    }
-
-    pinch(moved, x) {
-      const [other] = [...this.pointers.values()].filter((pointer) => pointer !== moved);
-      const before = Math.abs(moved.x - other.x), after = Math.abs(x - other.x);
-      if (before > 5 && after > 5) this.view.zoom(before / after, this.t((x + other.x) / 2));
-      moved.x = x;
+      add(link, "path", {class: `marker ${level}`, d: shapes[alert.level] || shapes.OK});
     }
   }
 
-  return {Plot, View, timeText};
+  drawCursor() {
+    this.overlay.replaceChildren();
+    const {signal, view} = this;
+    if (this.at === null || this.at < view.from || this.at > view.to) {
+      this.output.textContent = "";
+      return;
+    }
+    let at = firstAtLeast(this.times, this.at);
+    if (at > 0 && (at === this.times.length || this.at - this.times[at - 1] < this.times[at] - this.at)) at--;
+    const near = at < this.times.length &&
+      Math.abs(this.times[at] - this.at) <= Math.max(signal.gap || Infinity, signal.width * 2);
+    const t = near && Math.abs(this.x(this.times[at]) - this.x(this.at)) < 12 ? this.times[at] : this.at;
+    const x = pixel(this.x(t));
+    add(this.overlay, "line",
+      {class: "cursor", x1: x, x2: x, y1: HEIGHT.top, y2: HEIGHT.top + HEIGHT.plot + HEIGHT.gap + HEIGHT.strip});
+    const precision = Math.max(signal.width, (view.to - view.from) / 1000) < 0.5 ? 0.1 : 1;
+    const parts = [timeText(t, view.utcOffset, precision, true)];
+    if (near) {
+      const low = signal.low[at], high = signal.high[at];
+      for (const value of new Set([low, high])) add(this.overlay, "circle", {class: "dot", cx: x, cy: this.y(value), r: 3.5});
+      parts.push(low === high ? withUnit(numberText(low), signal.unit)
+        : `${numberText(low)} to ${withUnit(numberText(high), signal.unit)}`);
+    } else {
+      parts.push("no sample");
+    }
+    parts.push(this.levelAt(t) || "unknown");
+    this.output.textContent = parts.join(" · ");
+  }
+
+  /** Returns the place of a pointer in the coordinates of the SVG. */
+  place(event) {
+    const box = this.svg.getBoundingClientRect();
+    return (event.clientX - box.left) / box.width * this.width;
+  }
+
+  listen() {
+    const {svg, view} = this;
+    svg.addEventListener("wheel", (event) => {
+      // Without focus or Ctrl the wheel scrolls the page.
+      if (!event.ctrlKey && document.activeElement !== svg) return;
+      event.preventDefault();
+      view.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.t(clamp(this.place(event), LEFT, this.width - RIGHT)));
+    }, {passive: false});
+    svg.addEventListener("keydown", (event) => {
+      const actions = {
+        "+": () => view.zoom(0.5), "=": () => view.zoom(0.5), "-": () => view.zoom(2), "0": () => view.showAll(),
+        ArrowLeft: () => view.move(-0.2), ArrowRight: () => view.move(0.2), Escape: () => { this.at = null; this.draw(); },
+      };
+      if (event.target !== svg || event.ctrlKey || event.altKey || event.metaKey || !actions[event.key]) return;
+      event.preventDefault();
+      actions[event.key]();
+    });
+    svg.addEventListener("pointerdown", (event) => {
+      if (event.pointerType === "mouse" && event.button !== 0) return;
+      if (event.target.closest("a")) return;
+      const x = this.place(event);
+      this.pointers.set(event.pointerId, {type: event.pointerType, start: x, x, pan: event.shiftKey});
+      svg.setPointerCapture(event.pointerId);
+    });
+    svg.addEventListener("pointermove", (event) => {
+      const pointer = this.pointers.get(event.pointerId), x = this.place(event);
+      if (this.pointers.size === 2 && pointer) {
+        this.pinch(pointer, x);
+      } else if (pointer && pointer.pan) {
+        view.move((pointer.x - x) / (this.width - LEFT - RIGHT));
+        pointer.x = x;
+      } else {
+        if (pointer) pointer.x = x;
+        this.at = this.t(clamp(x, LEFT, this.width - RIGHT));
+        this.drawCursor();
+        if (pointer && pointer.type === "mouse" && Math.abs(x - pointer.start) > CLICK) this.drawSelection(pointer);
+      }
+    });
+    const release = (event) => {
+      const pointer = this.pointers.get(event.pointerId);
+      this.pointers.delete(event.pointerId);
+      if (!pointer || event.type === "pointercancel") return;
+      const [from, to] = [pointer.start, pointer.x].sort((a, b) => a - b).map((x) => clamp(x, LEFT, this.width - RIGHT));
+      if (pointer.type === "mouse" && !pointer.pan && to - from > CLICK) {
+        view.show(this.t(from), this.t(to));
+      } else if (pointer.type !== "mouse") {
+        this.at = this.t(clamp(pointer.x, LEFT, this.width - RIGHT));
+        this.drawCursor();
+      }
+    };
+    svg.addEventListener("pointerup", release);
+    svg.addEventListener("pointercancel", release);
+    svg.addEventListener("pointerleave", (event) => {
+      if (event.pointerType === "mouse" && !this.pointers.size) { this.at = null; this.drawCursor(); }
+    });
+    svg.addEventListener("dblclick", () => view.showAll());
+  }
+
+  drawSelection(pointer) {
+    const [from, to] = [pointer.start, pointer.x].sort((a, b) => a - b).map((x) => clamp(x, LEFT, this.width - RIGHT));
+    add(this.overlay, "rect",
+      {class: "selection", x: pixel(from), y: HEIGHT.top, width: pixel(to - from), height: HEIGHT.plot});
+  }
+
+  pinch(moved, x) {
+    const [other] = [...this.pointers.values()].filter((pointer) => pointer !== moved);
+    const before = Math.abs(moved.x - other.x), after = Math.abs(x - other.x);
+    if (before > 5 && after > 5) this.view.zoom(before / after, this.t((x + other.x) / 2));
+    moved.x = x;
+  }
+}
+
+return {Plot, View, timeText};
 })();

@@ -1,0 +1,126 @@
+/* What users can change: silences and latched alerts. Dialogs stay open, with the reason, if the monitor refuses. */
+import {request} from "./connection.js";
+import {setText} from "./elements.js";
+
+const AUTHOR = "robot-health-author";
+
+/** A dialog with a form, which closes once its action has succeeded. */
+class ActionDialog {
+  constructor(id) {
+    this.dialog = document.getElementById(id);
+    this.error = this.dialog.querySelector(".error-text");
+    this.submit = this.dialog.querySelector("[type=submit]");
+    this.dialog.querySelector(".cancel").addEventListener("click", () => this.dialog.close());
+    this.dialog.querySelector("form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.run();
+    });
+  }
+
+  /** Shows the dialog; `action` is called when it is confirmed, and may throw. */
+  ask(action) {
+    this.action = action;
+    setText(this.error, "");
+    this.submit.disabled = false;
+    this.dialog.showModal();
+  }
+
+  async run() {
+    this.submit.disabled = true;
+    setText(this.error, "");
+    try {
+      await this.action();
+      this.dialog.close();
+    } catch (error) {
+      setText(this.error, `Failed: ${error.message}`);
+    }
+    this.submit.disabled = false;
+  }
+}
+
+/** A name as a pattern that matches it: characters with a meaning in patterns become `?`, which matches any. */
+function patternOf(name) {
+  return name.replace(/[*?[\]]/g, "?");
+}
+
+/** The actions that the page offers. */
+export class Actions {
+  /** @param {function(string)} announce - says the result to screen readers. */
+  constructor(announce) {
+    this.announce = announce;
+    this.silenceDialog = new ActionDialog("silence-dialog");
+    this.confirmDialog = new ActionDialog("confirm-dialog");
+  }
+
+  /**
+   * Asks for how long and why, then silences.
+   * @param {string} robot - name of the robot.
+   * @param {string} signal - name of the signal; "*": all.
+   * @param {boolean} isAlert - whether an alert is open, whose end can be waited for.
+   */
+  silence(robot, signal, isAlert) {
+    const field = (name) => document.getElementById(`silence-${name}`);
+    field("robot").value = patternOf(robot);
+    field("signal").value = signal === "*" ? signal : patternOf(signal);
+    field("reason").value = "";
+    field("author").value = remembered(AUTHOR);
+    const untilResolved = field("time").querySelector("[value=resolved]");
+    untilResolved.disabled = !isAlert;
+    field("time").value = "3600";
+    this.silenceDialog.ask(async () => {
+      const time = field("time").value, author = field("author").value.trim();
+      remember(AUTHOR, author);
+      await request("api/silence", {
+        robot: field("robot").value.trim(),
+        signal: field("signal").value.trim(),
+        ...(time === "resolved" ? {until_resolved: true} : {for_s: Number(time)}),
+        reason: field("reason").value.trim(),
+        author,
+      });
+      this.announce("silenced");
+    });
+    field("time").focus();
+  }
+
+  /** Asks, then ends a silence. */
+  expire(silence) {
+    this.confirm("End this silence?", `Notifications for ${silence.matchers} are sent again.`, "End silence", async () => {
+      await request("api/silence/expire", {id: silence.id});
+      this.announce("silence ended");
+    });
+  }
+
+  /** Asks, then clears the latched alerts of a robot. */
+  reset(robot) {
+    const text = `Clears the latched alerts of ${robot}. An alert whose condition is still true stays.`;
+    this.confirm("Reset latched alerts?", text, "Reset", async () => {
+      const answer = await request("api/reset", {robot});
+      this.announce(answer.message || "reset");
+    });
+  }
+
+  confirm(title, text, button, action) {
+    setText(document.getElementById("confirm-title"), title);
+    setText(document.getElementById("confirm-text"), text);
+    setText(this.confirmDialog.submit, button);
+    this.confirmDialog.ask(action);
+  }
+}
+
+/** Returns a text that this browser keeps; empty if there is none, or if storage is forbidden. */
+export function remembered(key) {
+  try {
+    return localStorage.getItem(key) || "";
+  } catch (error) {
+    return "";
+  }
+}
+
+/** Keeps a text in this browser, if it allows that. */
+export function remember(key, text) {
+  try {
+    localStorage.setItem(key, text);
+  } catch (error) {
+    // forbidden
+  }
+}

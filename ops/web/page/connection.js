@@ -1,0 +1,113 @@
+/* The connection to the monitor: events, requests, and what happens when it is lost. */
+const SILENCE_MS = 5000;
+const FIRST_DELAY_MS = 1000;
+const LONGEST_DELAY_MS = 30000;
+const REQUEST_MS = 10000;
+
+/** A request that failed; the message is for users. */
+export class RequestError extends Error {
+  constructor(message, status = 0) {
+    super(message);
+    this.status = status;
+  }
+}
+
+/**
+ * Sends a request and returns the answer.
+ * @param {string} path - below the address of the page.
+ * @param {Object} [body] - sent as JSON with POST; left out: GET.
+ * @throws {RequestError} it was refused, or there was no answer.
+ */
+export async function request(path, body) {
+  const options = {credentials: "same-origin", cache: "no-store", signal: AbortSignal.timeout(REQUEST_MS)};
+  if (body !== undefined) {
+    Object.assign(options, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(body)});
+  }
+  let response;
+  try {
+    response = await fetch(path, options);
+  } catch (error) {
+    throw new RequestError("no answer from the monitor");
+  }
+  const answer = await response.json().catch(() => ({}));
+  if (response.ok) return answer;
+  const problem = answer.error || `${response.status} ${response.statusText}`;
+  const wait = response.headers.get("Retry-After");
+  throw new RequestError(wait ? `${problem}; try again in ${wait} s` : problem, response.status);
+}
+
+/** Keeps a stream of events open, and opens it again with growing delays. */
+export class Connection {
+  /** @param {Object} listener - has `onState(data)`, `onChange(data)`, `onSamples(data)`, `onLost(reason)`, `onLoginRequired()`. */
+  constructor(listener) {
+    this.listener = listener;
+    this.failures = 0;
+    /** The robot whose samples are sent too; empty: none. */
+    this.robot = "";
+    /** When the next attempt is made, on the clock of `performance.now`; 0: none is planned. */
+    this.retryAt = 0;
+    addEventListener("online", () => this.retryAt && this.open());
+    document.addEventListener("visibilitychange", () => !document.hidden && this.retryAt && this.open());
+  }
+
+  /** Connects, now. */
+  open() {
+    this.close();
+    const source = this.source = new EventSource(`api/events${this.robot && `?robot=${encodeURIComponent(this.robot)}`}`);
+    source.addEventListener("state", (event) => this.receive(event, this.listener.onState));
+    source.addEventListener("change", (event) => this.receive(event, this.listener.onChange));
+    source.addEventListener("samples", (event) => this.receive(event, this.listener.onSamples));
+    source.addEventListener("error", () => this.lose());
+    this.watch();
+  }
+
+  /** Asks for the samples of a robot, in place of those of another. */
+  follow(robot) {
+    if (robot === this.robot) return;
+    this.robot = robot;
+    this.open();
+  }
+
+  /** Ends the connection; nothing is tried again. */
+  close() {
+    clearTimeout(this.watchdog);
+    clearTimeout(this.retryTimer);
+    this.retryAt = 0;
+    if (this.source) this.source.close();
+    this.source = null;
+  }
+
+  receive(event, handle) {
+    this.failures = 0;
+    this.watch();
+    handle.call(this.listener, JSON.parse(event.data));
+  }
+
+  /** An event comes each second. A connection that is silent is lost, whatever TCP says. */
+  watch() {
+    clearTimeout(this.watchdog);
+    this.watchdog = setTimeout(() => this.lose(), SILENCE_MS);
+  }
+
+  /** Plans the next attempt, and finds out why this one failed: EventSource does not say. */
+  async lose() {
+    this.close();
+    this.robot = "";  // it may be why: a robot that is gone
+    const delay = Math.min(LONGEST_DELAY_MS, FIRST_DELAY_MS * 2 ** this.failures++) * (0.8 + 0.4 * Math.random());
+    this.retryAt = performance.now() + delay;
+    this.retryTimer = setTimeout(() => this.open(), delay);
+    const attempt = this.retryTimer;
+    this.listener.onLost("");
+    try {
+      await request("api/state?window=0&robot=");
+    } catch (error) {
+      if (this.retryTimer !== attempt || !this.retryAt) return;
+      if (error.status === 401) {
+        this.close();
+        this.listener.onLoginRequired();
+      } else if (error.status && error.status !== 404) {
+        this.listener.onLost(error.message);
+      }
+    }
+  }
+}

@@ -1,0 +1,65 @@
+/* Numbers, durations and times as texts. Durations are in s, times in ms since 1970. */
+import {setText} from "./elements.js";
+
+/** Returns a duration in at most two units: 95 s, 12 min, 5 h 12 min, 4 d 5 h. */
+export function durationText(seconds) {
+  if (!(seconds >= 0) || seconds > 1e12) return "";
+  if (seconds < 120) return `${Math.floor(seconds)} s`;
+  const minutes = Math.floor(seconds / 60);
+  if (minutes < 60) return `${minutes} min`;
+  const hours = Math.floor(minutes / 60);
+  if (hours < 48) return twoUnits(hours, "h", minutes % 60, "min");
+  return twoUnits(Math.floor(hours / 24), "d", hours % 24, "h");
+}
+
+function twoUnits(large, largeUnit, small, smallUnit) {
+  return small ? `${large} ${largeUnit} ${small} ${smallUnit}` : `${large} ${largeUnit}`;
+}
+
+/** Returns a value with its unit, with at most five digits; texts as they are. */
+export function valueText(value, unit) {
+  if (value === null || value === undefined || value === "") return "";
+  const text = typeof value === "number" ? Number(value.toPrecision(5)) : value;
+  return unit ? `${text} ${unit}` : String(text);
+}
+
+/** Returns the local time of day, with the date unless it is the day of `now`. */
+export function timeText(time, now) {
+  const text = local(time);
+  return text.slice(0, 10) === local(now).slice(0, 10) ? text.slice(11) : text;
+}
+
+/** Returns the local date and time with its zone. */
+export function fullTimeText(time) {
+  const text = local(time);
+  return text ? `${text} ${zoneText(time)}` : "";
+}
+
+/** Returns the name of the local time zone, for example CET. */
+export function zoneText(time) {
+  const parts = new Intl.DateTimeFormat("en", {timeZoneName: "short"}).formatToParts(new Date(time));
+  return parts.find((part) => part.type === "timeZoneName").value;
+}
+
+/** Returns local time minus UTC, in s. */
+export function utcOffset(time) {
+  return -new Date(time).getTimezoneOffset() * 60;
+}
+
+function local(time) {
+  const shifted = new Date(time + utcOffset(time) * 1000);
+  return Number.isNaN(shifted.getTime()) ? "" : shifted.toISOString().slice(0, 19).replace("T", " ");
+}
+
+/** Shows in a time element how long ago `since` is, and with the pointer on it when that was. */
+export function showAge(element, since, now) {
+  if (Number.isNaN(since) || Math.abs(since) === Infinity) return setText(element, "");
+  setText(element, durationText(Math.max(0, now - since) / 1000));
+  if (element.since !== since) element.title = `since ${fullTimeText(element.since = since)}`;
+  return undefined;
+}
+
+/** Returns "1 alert", "2 alerts". */
+export function countText(count, noun) {
+  return `${count} ${noun}${count === 1 ? "" : "s"}`;
+}

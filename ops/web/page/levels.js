@@ -1,0 +1,63 @@
+/* What a signal or robot is shown as: its level, or why the level is unknown. */
+import {make, setShape, setText, shape} from "./elements.js";
+
+/** Every kind with its label, worst first. `nolink`, `unknown` and `waiting` are neither OK nor an alarm. */
+export const KINDS = new Map([
+  ["error", "ERROR"],
+  ["nolink", "NO LINK"],
+  ["stale", "STALE"],
+  ["warn", "WARN"],
+  ["unknown", "UNKNOWN"],
+  ["waiting", "WAITING"],
+  ["ok", "OK"],
+]);
+
+const RANK = new Map([...KINDS.keys()].map((kind, place) => [kind, place]));
+const OF_LEVEL = {OK: "ok", WARN: "warn", ERROR: "error", STALE: "stale"};
+/** Name of the signal that is the link to the robot. */
+export const LINK = "link";
+
+/** Returns the kind of a level as in the API. */
+export function kindOfLevel(level) {
+  return OF_LEVEL[level] || "unknown";
+}
+
+/**
+ * Returns the kind of a signal.
+ * @param {string} name - its name.
+ * @param {{level: string, state: string}} signal - as in the API.
+ */
+export function kindOfSignal(name, signal) {
+  if (signal.state === "waiting") return "waiting";
+  if (signal.state === "unreachable") return "unknown";
+  const kind = kindOfLevel(signal.level);
+  return name === LINK && kind !== "ok" ? "nolink" : kind;
+}
+
+/** Returns a number that is lower for a worse kind. */
+export function rankOf(kind) {
+  return RANK.get(kind);
+}
+
+/** Returns the worse of two kinds. */
+export function worse(kind, other) {
+  return rankOf(other) < rankOf(kind) ? other : kind;
+}
+
+/** The label of a kind beside its shape. */
+export class Badge {
+  constructor(kind) {
+    this.shape = shape(kind);
+    this.text = make("span.badge-text");
+    this.element = make("span", {}, this.shape, this.text);
+    this.show(kind);
+  }
+
+  show(kind) {
+    if (kind === this.kind) return;
+    this.kind = kind;
+    this.element.className = `badge ${kind}`;
+    setShape(this.shape, kind);
+    setText(this.text, KINDS.get(kind));
+  }
+}

@@ -1,0 +1,192 @@
+/* The web page: connects the monitor's events with the views. */
+import {Actions, remember, remembered} from "./actions.js";
+import {AlertTable} from "./alerts.js";
+import {Connection, request} from "./connection.js";
+import {setAttribute, setShape, setText} from "./elements.js";
+import {Fleet} from "./fleet.js";
+import {countText, durationText, timeText, zoneText} from "./format.js";
+import {drawIcon} from "./icon.js";
+import {KINDS} from "./levels.js";
+import {RobotList} from "./robots.js";
+import {SilenceList} from "./silences.js";
+
+const VIEWS = ["robots", "alerts", "silences"];
+const LOGGED_IN = "robot-health-logged-in";
+const MOST_ANNOUNCED = 3;
+const ANNOUNCE_MS = 2000;
+
+const byId = (id) => document.getElementById(id);
+
+/** The page as a whole. */
+class Page {
+  constructor() {
+    this.fleet = new Fleet();
+    /** `connecting`, `live`, `lost` (there is an old state) or `login` (the token is required). */
+    this.phase = "connecting";
+    this.lostAt = performance.now();
+    this.view = VIEWS[0];
+    this.news = [];
+    this.actions = new Actions((text) => setText(byId("announcer"), text));
+    this.robots = new RobotList(this);
+    this.silences = new SilenceList(this);
+    this.alerts = new AlertTable(this, {});
+    byId("alert-history").append(this.alerts.element);
+    this.connection = new Connection(this);
+    addEventListener("hashchange", () => this.showView());
+    byId("retry").addEventListener("click", () => this.connection.open());
+    byId("login-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.login();
+    });
+    byId("logout").addEventListener("click", () => this.logout());
+    setInterval(() => this.tick(), 1000);
+    this.connection.open();
+  }
+
+  get isLive() { return this.phase === "live"; }
+
+  get hasState() { return this.isLive || this.phase === "lost"; }
+
+  // Events of the connection
+
+  onState(state) {
+    this.robots.update(this.fleet.replace(state), true);
+    this.silences.update();
+    this.setPhase("live");
+    this.robots.follow();
+    if (this.view === "alerts") this.alerts.load();
+  }
+
+  onChange(change) {
+    if (!this.isLive) return;  // its state has not come yet
+    const changes = this.fleet.merge(change);
+    this.robots.update(changes, false);
+    this.silences.update();
+    if (changes.order) this.showSummary();
+    if (!changes.alerts.length) return;
+    this.collectNews(changes.alerts);
+    if (this.view === "alerts") this.alerts.load();
+  }
+
+  onSamples(samples) {
+    this.robots.addSamples(samples);
+  }
+
+  onLost(reason) {
+    this.reason = reason;
+    if (this.isLive) this.lostAt = performance.now();
+    this.setPhase(this.hasState ? "lost" : "connecting");
+  }
+
+  onLoginRequired() {
+    this.setPhase("login");
+    byId("token").focus();
+  }
+
+  // What is shown
+
+  setPhase(phase) {
+    this.phase = phase;
+    document.body.className = phase;
+    byId("login").hidden = phase !== "login";
+    byId("lost").hidden = phase !== "lost" && !(phase === "connecting" && this.connection.failures);
+    byId("logout").hidden = !this.isLive || !remembered(LOGGED_IN);
+    this.showView();
+    this.showSummary();
+    this.tick();
+  }
+
+  /** Shows what is worst: heading, title, icon. */
+  showSummary() {
+    const {counts, robots} = this.fleet;
+    const [name] = robots.size === 1 ? robots.keys() : [countText(robots.size, "robot")];
+    const bad = [...counts].filter(([kind]) => kind !== "ok").map(([kind, count]) => `${robots.size > 1 ? `${count}\u00a0` : ""}${KINDS.get(kind)}`);
+    const other = {connecting: "connecting…", lost: "no connection to the monitor", login: "token required"}[this.phase];
+    const text = other || `${name}: ${bad.join(", ") || (robots.size ? "all OK" : "nothing to watch")}`;
+    const kind = this.isLive && robots.size ? counts.keys().next().value : "unknown";
+    setText(byId("summary"), text);
+    setShape(byId("worst-shape"), kind);
+    setAttribute(byId("worst-shape"), "class", `shape ${kind}`);
+    document.title = `${text} – Robot health`;
+    drawIcon(byId("icon"), byId("worst-shape"));
+  }
+
+  /** Updates what changes with time alone, once per second. */
+  tick() {
+    const {now} = this.fleet, text = byId("connection-text");
+    if (!this.isLive) {
+      setText(text, this.phase === "login" ? "not logged in" : "not connected");
+      this.showLost();
+      return;
+    }
+    setText(text, `live, ${timeText(now, now)} ${zoneText(now)}`);
+    setText(byId("footer-text"), `robot_health_monitor ${this.fleet.state.version}. Times are local (${zoneText(now)}).`);
+    this.robots.tick();
+    this.silences.tick();
+  }
+
+  showLost() {
+    const {retryAt} = this.connection, now = performance.now();
+    const parts = [`for ${durationText((now - this.lostAt) / 1000)}.`];
+    if (this.phase === "lost") parts.push(`The state below is from ${timeText(Date.parse(this.fleet.state.now), this.fleet.now)} and may be outdated.`);
+    if (this.reason) parts.push(`The monitor answers: ${this.reason}.`);
+    parts.push(retryAt ? `Next attempt in ${Math.max(0, Math.ceil((retryAt - now) / 1000))} s.` : "Connecting…");
+    setText(byId("lost-text"), parts.join(" "));
+  }
+
+  /** Shows the view that the address names: #robots, #robots/NAME, #alerts, #silences. */
+  showView() {
+    const [view, name] = location.hash.slice(1).split("/");
+    // Other addresses lead to an element of the view, for example from a marker in a plot to its alert.
+    if (VIEWS.includes(view)) this.view = view;
+    byId("tabs").hidden = !this.hasState;
+    for (const each of VIEWS) {
+      byId(each).hidden = !this.hasState || each !== this.view;
+      setAttribute(byId("tabs").querySelector(`[href="#${each}"]`), "aria-current", each === this.view ? "page" : null);
+    }
+    if (!this.isLive || location.hash === this.shown) return;
+    this.shown = location.hash;
+    if (view === "alerts") this.alerts.load();
+    if (view === "robots" && name) this.robots.open(decodeURIComponent(name));
+  }
+
+  // For screen readers
+
+  /** Alerts are read out together, a moment later: many may come at once. */
+  collectNews(alerts) {
+    const known = alerts.filter(([robot, signal]) => !["waiting", "unknown"].includes(robot.kinds.get(signal)));
+    if (known.length && !this.news.length) setTimeout(() => this.readNews(), ANNOUNCE_MS);
+    this.news.push(...known.map(([robot, signal]) => `${robot.name}: ${signal} ${KINDS.get(robot.kinds.get(signal))}, ${robot.data.signals[signal].message}`));
+  }
+
+  readNews() {
+    const more = this.news.length - MOST_ANNOUNCED;
+    setText(byId("announcer"), this.news.slice(0, MOST_ANNOUNCED).join(". ") + (more > 0 ? `, and ${more} more` : ""));
+    this.news = [];
+  }
+
+  // The token
+
+  async login() {
+    const field = byId("token"), problem = byId("login-error");
+    setText(problem, "");
+    try {
+      await request("api/login", {token: field.value});
+    } catch (error) {
+      setText(problem, error.status === 401 ? "The token is wrong." : `Failed: ${error.message}`);
+      field.select();
+      return;
+    }
+    field.value = "";
+    remember(LOGGED_IN, "yes");
+    this.connection.open();
+  }
+
+  async logout() {
+    await request("api/logout", {}).catch(() => undefined);
+    remember(LOGGED_IN, "");
+    this.connection.lose();
+  }
+}
+
+new Page();

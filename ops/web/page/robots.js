@@ -1,0 +1,164 @@
+/* The list of robots. Each event updates only the rows of robots that changed. */
+import {isolated, make, setAttribute, setChildren, setText, shape} from "./elements.js";
+import {countText, showAge} from "./format.js";
+import {Badge, KINDS} from "./levels.js";
+import {SignalTable} from "./signals.js";
+
+let rows = 0;
+
+/** One robot: a line, and below it, once it is opened, its signals. */
+class RobotRow {
+  constructor(robot, page) {
+    this.page = page;
+    this.badge = new Badge(robot.kind);
+    this.reason = isolated("");
+    this.more = make("span.more");
+    this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span"));
+    this.since = make("time.since");
+    const id = `robot-${++rows}`;
+    this.head = make("button.robot-head", {type: "button", "aria-expanded": "false", "aria-controls": id, onclick: () => this.toggle()},
+      shape("open"), this.badge.element, isolated(robot.name, "robot-name"),
+      make("span.cause", {}, this.reason, this.more), this.silenced, this.since);
+    this.body = make("div.robot-body", {id, hidden: true});
+    this.element = make("li.robot", {}, make("h3", {}, this.head), this.body);
+    this.table = null;
+    this.update(robot);
+  }
+
+  update(robot) {
+    this.robot = robot;
+    this.badge.show(robot.kind);
+    setAttribute(this.element, "class", `robot ${robot.kind}`);
+    setText(this.reason, robot.cause || countText(robot.kinds.size, "signal"));
+    setText(this.more, robot.others ? ` and ${robot.others} more` : "");
+    this.silenced.hidden = !robot.silenced;
+    setText(this.silenced.lastChild, robot.silenced ? `${robot.silenced} silenced` : "");
+    this.tick();
+    if (this.isOpen) this.updateBody();
+  }
+
+  updateBody() {
+    const {monitor, link} = this.robot.data, {state} = this.page.fleet;
+    this.table.update(this.robot);
+    this.silence.hidden = !(state.can_change && state.silencing);
+    this.reset.hidden = !(state.can_change && Object.values(this.robot.data.signals).some((signal) => signal.latch));
+    setText(this.link, link ? `link ${link}` : "");
+    setText(this.monitor, monitor ? `monitor ${monitor.level}: ${monitor.message}` : "");
+    this.monitor.className = this.robot.monitorFails ? "fact problem" : "fact";
+  }
+
+  /** Updates what changes with time alone. */
+  tick() {
+    showAge(this.since, this.robot.since, this.page.fleet.now);
+    if (this.isOpen) this.table.tick();
+  }
+
+  get isOpen() { return this.table !== null; }
+
+  toggle(open = !this.isOpen) {
+    if (open === this.isOpen) return;
+    setAttribute(this.head, "aria-expanded", String(open));
+    this.body.hidden = !open;
+    this.table = null;
+    this.body.replaceChildren();
+    if (open) this.fill();
+  }
+
+  fill() {
+    const actions = this.page.actions, name = this.robot.name;
+    this.table = new SignalTable(this.robot, this.page);
+    this.link = make("span.fact");
+    this.monitor = make("span.fact");
+    this.silence = make("button", {type: "button", onclick: () => actions.silence(name, "*", false)}, "Silence robot…");
+    this.reset = make("button", {type: "button", onclick: () => actions.reset(name)}, "Reset latched alerts…");
+    this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset, this.link, this.monitor));
+    this.updateBody();
+  }
+}
+
+/** The view with the filter, the counts per level and the robots. */
+export class RobotList {
+  constructor(page) {
+    this.page = page;
+    this.rows = new Map();
+    this.kinds = new Set();
+    this.list = document.getElementById("robot-list");
+    this.none = document.getElementById("no-robot");
+    this.input = document.getElementById("filter");
+    this.input.addEventListener("input", () => this.arrange());
+    this.levels = new Map([...KINDS].map(([kind, label]) => [kind, this.levelButton(kind, label)]));
+    document.getElementById("level-filter").append(...[...this.levels.values()].map(({button}) => button));
+  }
+
+  levelButton(kind, label) {
+    const count = make("span.number");
+    const button = make(`button.level-button.${kind}`, {type: "button", "aria-pressed": "false", hidden: true, onclick: () => this.toggleKind(kind)},
+      shape(kind), count, label);
+    return {button, count};
+  }
+
+  toggleKind(kind) {
+    if (!this.kinds.delete(kind)) this.kinds.add(kind);
+    setAttribute(this.levels.get(kind).button, "aria-pressed", String(this.kinds.has(kind)));
+    this.arrange();
+  }
+
+  /** Shows what `Fleet.replace` or `Fleet.merge` returned. */
+  update({names, order}, isNew) {
+    const {robots} = this.page.fleet;
+    for (const name of names) {
+      const row = this.rows.get(name);
+      if (row) row.update(robots.get(name));
+      else this.rows.set(name, new RobotRow(robots.get(name), this.page));
+    }
+    if (isNew) for (const name of [...this.rows.keys()]) if (!robots.has(name)) this.rows.delete(name);
+    if (isNew && robots.size === 1 && !this.wasShown) [...this.rows.values()][0].toggle(true);
+    this.wasShown = this.wasShown || isNew;
+    // Reasons are filtered too, and they change without a change of the order.
+    if (order || isNew || this.input.value || names.size && this.list.childElementCount !== this.rows.size) this.arrange();
+  }
+
+  /** Sorts and filters the rows, and updates the counts. */
+  arrange() {
+    const {fleet} = this.page, text = this.input.value.trim().toLowerCase();
+    const shown = fleet.sorted.filter((robot) => (!this.kinds.size || this.kinds.has(robot.kind)) && robot.matches(text));
+    setChildren(this.list, shown.map((robot) => this.rows.get(robot.name).element));
+    const {counts} = fleet;
+    for (const [kind, {button, count}] of this.levels) {
+      button.hidden = !counts.has(kind) && !this.kinds.has(kind);
+      setText(count, `${counts.get(kind) || 0}`);
+    }
+    this.none.hidden = shown.length > 0;
+    setText(this.none, fleet.robots.size ? "No robot matches the filter." : "No robot is configured.");
+    setAttribute(this.list.parentElement, "class", fleet.robots.size > 1 ? null : "single");
+  }
+
+  tick() {
+    for (const row of this.rows.values()) row.tick();
+  }
+
+  /** Asks for the samples that are plotted. Only one robot has plots: `table`; those of others are closed. */
+  follow(table) {
+    const open = [...this.rows.values()].filter((row) => row.isOpen && row.table.opened.length);
+    for (const row of open) if (table && row.table !== table) row.table.opened.forEach((signal) => signal.toggle());
+    const [robot] = table ? [table.robot] : open.map((row) => row.robot);
+    if (robot) this.page.connection.follow(robot.name);
+  }
+
+  addSamples(samples) {
+    const row = this.rows.get(samples.robot);
+    if (row && row.isOpen) row.table.addSamples(samples);
+  }
+
+  /** Opens a robot and scrolls to it. */
+  open(name) {
+    const row = this.rows.get(name);
+    if (!row) return;
+    this.input.value = "";
+    [...this.kinds].forEach((kind) => this.toggleKind(kind));
+    this.arrange();
+    row.toggle(true);
+    row.head.focus({preventScroll: true});
+    row.element.scrollIntoView({block: "start"});
+  }
+}

@@ -1,0 +1,160 @@
+/* The signals of one robot: a table, and for each opened signal its plot, settings and alerts. */
+import {AlertTable} from "./alerts.js";
+import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
+import {showAge, valueText} from "./format.js";
+import {Badge, LINK} from "./levels.js";
+import {WindowPlot} from "./plots.js";
+
+let details = 0;
+
+/** One opened signal. */
+class SignalDetails {
+  constructor(robotName, name, page) {
+    this.page = page;
+    this.robotName = robotName;
+    this.name = name;
+    this.plotBox = make("div.plot");
+    this.plot = new WindowPlot(this.plotBox, name);
+    this.facts = make("p.facts");
+    this.silenced = make("p");
+    this.silence = make("button", {type: "button", onclick: () => page.actions.silence(robotName, name, this.isAlert)}, "Silence…");
+    this.alerts = new AlertTable(page, {robot: robotName, signal: name}, 5);
+    this.element = make("div.signal-body", {}, this.plotBox, this.facts, this.silenced, make("div.buttons", {}, this.silence),
+      make("h5", {}, "Alerts"), this.alerts.element);
+  }
+
+  update(signal, kind) {
+    const {state} = this.page.fleet;
+    this.isAlert = !["ok", "waiting", "unknown"].includes(kind);
+    if (kind !== this.kind) this.alerts.load();
+    this.kind = kind;
+    this.silence.hidden = !(state.can_change && state.silencing);
+    setText(this.facts, factsText(signal));
+    this.silenced.hidden = !signal.silenced;
+    setText(this.silenced, `Silenced: ${signal.silenced}`);
+  }
+}
+
+function factsText(signal) {
+  const facts = [];
+  if (signal.statistic && signal.statistic !== "last") {
+    facts.push(`bounds apply to ${signal.statistic}: ${valueText(signal.judged, signal.judged_unit) || "undefined"}`);
+  }
+  for (const bound of signal.bounds || []) {
+    const clears = bound.clears === bound.value ? "" : ` (clears at ${valueText(bound.clears, signal.judged_unit)})`;
+    facts.push(`${bound.level} ${bound.side} ${valueText(bound.value, signal.judged_unit)}${clears}`);
+  }
+  if (signal.flapping) facts.push("flapping: further changes are not announced");
+  if (signal.latch) facts.push("an alert stays until it is reset");
+  return facts.join(" · ");
+}
+
+/** One signal in the table. */
+class SignalRow {
+  constructor(table, name, page) {
+    this.page = page;
+    this.parent = table;
+    this.name = name;
+    this.details = null;
+    this.badge = new Badge("waiting");
+    this.value = isolated("");
+    this.message = isolated("");
+    this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
+    this.since = make("time");
+    this.cell = makeCell("", "", 5);
+    const id = `signal-${++details}`;
+    this.more = makeRow("details", this.cell);
+    this.more.id = id;
+    this.more.hidden = true;
+    this.button = make("button.signal-name", {type: "button", "aria-expanded": "false", "aria-controls": id}, shape("open"), isolated(name));
+    this.element = makeRow("signal", makeCell("level", this.badge.element), make("th", {role: "rowheader", scope: "row"}, this.button),
+      makeCell("value", this.value), makeCell("reason", make("span", {}, this.message, this.silenced)), makeCell("since", this.since));
+    this.element.addEventListener("click", (event) => this.click(event));
+  }
+
+  /** A click anywhere in the row opens it, except one that ends the selection of text. */
+  click(event) {
+    if (event.target.closest("button") || !String(getSelection())) this.toggle();
+  }
+
+  toggle() {
+    const open = !this.details;
+    setAttribute(this.button, "aria-expanded", String(open));
+    this.more.hidden = !open;
+    this.details = null;
+    this.cell.replaceChildren();
+    if (!open) return;
+    this.details = new SignalDetails(this.parent.robot.name, this.name, this.page);
+    this.cell.append(this.details.element);
+    this.details.update(this.signal, this.kind);
+    this.page.robots.follow(this.parent);
+    this.plot();
+  }
+
+  update(signal, kind) {
+    this.signal = signal;
+    this.kind = kind;
+    this.badge.show(kind);
+    setAttribute(this.element, "class", `signal ${kind}`);
+    const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : signal.text || valueText(signal.value, signal.unit) || "–";
+    setText(this.value, value);
+    // The reason of a healthy signal only repeats its value.
+    setText(this.message, kind === "ok" && signal.message === value ? "" : signal.message || "");
+    this.silenced.hidden = !signal.silenced;
+    setAttribute(this.silenced, "title", signal.silenced);
+    if (this.details) this.details.update(signal, kind);
+    this.tick();
+  }
+
+  /** Draws the samples of the window. */
+  plot() {
+    if (this.details) this.details.plot.show(this.signal, this.kind, this.parent.samples.get(this.name) || [], this.page.fleet.now / 1000);
+  }
+
+  tick() {
+    showAge(this.since, Date.parse(this.signal.since), this.page.fleet.now);
+  }
+}
+
+/** The table of one robot's signals. */
+export class SignalTable {
+  constructor(robot, page) {
+    this.page = page;
+    this.robot = robot;
+    this.rows = new Map();
+    /** Samples in the window of each signal, as [s since 1970, value]. */
+    this.samples = new Map();
+    Object.assign(this, makeTable("signals", `Signals of ${robot.name}`, ["Level", "Signal", "Value", "Reason", "For"]));
+  }
+
+  update(robot) {
+    this.robot = robot;
+    const names = Object.keys(robot.data.signals);
+    for (const name of names) {
+      if (!this.rows.has(name)) this.rows.set(name, new SignalRow(this, name, this.page));
+      this.rows.get(name).update(robot.data.signals[name], robot.kinds.get(name));
+    }
+    for (const name of [...this.rows.keys()]) if (!(name in robot.data.signals)) this.rows.delete(name);
+    setChildren(this.body, names.flatMap((name) => [this.rows.get(name).element, this.rows.get(name).more]));
+  }
+
+  tick() {
+    for (const row of this.rows.values()) row.tick();
+  }
+
+  get opened() {
+    return [...this.rows.values()].filter((row) => row.details);
+  }
+
+  /** Adds the samples of an event, and drops those that have left the window. */
+  addSamples({full, signals, window_s: windows}) {
+    for (const [name, added] of Object.entries(signals)) {
+      const samples = full ? [] : this.samples.get(name) || [];
+      const last = samples.length ? samples[samples.length - 1][0] : -Infinity;
+      samples.push(...added.filter(([t]) => t > last));
+      const end = samples.length ? samples[samples.length - 1][0] : 0;
+      this.samples.set(name, samples.filter(([t]) => t >= end - windows[name]));
+    }
+    for (const row of this.opened) row.plot();
+  }
+}
