@@ -15,11 +15,11 @@ FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "stat
 _LARGE = 10**1000
 
 
-def json_line(transition: Transition, **further: str) -> str:
+def json_line(transition: object, **further: object) -> str:
     """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
 
     Args:
-        transition: what to format.
+        transition: what to format: a Transition, or another object with its fields.
         further: fields to add.
     """
     fields: Dict[str, Any] = {name: getattr(transition, name) for name in FIELDS}

@@ -79,6 +79,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         "test": lambda: _test(arguments),
         "notify": lambda: _notify(arguments),
         "export": lambda: _export(arguments),
+        "history": lambda: _history(arguments),
     }
     try:
         return commands[arguments.command]()
@@ -133,6 +134,13 @@ def _suggest(arguments: argparse.Namespace) -> int:
         return FINE
 
     return _read_recordings(run)
+
+
+def _history(arguments: argparse.Namespace) -> int:
+    from .history_command import show_history
+
+    show_history(arguments)
+    return FINE
 
 
 def _read_recordings(run: Callable[[], int]) -> int:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
+import time
+from datetime import datetime
 from typing import Any, NoReturn, Optional, Sequence
 
 from .tokens import TOKEN_VARIABLE
+
+_UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 
 
 def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
@@ -80,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_test(commands)
     _add_notify(commands)
     _add_export(commands)
+    _add_history(commands)
     return parser
 
 
@@ -289,6 +295,68 @@ def _add_notify(commands: Any) -> None:
         "response. Ends with code 3 if a target failed.",
     )
     command.add_argument("file", metavar="FILE", help="an ops.yaml")
+
+
+def _add_history(commands: Any) -> None:
+    command = commands.add_parser(
+        "history",
+        help="show past alerts, from a history file",
+        description="Shows the alerts in a history file, with starts and stops of the monitor, resets and changes of "
+        "the configuration. The monitor may be running.",
+    )
+    command.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        help="the history (default: that of --ops, else /var/lib/robot-health/history.db)",
+    )
+    command.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+    command.add_argument(
+        "--since",
+        dest="since_s",
+        metavar="TIME",
+        type=_moment,
+        help="only what is newer: 90s, 30m, 24h, 7d, or a local time such as 2026-11-22T08:00",
+    )
+    command.add_argument("--robot", metavar="R", help="only this robot; * and ? as in file names")
+    command.add_argument("--signal", metavar="S", help="only this signal; * and ? as in file names")
+    command.add_argument(
+        "--level", metavar="L", type=_level, help="only transitions to this level: OK, WARN, ERROR or STALE"
+    )
+    command.add_argument(
+        "--summary",
+        action="store_true",
+        help="per signal: share of time per level, alerts, longest time not OK",
+    )
+    command.add_argument("--alert", metavar="ID", type=_number, help="one transition, with a plot of its samples")
+    form = command.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="one JSON object per line")
+    form.add_argument("--csv", action="store_true", help="comma-separated values")
+
+
+def _moment(text: str) -> float:
+    """Returns a time in s since 1970: so long ago, or a date and time by ISO 8601."""
+    found = re.match(r"(\d{1,9}(?:\.\d{1,9})?)(s|m|min|h|d|w)\Z", text, re.ASCII)
+    if found is not None:
+        return time.time() - float(found[1]) * _UNITS_S[found[2]]
+    try:
+        return datetime.fromisoformat(text).timestamp()
+    except (ValueError, OverflowError, OSError):
+        raise argparse.ArgumentTypeError(
+            f"expected a duration such as 24h or a time such as 2026-11-22T08:00, got {text!r}"
+        ) from None
+
+
+def _level(text: str) -> str:
+    if text.upper() not in ("OK", "WARN", "ERROR", "STALE"):
+        raise argparse.ArgumentTypeError(f"expected OK, WARN, ERROR or STALE, got {text!r}")
+    return text.upper()
+
+
+def _number(text: str) -> int:
+    if not re.match(r"#?\d{1,18}\Z", text, re.ASCII):
+        raise argparse.ArgumentTypeError(f"expected the number of a transition, got {text!r}")
+    return int(text.lstrip("#"))
 
 
 def _port(text: str) -> int:

@@ -7,7 +7,10 @@ from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
 
+from ..matchers import matches_pattern
 from .rows import TRANSITION_COLUMNS, StoredTransition, stored_transition, unpack_samples
+
+_PAGE = 500
 
 
 class Gap(NamedTuple):
@@ -48,18 +51,45 @@ def transitions(
         limit: at most so many.
         newest_first: in reverse order; with a `limit`: the newest ones.
     """
-    conditions: List[Tuple[str, Any]] = [("id > ?", after_id)] if after_id else []
-    conditions += [] if before_id is None else [("id < ?", before_id)]
-    conditions += [] if since_s is None else [("wall_s >= ?", since_s)]
-    conditions += [] if until_s is None else [("wall_s < ?", until_s)]
-    conditions += [] if robot is None else [pattern_condition("robot", robot)]
-    conditions += [] if signal is None else [pattern_condition("signal", signal)]
-    conditions += [] if level is None else [("to_level = ?", int(level))]
-    where = " AND ".join(condition for condition, _ in conditions) or "1"
+    # The unary plus keeps SQLite from sorting what an index on the time would find.
+    conditions: List[Tuple[str, List[Any]]] = [
+        ("+wall_s >= ?" if since_s is not None else "1", [since_s] if since_s is not None else []),
+        ("+wall_s < ?" if until_s is not None else "1", [until_s] if until_s is not None else []),
+        ("to_level = ?" if level is not None else "1", [int(level)] if level is not None else []),
+        pattern_condition(connection, "robot", robot),
+        pattern_condition(connection, "signal", signal),
+    ]
+    where = " AND ".join(condition for condition, _ in conditions)
+    values = [value for _, values in conditions for value in values]
     order = "DESC" if newest_first else "ASC"
-    query = f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE {where} ORDER BY id {order} LIMIT ?"
-    for row in connection.execute(query, [*(value for _, value in conditions), -1 if limit is None else limit]):
-        yield stored_transition(row)
+    where = f"id BETWEEN ? AND ? AND {where} ORDER BY id {order} LIMIT ?"
+    query = f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE {where}"
+    first, last = _number_range(connection, since_s)
+    first = max(first, after_id + 1)
+    last = last if before_id is None else min(last, before_id - 1)
+    # Page by page: an open query would keep the writer's log from being shortened.
+    while limit is None or limit > 0:
+        page = _PAGE if limit is None else min(_PAGE, limit)
+        rows = connection.execute(query, [first, last, *values, page]).fetchall()
+        for row in rows:
+            yield stored_transition(row)
+        if len(rows) < page:
+            break
+        limit = None if limit is None else limit - page
+        if newest_first:
+            last = rows[-1][0] - 1
+        else:
+            first = rows[-1][0] + 1
+
+
+def _number_range(connection: sqlite3.Connection, since_s: Optional[float]) -> Tuple[int, int]:
+    """Returns the first number that may be as new as `since_s`, and the last number."""
+    where = "" if since_s is None else " WHERE wall_s >= ?"
+    first, last = connection.execute(
+        f"SELECT min(id), (SELECT max(id) FROM transitions) FROM transitions{where}",
+        [] if since_s is None else [since_s],
+    ).fetchone()
+    return (1, 0) if first is None else (first, last)
 
 
 def transition(connection: sqlite3.Connection, number: int) -> Optional[StoredTransition]:
@@ -86,16 +116,61 @@ def gaps(connection: sqlite3.Connection, since_s: float = 0.0) -> List[Gap]:
         Gap(stopped_s or alive_s, next_run[0], stopped_s is None)
         for (_, alive_s, stopped_s), next_run in zip(runs, runs[1:])
     ]
-    return [gap for gap in found if gap.to_s >= since_s]
+    # The wall clock may have been set back in the meantime.
+    return [gap for gap in found if gap.to_s > gap.from_s and gap.to_s >= since_s]
 
 
-def pattern_condition(column: str, pattern: str) -> Tuple[str, str]:
-    """Returns an SQL condition with one parameter for a pattern as in file names.
+class MonitorEvent(NamedTuple):
+    """An event of the monitor itself."""
+
+    wall_s: float
+    """When, in s since 1970."""
+    kind: str
+    """`started`, `stopped`, `killed`, `reset` or `configuration`."""
+    robot: str
+    """The robot; empty for the first three: all."""
+    detail: str
+    """The version of the software (`started`), the hash of the configuration; else empty."""
+
+
+def monitor_events(
+    connection: sqlite3.Connection, since_s: float = 0.0, robot: Optional[str] = None
+) -> List[MonitorEvent]:
+    """Returns starts and stops of the monitor, resets and changes of the configuration, by time.
 
     Args:
-        column: name of the column.
-        pattern: text in which `*` and `?` stand for any text and any character.
+        connection: the database.
+        since_s: not older, in s since 1970.
+        robot: resets and configurations of this robot only; `*` and `?` work as in file names.
     """
-    if "*" in pattern or "?" in pattern:
-        return f"{column} GLOB ?", pattern.replace("[", "[[]")
-    return f"{column} = ?", pattern
+    events = []
+    runs = connection.execute("SELECT started_s, alive_s, stopped_s, version FROM runs ORDER BY id").fetchall()
+    for number, (started_s, alive_s, stopped_s, version) in enumerate(runs, 1):
+        events.append(MonitorEvent(started_s, "started", "", version))
+        if stopped_s is not None:
+            events.append(MonitorEvent(stopped_s, "stopped", "", ""))
+        elif number < len(runs):
+            events.append(MonitorEvent(alive_s, "killed", "", ""))
+    condition, values = pattern_condition(connection, "robot", robot)
+    for wall_s, name in connection.execute(f"SELECT wall_s, robot FROM resets WHERE {condition} ORDER BY id", values):
+        events.append(MonitorEvent(wall_s, "reset", name, ""))
+    query = f"SELECT wall_s, robot, hash FROM configuration_changes WHERE {condition} ORDER BY id"
+    for wall_s, name, key in connection.execute(query, values):
+        events.append(MonitorEvent(wall_s, "configuration", name, key))
+    return sorted((event for event in events if event.wall_s >= since_s), key=lambda event: event.wall_s)
+
+
+def pattern_condition(connection: sqlite3.Connection, column: str, pattern: Optional[str]) -> Tuple[str, List[Any]]:
+    """Returns an SQL condition and its parameters.
+
+    Args:
+        connection: receives the function `matches_pattern`; SQLite's GLOB needs exponential time for some patterns.
+        column: name of the column.
+        pattern: text in which `*` and `?` stand for any text and any character; None: everything matches.
+    """
+    if pattern is None:
+        return "1", []
+    if "*" not in pattern and "?" not in pattern:
+        return f"{column} = ?", [pattern]
+    connection.create_function("matches_pattern", 2, matches_pattern)
+    return f"matches_pattern({column}, ?)", [pattern]

@@ -33,8 +33,10 @@ class HistoryReader:
             """The connection, for functions of `queries`."""
         except OSError as error:
             raise ConfigError(error.strerror or str(error), file=str(file)) from None
-        except (sqlite3.Error, schema.UnknownSchemaError) as error:
+        except schema.UnknownSchemaError as error:
             raise ConfigError(str(error), file=str(file)) from None
+        except sqlite3.Error as error:
+            raise ConfigError(f"cannot be read: {error}", file=str(file)) from None
 
     def __enter__(self) -> HistoryReader:
         """Returns itself."""

@@ -50,7 +50,6 @@ class Writer:
         self._jobs: Deque[Job[object]] = deque()
         self._is_closing = False
         self._busy_since_s: Optional[float] = time.monotonic()
-        self._is_late = False
         self._thread = threading.Thread(target=self._run, name="history", daemon=True)
         self._thread.start()
 
@@ -75,14 +74,14 @@ class Writer:
             return True
 
     def wait(self, job: Job[Result], timeout_s: float) -> None:
-        """Waits until a job is done, but not if earlier ones already took too long.
+        """Waits until a job is done, but not while the disk hangs: the first caller has waited for it.
 
         Args:
             job: what has been added.
-            timeout_s: limit in s.
+            timeout_s: limit in s; a transaction that has lasted longer hangs.
         """
-        if not self._is_late and not job.done.wait(timeout_s):
-            self._is_late = True
+        if self.busy_s < timeout_s:
+            job.done.wait(timeout_s)
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float) -> Result:
         """Runs a function in a transaction of its own and returns its result.
@@ -116,7 +115,6 @@ class Writer:
         while True:
             with self._condition:
                 if not self._jobs:
-                    self._is_late = False
                     self._busy_since_s = None
                     if self._is_closing:
                         break

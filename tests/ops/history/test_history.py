@@ -26,6 +26,7 @@ def low_battery(now_s: float = 1.0) -> Transition:
 @pytest.fixture
 def history(tmp_path: Path) -> Iterator[History]:
     opened = History(HistorySettings(str(tmp_path / "history.db")), wall_time_s=lambda: 1_000_000.0)
+    opened.of_robot("r1", Faults()).restore()  # waits until the file is open, as AlertSystem does
     yield opened
     opened.close()
 

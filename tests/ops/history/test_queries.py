@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
+from typing import Any, Dict, List
 
+import pytest
+from harness.histories import transition
+
+from robot_health_monitor.core import Level
 from robot_health_monitor.ops.history import queries, schema
+from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, pack_samples, transition_row
 
 
 def test_a_gap_lies_between_the_end_of_a_run_and_the_start_of_the_next() -> None:
@@ -14,3 +20,84 @@ def test_a_gap_lies_between_the_end_of_a_run_and_the_start_of_the_next() -> None
     connection.executemany("INSERT INTO runs (started_s, alive_s, stopped_s, version) VALUES (?, ?, ?, '1')", runs)
     assert queries.gaps(connection) == [(150.0, 160.0, False), (190.0, 200.0, True)]
     assert queries.gaps(connection, since_s=161.0) == [(190.0, 200.0, True)]
+
+
+@pytest.fixture
+def connection() -> sqlite3.Connection:
+    """Returns a database with five transitions; before the third the wall clock was set back by 100 s."""
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    schema.prepare(connection)
+    rows = [
+        (1000.0, transition(1, Level.WARN, robot="r1", signal="battery_level")),
+        (1010.0, transition(2, Level.ERROR, robot="r2", signal="battery_temp")),
+        (920.0, transition(3, Level.OK, robot="r1", signal="battery_level")),
+        (930.0, transition(4, Level.WARN, robot="r2", signal="cpu_usage")),
+        (1020.0, transition(5, Level.STALE, robot="r1", signal="cpu_usage")),
+    ]
+    insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
+    connection.executemany(insert, [transition_row(each, wall_s) for wall_s, each in rows])
+    return connection
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, [1, 2, 3, 4, 5]),
+        ({"newest_first": True}, [5, 4, 3, 2, 1]),
+        ({"since_s": 930.0}, [1, 2, 4, 5]),
+        ({"until_s": 1010.0}, [1, 3, 4]),
+        ({"since_s": 2000.0}, []),
+        ({"robot": "r1"}, [1, 3, 5]),
+        ({"robot": "r*"}, [1, 2, 3, 4, 5]),
+        ({"signal": "battery*"}, [1, 2, 3]),
+        ({"signal": "battery_[lt]*"}, []),
+        ({"robot": "r?", "signal": "cpu_usage"}, [4, 5]),
+        ({"level": Level.WARN}, [1, 4]),
+        ({"after_id": 3}, [4, 5]),
+        ({"before_id": 3}, [1, 2]),
+        ({"before_id": 4, "newest_first": True, "limit": 2}, [3, 2]),
+        ({"limit": 2}, [1, 2]),
+        ({"limit": 0}, []),
+        ({"limit": 3, "newest_first": True}, [5, 4, 3]),
+        ({"limit": 1, "level": Level.WARN, "newest_first": True}, [4]),
+    ],
+)
+@pytest.mark.parametrize("page", [1, 2, 500])
+def test_transitions_are_filtered_and_come_in_their_order(
+    connection: sqlite3.Connection,
+    options: Dict[str, Any],
+    expected: List[int],
+    page: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(queries, "_PAGE", page)
+    assert [each.id for each in queries.transitions(connection, **options)] == expected
+
+
+def test_a_pattern_with_many_stars_takes_no_time(connection: sqlite3.Connection) -> None:
+    connection.execute("UPDATE transitions SET signal = ?", ("a" * 200,))
+    assert list(queries.transitions(connection, signal="*a" * 60 + "*b")) == []
+
+
+def test_one_transition_and_its_evidence(connection: sqlite3.Connection) -> None:
+    connection.execute("INSERT INTO evidence VALUES (2, ?)", (pack_samples([(1.0, 2.0)]),))
+    found = queries.transition(connection, 2)
+    assert found is not None and found.text == "battery_temp ERROR: number 2"
+    assert queries.transition(connection, 99) is None
+    assert queries.evidence(connection, 2) == [(1.0, 2.0)]
+    assert queries.evidence(connection, 1) == []
+
+
+def test_monitor_events_are_starts_stops_resets_and_configurations(connection: sqlite3.Connection) -> None:
+    runs = [(100.0, 150.0, 150.0), (160.0, 190.0, None), (200.0, 210.0, None)]
+    connection.executemany("INSERT INTO runs (started_s, alive_s, stopped_s, version) VALUES (?, ?, ?, '1.0')", runs)
+    connection.execute("INSERT INTO resets (wall_s, robot) VALUES (110.0, 'r1'), (111.0, 'r2')")
+    connection.execute("INSERT INTO configuration_changes (wall_s, robot, hash) VALUES (101.0, 'r1', 'abc')")
+    assert queries.monitor_events(connection, 101.0, robot="r1") == [
+        (101.0, "configuration", "r1", "abc"),
+        (110.0, "reset", "r1", ""),
+        (150.0, "stopped", "", ""),
+        (160.0, "started", "", "1.0"),
+        (190.0, "killed", "", ""),
+        (200.0, "started", "", "1.0"),  # the present run has neither ended nor been killed
+    ]

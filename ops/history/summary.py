@@ -1,0 +1,211 @@
+"""Share of time per level, alerts and longest outage of each signal.
+
+A level is known while a monitor watched the robot and the robot's link was up. Everything else is unknown: before the
+first run, gaps between runs, and link downtime (except for the signal `link` itself).
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from robot_health_monitor.core.config import LINK
+from robot_health_monitor.core.model import Level
+
+from ..matchers import matches_pattern
+from .queries import pattern_condition
+
+_PAGE = 5_000
+
+
+@dataclass(frozen=True)
+class SignalSummary:
+    """The past of one signal."""
+
+    robot: str
+    signal: str
+    duration_s: float
+    """Length of the time that is summarized, in s; the shares refer to it."""
+    shares: Mapping[Level, float]
+    """Share of time per announced level, 0 to 1; levels that did not occur are missing."""
+    unknown: float
+    """Share of time in which the level is not known, 0 to 1."""
+    alerts: int
+    """Transitions to a level other than OK; repetitions do not count."""
+    longest_outage_s: float
+    """Longest time in which the level was not OK, in s. Unknown time neither ends an outage nor counts."""
+
+
+def summarize(
+    connection: sqlite3.Connection,
+    now_s: float,
+    *,
+    since_s: Optional[float] = None,
+    robot: Optional[str] = None,
+    signal: Optional[str] = None,
+) -> List[SignalSummary]:
+    """Returns a summary per robot and signal, sorted by their names.
+
+    Args:
+        connection: the database.
+        now_s: end of the time that is summarized, in s since 1970.
+        since_s: its begin; None: when the robot was first watched.
+        robot: those of this robot only; `*` and `?` work as in file names.
+        signal: those of this signal only; `*` and `?` work as in file names.
+    """
+    robots = {
+        name: _Robot(spans, max(spans[0][0], since_s or 0.0), now_s)
+        for name, spans in _watched(connection, robot).items()
+    }
+    for name, signal_name in connection.execute("SELECT robot, signal FROM signal_states"):
+        if name in robots:
+            robots[name].signals[signal_name] = _Signal(robots[name].begin_s)
+    for row in _transitions(connection, robot):
+        if row.robot in robots:
+            robots[row.robot].apply(row)
+    return [
+        summary
+        for name in sorted(robots)
+        for summary in robots[name].summaries(name)
+        if signal is None or matches_pattern(summary.signal, signal)
+    ]
+
+
+class _Row(NamedTuple):
+    wall_s: float
+    robot: str
+    signal: str
+    from_level: Level
+    to_level: Level
+    repeated: int
+
+
+@dataclass
+class _Signal:
+    """One signal, while its transitions are read in their order."""
+
+    known_from_s: float
+    level: Level = Level.OK
+    times: Dict[Level, float] = field(default_factory=dict)
+    alerts: int = 0
+    outage_s: float = 0.0
+    longest_outage_s: float = 0.0
+    has_transition: bool = False
+
+    def add(self, seconds: float) -> None:
+        self.times[self.level] = self.times.get(self.level, 0.0) + seconds
+        if self.level is not Level.OK:
+            self.outage_s += seconds
+            self.longest_outage_s = max(self.longest_outage_s, self.outage_s)
+
+    def set_level(self, level: Level) -> None:
+        self.level = level
+        if level is Level.OK:
+            self.outage_s = 0.0
+
+
+class _Robot:
+    """The signals of one robot."""
+
+    def __init__(self, spans: List[Tuple[float, float]], begin_s: float, end_s: float) -> None:
+        self._spans = _Spans(spans)
+        self.begin_s = begin_s
+        self._end_s = end_s
+        self._is_link_down = False
+        self.signals: Dict[str, _Signal] = {}
+
+    def apply(self, row: _Row) -> None:
+        if row.repeated:
+            return
+        signal = self.signals.setdefault(row.signal, _Signal(self.begin_s))
+        if not signal.has_transition:
+            signal.has_transition = True
+            signal.level = row.from_level
+        if row.signal == LINK:
+            for name in self.signals:
+                self._advance(name, row.wall_s)
+            self._is_link_down = row.to_level is not Level.OK
+        else:
+            self._advance(row.signal, row.wall_s)
+        signal.set_level(row.to_level)
+        if self.begin_s <= row.wall_s < self._end_s and row.to_level is not Level.OK:
+            signal.alerts += 1
+
+    def summaries(self, robot: str) -> Iterator[SignalSummary]:
+        duration_s = self._end_s - self.begin_s
+        if duration_s <= 0.0:
+            return
+        for name in sorted(self.signals):
+            self._advance(name, self._end_s)
+            signal = self.signals[name]
+            shares = {level: seconds / duration_s for level, seconds in sorted(signal.times.items()) if seconds > 0.0}
+            unknown = max(0.0, 1.0 - sum(shares.values()))
+            yield SignalSummary(
+                robot, name, duration_s, shares, unknown if unknown > 1e-9 else 0.0, signal.alerts,
+                signal.longest_outage_s,
+            )  # fmt: skip
+
+    def _advance(self, name: str, until_s: float) -> None:
+        """Adds the time since the last call to the signal's level, as far as it is known."""
+        signal = self.signals[name]
+        until_s = min(until_s, self._end_s)
+        if until_s <= signal.known_from_s:
+            return  # the wall clock was set back
+        if name == LINK or not self._is_link_down:
+            signal.add(self._spans.overlap_s(signal.known_from_s, until_s))
+        signal.known_from_s = until_s
+
+
+class _Spans:
+    """Times that are sorted and do not overlap."""
+
+    def __init__(self, spans: Sequence[Tuple[float, float]]) -> None:
+        self._begins_s = [begin_s for begin_s, _ in spans]
+        self._lengths_s = [end_s - begin_s for begin_s, end_s in spans]
+        self._sums_s = [0.0, *accumulate(self._lengths_s)]
+
+    def overlap_s(self, from_s: float, to_s: float) -> float:
+        """Returns how much of a time lies in the spans."""
+        return self._before_s(to_s) - self._before_s(from_s)
+
+    def _before_s(self, time_s: float) -> float:
+        number = bisect_right(self._begins_s, time_s) - 1
+        if number < 0:
+            return 0.0
+        return self._sums_s[number] + min(time_s - self._begins_s[number], self._lengths_s[number])
+
+
+def _watched(connection: sqlite3.Connection, robot: Optional[str]) -> Dict[str, List[Tuple[float, float]]]:
+    """Returns the times in which each robot was watched, merged and sorted."""
+    condition, values = pattern_condition(connection, "robot", robot)
+    query = f"""
+        SELECT robot, watches.started_s, coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s)
+        FROM watches JOIN runs ON runs.id = run_id WHERE {condition} ORDER BY watches.started_s, watches.id
+    """
+    merged: Dict[str, List[Tuple[float, float]]] = {}
+    for name, begin_s, end_s in connection.execute(query, values):
+        spans = merged.setdefault(name, [])
+        if spans and begin_s <= spans[-1][1]:
+            begin_s, earlier_end_s = spans.pop()
+            end_s = max(end_s, earlier_end_s)
+        spans.append((begin_s, max(begin_s, end_s)))
+    return merged
+
+
+def _transitions(connection: sqlite3.Connection, robot: Optional[str]) -> Iterator[_Row]:
+    condition, values = pattern_condition(connection, "robot", robot)
+    query = f"""
+        SELECT id, wall_s, robot, signal, from_level, to_level, repeated FROM transitions
+        WHERE id > ? AND {condition} ORDER BY id LIMIT {_PAGE}
+    """
+    number = 0
+    while True:
+        rows = connection.execute(query, [number, *values]).fetchall()
+        for _, wall_s, name, signal, from_level, to_level, repeated in rows:
+            yield _Row(wall_s, name, signal, Level(from_level), Level(to_level), repeated)
+        if len(rows) < _PAGE:
+            return
+        number = rows[-1][0]

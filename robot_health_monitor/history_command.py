@@ -1,0 +1,262 @@
+"""`robot-health history`: past alerts, from a history file."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import os
+import shutil
+import sqlite3
+import sys
+import time
+from datetime import datetime, timezone
+from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, Union
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.formatting import duration_text, number_text, printable
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.ops.history import queries
+from robot_health_monitor.ops.history.queries import MonitorEvent
+from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history.rows import StoredTransition
+from robot_health_monitor.ops.history.summary import SignalSummary, summarize
+
+from .history_file import history_file
+from .text_plot import text_plot
+
+_LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
+_COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
+_CSV_HEAD = (
+    "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
+    "text",
+)  # fmt: skip
+_SUMMARY_HEAD = ("robot", "signal", *(level.name for level in _LEVELS), "unknown", "alerts", "longest outage")
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_PLOT_COLUMNS = 100
+
+
+def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None) -> None:
+    """Prints what a history file contains.
+
+    Args:
+        arguments: of the command.
+        stream: where to write; None: stdout.
+
+    Raises:
+        ConfigError: the file does not exist, cannot be read, or is no history.
+    """
+    stream = stream or sys.stdout
+    file = history_file(arguments.file, arguments.ops)
+    with HistoryReader(file) as reader:
+        try:
+            if arguments.alert is not None:
+                _show_alert(reader.connection, arguments, stream)
+            elif arguments.summary:
+                _show_summary(reader.connection, arguments, stream)
+            else:
+                _show_transitions(reader.connection, arguments, stream)
+        except sqlite3.Error as error:
+            stream.flush()
+            raise ConfigError(f"cannot be read: {error}", file=file) from None
+    stream.flush()
+
+
+def time_text(wall_s: float) -> str:
+    """Returns a wall time in the local time zone, with its offset from UTC."""
+    try:
+        return datetime.fromtimestamp(wall_s, timezone.utc).astimezone().strftime("%Y-%m-%d %H:%M:%S %z")
+    except (OverflowError, ValueError, OSError):
+        return f"{wall_s:.0f} s"
+
+
+def iso_time(wall_s: float) -> str:
+    """Returns a wall time in UTC, by ISO 8601."""
+    try:
+        return datetime.fromtimestamp(wall_s, timezone.utc).isoformat(timespec="milliseconds")
+    except (OverflowError, ValueError, OSError):
+        return ""
+
+
+def _show_transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    level = None if arguments.level is None else Level[arguments.level]
+    transitions = queries.transitions(
+        connection, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal, level=level
+    )
+    if arguments.json:
+        for transition in transitions:
+            stream.write(f"{json_line(transition, **_json_fields(transition))}\n")
+    elif arguments.csv:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(_CSV_HEAD)
+        for transition in transitions:
+            writer.writerow(_csv_row(transition))
+    else:
+        events: List[MonitorEvent] = []
+        if arguments.signal is None and level is None:
+            events = queries.monitor_events(connection, arguments.since_s or 0.0, arguments.robot)
+        is_coloured = _is_coloured(stream)
+        count = 0
+        for item in _merged(transitions, events):
+            count += 1
+            stream.write(f"{_line(item, is_coloured)}\n")
+        if not count:
+            sys.stderr.write("no alerts\n")
+
+
+def _merged(
+    transitions: Iterator[StoredTransition], events: Sequence[MonitorEvent]
+) -> Iterator[Union[StoredTransition, MonitorEvent]]:
+    """Yields transitions in their order, and each event of the monitor before those that are younger."""
+    place = 0
+    for transition in transitions:
+        while place < len(events) and events[place].wall_s <= transition.wall_s:
+            yield events[place]
+            place += 1
+        yield transition
+    yield from events[place:]
+
+
+def _line(item: Union[StoredTransition, MonitorEvent], is_coloured: bool) -> str:
+    if isinstance(item, MonitorEvent):
+        return f"{time_text(item.wall_s)} {printable(_event_text(item))}"
+    text = printable(f"{time_text(item.wall_s)} #{item.id} {item.robot}: {item.text}")
+    return f"\x1b[{_COLOURS[item.to_level]}m{text}\x1b[0m" if is_coloured else text
+
+
+def _event_text(event: MonitorEvent) -> str:
+    if event.kind == "started":
+        return f"monitor started (version {event.detail})"
+    if event.kind == "stopped":
+        return "monitor stopped"
+    if event.kind == "killed":
+        return "monitor ended without stopping (killed, or a power cut)"
+    if event.kind == "reset":
+        return f"{event.robot}: latched alerts reset"
+    return f"{event.robot}: configuration {event.detail[:12]} in force"
+
+
+def _json_fields(transition: StoredTransition) -> Dict[str, object]:
+    return {"id": transition.id, "time": iso_time(transition.wall_s)}
+
+
+def _csv_row(transition: StoredTransition) -> List[object]:
+    row = (
+        transition.id, iso_time(transition.wall_s), transition.robot, transition.signal, transition.from_level.name,
+        transition.to_level.name, transition.value, transition.statistic, transition.bound, transition.repeat,
+        transition.fingerprint, transition.text,
+    )  # fmt: skip
+    return [_csv_cell(value) for value in row]
+
+
+def _csv_cell(value: object) -> object:
+    """Returns a value of a cell; a text that a spreadsheet would run as a formula gets an apostrophe before it."""
+    if not isinstance(value, str):
+        return value
+    text = printable(value)
+    return f"'{text}" if value.startswith(_FORMULA) else text
+
+
+def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    end_s = connection.execute("SELECT max(coalesce(stopped_s, alive_s)) FROM runs").fetchone()[0]
+    if end_s is None:
+        end_s = time.time()
+    summaries = summarize(connection, end_s, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal)
+    if arguments.json:
+        for summary in summaries:
+            stream.write(f"{json.dumps(_summary_fields(summary))}\n")
+        return
+    rows = [_summary_cells(summary) for summary in summaries]
+    if arguments.csv:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(_SUMMARY_HEAD)
+        writer.writerows([[_csv_cell(cell) for cell in row] for row in rows])
+        return
+    if not rows:
+        sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")
+        return
+    begin_s = end_s - max(summary.duration_s for summary in summaries)
+    stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
+    for line in _aligned([list(_SUMMARY_HEAD), *rows]):
+        stream.write(f"{line}\n")
+
+
+def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
+    return {
+        "robot": summary.robot,
+        "signal": summary.signal,
+        "duration_s": summary.duration_s,
+        "shares": {level.name: summary.shares.get(level, 0.0) for level in _LEVELS},
+        "unknown": summary.unknown,
+        "alerts": summary.alerts,
+        "longest_outage_s": summary.longest_outage_s,
+    }
+
+
+def _summary_cells(summary: SignalSummary) -> List[str]:
+    shares = [_share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
+    outage = duration_text(summary.longest_outage_s) if summary.longest_outage_s > 0.0 else "none"
+    return [summary.robot, summary.signal, *shares, _share_text(summary.unknown), str(summary.alerts), outage]
+
+
+def _share_text(share: float) -> str:
+    if share <= 0.0 or share >= 1.0:
+        return "0 %" if share <= 0.0 else "100 %"
+    return f"{min(max(share * 100.0, 0.1), 99.9):.1f} %"  # neither 0 nor 100
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> List[str]:
+    """Returns the lines of a table: names to the left, numbers to the right."""
+    cells = [[printable(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells)]
+    aligned = (
+        [cell.ljust(width) if at < 2 else cell.rjust(width) for at, (cell, width) in enumerate(zip(row, widths))]
+        for row in cells
+    )
+    return ["  ".join(row) for row in aligned]
+
+
+def _show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    transition = queries.transition(connection, arguments.alert)
+    if transition is None:
+        raise ConfigError(f"expected the number of a transition, got {arguments.alert}, which is not in the history")
+    samples = queries.evidence(connection, transition.id)
+    if arguments.json:
+        evidence = [(iso_time(time_s), value if math.isfinite(value) else None) for time_s, value in samples]
+        fields = {**_json_fields(transition), "evidence": evidence}
+        stream.write(f"{json_line(transition, **fields)}\n")
+        return
+    if arguments.csv:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(("time", "value"))
+        writer.writerows((iso_time(time_s), value) for time_s, value in samples)
+        return
+    stream.write(f"{_line(transition, _is_coloured(stream))}\n")
+    for name, value in _details(transition, samples):
+        stream.write(f"  {name}: {printable(value)}\n")
+    if samples:
+        width = min(shutil.get_terminal_size().columns, _PLOT_COLUMNS)
+        bound = transition.bound if transition.statistic in ("last", "mean", "min", "max") else None
+        stream.write("".join(f"{line}\n" for line in text_plot(samples, bound, width)))
+
+
+def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tuple[str, str]]:
+    statistics = ", ".join(
+        f"{name} {'undefined' if value is None else number_text(value)}"
+        for name, value in transition.statistics.items()
+    )
+    bound = "none" if transition.bound is None else f"{number_text(transition.bound)} (on {transition.statistic})"
+    level = f"{transition.from_level.name} for {duration_text(transition.now_s - transition.since_s)}"
+    return [
+        ("level before", level),
+        ("bound", bound),
+        ("window", f"{len(samples)} samples stored" + (f"; {statistics}" if statistics else "")),
+    ]
+
+
+def _is_coloured(stream: TextIO) -> bool:
+    return (
+        stream.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") not in (None, "", "dumb", "unknown")
+    )

@@ -1,0 +1,34 @@
+"""Which history file a command means."""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.ops.configuration import read_ops
+
+DEFAULT_FILE = "/var/lib/robot-health/history.db"
+"""Where a monitor that runs as a service has its history."""
+
+
+def history_file(file: Optional[str], ops: Optional[str]) -> str:
+    """Returns the path of the history.
+
+    Args:
+        file: the path that was given; None: none was.
+        ops: an ops.yaml that contains it; None: none was given.
+
+    Raises:
+        ConfigError: both were given, or the ops.yaml cannot be used or has no history.
+    """
+    if file is not None and ops is not None:
+        raise ConfigError("expected either a history file or --ops, got both")
+    if file is not None:
+        return file
+    if ops is None:
+        return DEFAULT_FILE
+    history = read_ops(read_yaml(ops)).history
+    if history is None:
+        raise ConfigError("expected a section history, got none", file=ops)
+    return history.file

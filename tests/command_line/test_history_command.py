@@ -1,0 +1,224 @@
+"""`robot-health history`: what it prints for a history that was written by the monitor's own code."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, Iterator, List
+
+import pytest
+from harness.histories import opened, transition
+
+from robot_health_monitor.__main__ import main
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.history_command import iso_time, time_text
+from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history.history import History
+
+START_S = 1_700_000_000.0  # 2023-11-14 22:13:20 UTC
+
+
+@pytest.fixture(autouse=True)
+def _utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("TZ", "UTC")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Returns a history: 100 s of r1; WARN from 20 to 50 and a STALE cpu_usage at 90."""
+    now_s = [START_S]
+    history = History(HistorySettings(str(tmp_path / "history.db")), lambda: now_s[0])
+    robot = history.of_robot("r1", Faults())
+    robot.restore()
+    robot.record_configuration("{}")
+    statistics = {"last": 15.0}
+    for second, each, samples in (
+        (20.0, transition(1, Level.WARN, statistics=statistics), [(START_S + n, 35.0 - n) for n in range(21)]),
+        (50.0, transition(2, Level.OK, from_level=Level.WARN), []),
+        (90.0, transition(3, Level.STALE, signal="cpu_usage", value=None, bound=None, text="=cpu\x1b[31m"), []),
+    ):
+        now_s[0] = START_S + second
+        robot.record(each, {"level": 1}, samples)
+    robot.record_reset()
+    history.run(lambda connection: None)
+    now_s[0] = START_S + 100.0
+    history.close()
+    return tmp_path / "history.db"
+
+
+def output(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> str:
+    """Returns what the command prints on stdout, or on stderr if it fails."""
+    assert main(["history", *map(str, arguments)]) == code
+    captured = capsys.readouterr()
+    return captured.err if code else captured.out
+
+
+def test_alerts_and_events_of_the_monitor_in_their_order(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = output(capsys, file).splitlines()
+    assert lines[0].startswith("2023-11-14 22:13:20 +0000 monitor started (version ")
+    assert lines[1] == "2023-11-14 22:13:20 +0000 r1: configuration 44136fa355b3 in force"
+    assert lines[2:] == [
+        "2023-11-14 22:13:40 +0000 #1 r1: battery_level WARN: number 1",
+        "2023-11-14 22:14:10 +0000 #2 r1: battery_level OK: number 2",
+        "2023-11-14 22:14:50 +0000 r1: latched alerts reset",
+        "2023-11-14 22:14:50 +0000 #3 r1: =cpu?[31m",
+        "2023-11-14 22:15:00 +0000 monitor stopped",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--signal", "battery*"], ["#1", "#2"]),
+        (["--level", "stale"], ["#3"]),
+        (["--robot", "r2", "--level", "WARN"], []),
+        (["--level", "WARN", "--since", "2023-11-14T22:13:41"], []),
+        (["--signal", "*", "--since", "2023-11-14T22:13:40"], ["#1", "#2", "#3"]),
+        (["--signal", "*", "--since", "24h"], []),
+    ],
+)
+def test_filters(file: Path, capsys: pytest.CaptureFixture[str], options: List[str], expected: List[str]) -> None:
+    assert [line.split()[3] for line in output(capsys, file, *options).splitlines()] == expected
+
+
+def test_json_has_the_fields_of_a_transition(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, _, third = (json.loads(line) for line in output(capsys, file, "--json").splitlines())
+    assert first == {
+        "id": 1, "time": "2023-11-14T22:13:40.000+00:00", "signal": "battery_level", "from_level": "OK",
+        "to_level": "WARN", "value": 15.0, "statistic": "last", "bound": 20.0, "now_s": 101.0, "since_s": 90.0,
+        "robot": "r1", "fingerprint": "0123456789abcdef", "text": "battery_level WARN: number 1",
+        "statistics": {"last": 15.0}, "repeat": False,
+    }  # fmt: skip
+    assert (third["to_level"], third["value"], third["bound"]) == ("STALE", None, None)
+
+
+def test_csv_texts_are_no_formulas(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = list(csv.DictReader(io.StringIO(output(capsys, file, "--csv"))))
+    assert [row["text"] for row in rows] == [
+        "battery_level WARN: number 1", "battery_level OK: number 2", "'=cpu?[31m",
+    ]  # fmt: skip
+    assert (rows[0]["time"], rows[0]["value"], rows[2]["value"]) == ("2023-11-14T22:13:40.000+00:00", "15.0", "")
+
+
+def test_summary(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # battery_level: WARN for 30 of 100 s. cpu_usage: STALE for the last 10 s.
+    assert output(capsys, file, "--summary").splitlines() == [
+        "2023-11-14 22:13:20 +0000 to 2023-11-14 22:15:00 +0000",
+        "robot  signal             OK    WARN  ERROR   STALE  unknown  alerts  longest outage",
+        "r1     battery_level  70.0 %  30.0 %    0 %     0 %      0 %       1            30 s",
+        "r1     cpu_usage      90.0 %     0 %    0 %  10.0 %      0 %       1            10 s",
+    ]
+    [battery] = map(json.loads, output(capsys, file, "--summary", "--json", "--signal", "b*").splitlines())
+    assert battery["shares"] == pytest.approx({"OK": 0.7, "WARN": 0.3, "ERROR": 0.0, "STALE": 0.0})
+    assert (battery["alerts"], battery["longest_outage_s"]) == (1, pytest.approx(30.0))
+
+
+def test_one_alert_with_a_plot_of_its_samples(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = output(capsys, file, "--alert", "#1").splitlines()
+    assert lines[:4] == [
+        "2023-11-14 22:13:40 +0000 #1 r1: battery_level WARN: number 1",
+        "  level before: OK for 11 s",
+        "  bound: 20 (on last)",
+        "  window: 21 samples stored; last 15",
+    ]
+    assert lines[4].startswith("35 |*")
+    assert [line for line in lines if line.startswith("20 |---")]
+    shown = json.loads(output(capsys, file, "--alert", "1", "--json"))
+    assert shown["evidence"][20] == ["2023-11-14T22:13:40.000+00:00", 15.0]
+    assert len(output(capsys, file, "--alert", "1", "--csv").splitlines()) == 22
+
+
+def test_an_alert_that_does_not_exist(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "expected the number of a transition, got 4, which is not in the history\n"
+    assert output(capsys, file, "--alert", 4, code=2) == text
+
+
+def test_a_missing_file_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert output(capsys, tmp_path / "none.db", code=2) == f"{tmp_path}/none.db: No such file or directory\n"
+
+
+def test_a_damaged_file_is_one_line(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = bytearray(file.read_bytes())
+    content[4096:] = b"\xa5" * (len(content) - 4096)
+    file.write_bytes(content)
+    assert output(capsys, file, code=2) == f"{file}: cannot be read: database disk image is malformed\n"
+
+
+@pytest.mark.parametrize("since", ["", "24", "-1h", "1y", "yesterday", "999999999999h", "٣h"])
+def test_a_wrong_time_is_one_line(file: Path, capsys: pytest.CaptureFixture[str], since: str) -> None:
+    assert "--since: expected a duration such as 24h or a time" in output(capsys, file, f"--since={since}", code=2)
+
+
+def test_a_running_monitor_can_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    history = opened(tmp_path / "history.db")
+    robot = history.of_robot("r1", Faults())
+    robot.restore()
+    robot.record(transition(7), {}, [])
+    history.run(lambda connection: None)
+    assert "number 7" in output(capsys, tmp_path / "history.db", "--signal", "*")
+    history.close()
+
+
+def test_another_user_can_read_a_history_in_a_folder_of_the_service(tmp_path: Path) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("needs root, to become another user")
+    folder = tmp_path / "state"
+    history = opened(folder / "history.db")
+    robot = history.of_robot("r1", Faults())
+    robot.restore()
+    robot.record(transition(7), {}, [])
+    history.run(lambda connection: None)
+    for each in (folder, *folder.parents):
+        if each.stat().st_uid == 0 and not each.stat().st_mode & 0o005:
+            each.chmod(each.stat().st_mode | 0o055)
+    running = as_root_then_as_nobody(folder / "history.db")
+    history.close()
+    stopped = as_root_then_as_nobody(folder / "history.db")
+    assert (running.returncode, running.stdout.count("number 7")) == (0, 2), running.stderr
+    assert (stopped.returncode, stopped.stdout.count("number 7")) == (0, 2), stopped.stderr
+
+
+def as_root_then_as_nobody(file: Path) -> subprocess.CompletedProcess[str]:
+    """Runs the command for a file twice, the second time as a user without rights.
+
+    The first run imports the modules, which that user may not be allowed to read.
+    """
+    code = (
+        "import os, sys\n"
+        "from robot_health_monitor.__main__ import main\n"
+        "arguments = ['history', sys.argv[1], '--signal', '*']\n"
+        "main(arguments)\n"
+        "os.setgid(65534)\n"
+        "os.setuid(65534)\n"
+        "sys.exit(main(arguments))\n"
+    )
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.run(
+        [sys.executable, "-c", code, str(file)], env=variables, text=True, capture_output=True, timeout=60, check=False
+    )
+
+
+def test_local_times_carry_their_offset(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    # The hour that occurs twice when daylight saving ends: 2023-10-29 00:30 and 01:30 UTC.
+    assert time_text(1698539400.0) == "2023-10-29 02:30:00 +0200"
+    assert time_text(1698543000.0) == "2023-10-29 02:30:00 +0100"
+    assert iso_time(1698543000.0) == "2023-10-29T01:30:00.000+00:00"
+
+
+@pytest.mark.parametrize("wall_s", [1e300, -1e300])
+def test_any_time_can_be_shown(wall_s: Any) -> None:
+    assert time_text(wall_s).endswith(" s")
+    assert iso_time(wall_s) == ""

@@ -1,0 +1,148 @@
+"""Shares of time, alerts and outages, calculated by hand."""
+
+from __future__ import annotations
+
+import sqlite3
+from typing import Optional
+
+import pytest
+from harness.histories import transition
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, transition_row
+from robot_health_monitor.ops.history.summary import SignalSummary, summarize
+
+OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
+
+
+@pytest.fixture
+def connection() -> sqlite3.Connection:
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    schema.prepare(connection)
+    return connection
+
+
+def run(connection: sqlite3.Connection, started_s: float, alive_s: float, stopped_s: Optional[float]) -> None:
+    """Adds a run that watched the robot r1."""
+    insert = "INSERT INTO runs (started_s, alive_s, stopped_s, version) VALUES (?, ?, ?, '1')"
+    number = connection.execute(insert, (started_s, alive_s, stopped_s)).lastrowid
+    connection.execute("INSERT INTO watches (run_id, robot, started_s) VALUES (?, 'r1', ?)", (number, started_s))
+
+
+def change(
+    connection: sqlite3.Connection, wall_s: float, before: Level, after: Level, signal: str = "battery_level"
+) -> None:
+    """Adds a transition."""
+    added = transition(0, after, from_level=before, signal=signal, repeat=before is after)
+    insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
+    connection.execute(insert, transition_row(added, wall_s))
+
+
+def only(summaries: list[SignalSummary]) -> SignalSummary:
+    """Returns the one summary."""
+    [summary] = summaries
+    return summary
+
+
+def test_shares_of_one_run(connection: sqlite3.Connection) -> None:
+    # 0 to 100: OK 0-40 and 90-100, WARN 40-60, ERROR 60-80, STALE 80-90. Not OK from 40 to 90.
+    run(connection, 0.0, 100.0, None)
+    for wall_s, before, after in ((40.0, OK, WARN), (60.0, WARN, ERROR), (80.0, ERROR, STALE), (90.0, STALE, OK)):
+        change(connection, wall_s, before, after)
+    summary = only(summarize(connection, 100.0))
+    assert (summary.robot, summary.signal, summary.duration_s) == ("r1", "battery_level", 100.0)
+    assert summary.shares == pytest.approx({OK: 0.5, WARN: 0.2, ERROR: 0.2, STALE: 0.1})
+    assert (summary.unknown, summary.alerts, summary.longest_outage_s) == (0.0, 3, 50.0)
+
+
+def test_gaps_are_unknown_and_neither_end_an_outage_nor_count(connection: sqlite3.Connection) -> None:
+    # Runs 0-40 (killed) and 60-100, WARN from 30 to 70: 10 s before and 10 s after the gap of 20 s.
+    run(connection, 0.0, 40.0, None)
+    run(connection, 60.0, 100.0, 100.0)
+    change(connection, 30.0, OK, WARN)
+    change(connection, 70.0, WARN, OK)
+    summary = only(summarize(connection, 100.0))
+    assert summary.shares == pytest.approx({OK: 0.6, WARN: 0.2})
+    assert summary.unknown == pytest.approx(0.2)
+    assert (summary.alerts, summary.longest_outage_s) == (1, 20.0)
+
+
+def test_an_alert_that_is_open_counts_until_now(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 100.0, None)
+    change(connection, 75.0, OK, ERROR)
+    summary = only(summarize(connection, 100.0))
+    assert summary.shares == pytest.approx({OK: 0.75, ERROR: 0.25})
+    assert summary.longest_outage_s == 25.0
+
+
+def test_time_after_the_last_sign_of_life_is_unknown(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 50.0, None)
+    change(connection, 25.0, OK, WARN)
+    summary = only(summarize(connection, 100.0))
+    assert summary.shares == pytest.approx({OK: 0.25, WARN: 0.25})
+    assert summary.unknown == pytest.approx(0.5)
+
+
+def test_with_since_the_level_from_before_counts(connection: sqlite3.Connection) -> None:
+    # WARN since 10: from 50 to 100 it is WARN until 75. The alert began before.
+    run(connection, 0.0, 100.0, None)
+    change(connection, 10.0, OK, WARN)
+    change(connection, 75.0, WARN, OK)
+    summary = only(summarize(connection, 100.0, since_s=50.0))
+    assert summary.duration_s == 50.0
+    assert summary.shares == pytest.approx({OK: 0.5, WARN: 0.5})
+    assert (summary.alerts, summary.longest_outage_s) == (0, 25.0)
+
+
+def test_while_the_link_is_down_only_the_link_is_known(connection: sqlite3.Connection) -> None:
+    # Link down 20-60. battery_level: OK 0-20, unknown 20-60, WARN 60-70, OK 70-100.
+    run(connection, 0.0, 100.0, None)
+    connection.execute("INSERT INTO signal_states VALUES ('r1', 'battery_level', '{}')")
+    change(connection, 20.0, OK, ERROR, "link")
+    change(connection, 60.0, ERROR, OK, "link")
+    change(connection, 60.0, OK, WARN)
+    change(connection, 70.0, WARN, OK)
+    battery, link = summarize(connection, 100.0)
+    assert battery.shares == pytest.approx({OK: 0.5, WARN: 0.1})
+    assert battery.unknown == pytest.approx(0.4)
+    assert link.shares == pytest.approx({OK: 0.6, ERROR: 0.4})
+    assert (link.unknown, link.longest_outage_s) == (0.0, 40.0)
+
+
+def test_a_signal_that_was_always_ok_is_listed(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 100.0, None)
+    connection.execute("INSERT INTO signal_states VALUES ('r1', 'temperature', '{}')")
+    summary = only(summarize(connection, 100.0))
+    assert (summary.signal, summary.shares, summary.alerts) == ("temperature", {OK: 1.0}, 0)
+
+
+def test_repetitions_are_no_alerts(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 100.0, None)
+    change(connection, 50.0, OK, WARN)
+    change(connection, 60.0, WARN, WARN)
+    summary = only(summarize(connection, 100.0))
+    assert summary.alerts == 1
+    assert summary.longest_outage_s == 50.0
+
+
+def test_a_clock_that_is_set_back_never_makes_a_time_negative(connection: sqlite3.Connection) -> None:
+    # OK until 60; the transition at 40 comes after it: WARN from 60 to 80.
+    run(connection, 0.0, 100.0, None)
+    change(connection, 60.0, OK, ERROR)
+    change(connection, 40.0, ERROR, WARN)
+    change(connection, 80.0, WARN, OK)
+    summary = only(summarize(connection, 100.0))
+    assert summary.shares == pytest.approx({OK: 0.8, WARN: 0.2})
+
+
+def test_robots_and_signals_can_be_chosen(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 100.0, None)
+    connection.execute("INSERT INTO watches (run_id, robot, started_s) VALUES (1, 'r2', 50.0)")
+    states = [("r1", "a"), ("r1", "b1"), ("r2", "b2"), ("gone", "b3")]
+    connection.executemany("INSERT INTO signal_states VALUES (?, ?, '{}')", states)
+    assert [(each.robot, each.signal) for each in summarize(connection, 100.0)] == [
+        ("r1", "a"), ("r1", "b1"), ("r2", "b2"),
+    ]  # fmt: skip
+    assert [each.signal for each in summarize(connection, 100.0, signal="b*")] == ["b1", "b2"]
+    assert [(each.signal, each.duration_s) for each in summarize(connection, 100.0, robot="r2")] == [("b2", 50.0)]
