@@ -11,12 +11,17 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import pytest
 from harness.promtool import PROMTOOL, needs_promtool, random_timeline, seed_of_this_run
+from prometheus_client.parser import text_string_to_metric_families
 
-from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
-from robot_health_monitor.core.config import MonitorConfig
+from robot_health_monitor.core import Level, Sample, Transition, load_config
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.ops.export.prometheus import Export, export_rules
+from robot_health_monitor.ops.metrics import Metrics
 
 ROOT = Path(__file__).resolve().parents[3]
+THRESHOLDS = sorted(path.name for path in (ROOT / "config").glob("*.yaml") if "signals:" in path.read_text())
 STEPS = 50
 
 Series = Dict[str, List[Optional[float]]]
@@ -34,7 +39,7 @@ def promtool(folder: Path, *arguments: str) -> str:
 
 
 @needs_promtool
-@pytest.mark.parametrize("file", sorted(path.name for path in (ROOT / "config").glob("*.yaml")))
+@pytest.mark.parametrize("file", THRESHOLDS)
 def test_promtool_accepts_the_rules_of_every_shipped_configuration(tmp_path: Path, file: str) -> None:
     (tmp_path / "rules.yaml").write_text(export_rules(load_config(ROOT / "config" / file)).text)
 
@@ -91,45 +96,45 @@ def test_labels_and_summary_are_those_of_the_monitors_alert(tmp_path: Path) -> N
 
 
 class Robot:
-    """A monitor that is played, and its metrics as /metrics would show them after each second."""
+    """An alert_system in virtual time, and its /metrics after each second."""
 
-    def __init__(self, name: str, config: MonitorConfig) -> None:
-        self.monitor = Monitor(config, name)
+    def __init__(self, name: str, signals: Mapping[str, Any]) -> None:
         self.name = name
+        self._bus = LocalBus()
+        self._changes: List[Transition] = []
+        node = self._bus.node("alert_system", parameters={"robot_name": name, "signals": signals})
+        self._alert_system = AlertSystem(node, {"test": self._note}, log_alerts=False)
+        self._metrics = Metrics(wall_time_s=lambda: self._bus.now_s)
+        self.config = self._alert_system.monitor.config
         self.series: Series = {}
         self.levels: List[Dict[str, Level]] = []
         """The announced levels after each second; of the link, the true one, because its flapping is withheld."""
-        self.valid: Dict[str, float] = {}
 
     def play(self, step: int, values: Mapping[str, object], link: Optional[bool] = None) -> None:
+        """Advances by a second: the link, then the samples, then the tick."""
+        self._changes.clear()
         now_s = float(step)
-        changes: List[Transition] = []
-        levels = dict(self.levels[-1]) if self.levels else dict.fromkeys(self.monitor.config.signals, Level.OK)
+        self._bus.run_due(now_s - 1e-7)  # before the tick
         if link is not None:
-            changes += self.monitor.set_link(link, "refused", now_s)
-            self._add(f'robot_health_link_up{{robot="{self.name}"}}', float(link))
+            self._alert_system.observe_link(link, "refused")
         for name, value in values.items():
-            changes += self.monitor.observe(Sample(name, value, now_s))
-            self.valid[name] = float(isinstance(value, float) and math.isfinite(value))
-        changes += self.monitor.tick(now_s)
-        self._add("robot_health_last_tick_timestamp_seconds", now_s)
-        statuses = self.monitor.report(now_s).statuses
-        levels.update({change.signal: change.to_level for change in changes})
+            self._alert_system.observe(Sample(name, value, now_s))
+        self._bus.run_until(now_s)
+        levels = dict(self.levels[-1]) if self.levels else dict.fromkeys(self.config.signals, Level.OK)
+        levels.update({change.signal: change.to_level for change in self._changes})
         if link is not None:
-            levels["link"] = statuses["link"].level
+            levels["link"] = self._alert_system.monitor.report(now_s).statuses["link"].level
         self.levels.append(levels)
-        for name in self.monitor.config.signals:
-            labels = f'{{robot="{self.name}", signal="{name}"}}'
-            self._add(f"robot_health_level{labels}", float(statuses[name].level))
-            self._add(f"robot_health_value{labels}", self.monitor.judged_value(name))
-            self._add(f"robot_health_data_valid{labels}", self.valid.get(name))
-            for quality in ("good", "bad"):
-                count = float(statuses[name].values[f"{quality}_samples"])
-                self._add(f'robot_health_samples_total{labels[:-1]}, quality="{quality}"}}', count)
+        text = self._metrics.render([self._metrics.read(self._alert_system)])[0].decode()
+        for family in text_string_to_metric_families(text):
+            for sample in family.samples:
+                labels = ", ".join(f'{name}="{value}"' for name, value in sorted(sample.labels.items()))
+                series = self.series.setdefault(f"{sample.name}{{{labels}}}", [])
+                series += [None] * (step - len(series)) + [sample.value]
 
-    def _add(self, series: str, value: Optional[float]) -> None:
-        values = self.series.setdefault(series, [])
-        values.append(value)
+    def _note(self, event: Event) -> None:
+        if isinstance(event, Transition):
+            self._changes.append(event)
 
 
 def promtool_test(folder: Path, robots: Sequence[Robot], expected: Sequence[Mapping[Tuple[str, str], Level]]) -> str:
@@ -173,7 +178,7 @@ def promtool_test(folder: Path, robots: Sequence[Robot], expected: Sequence[Mapp
         ],
     }
     for robot in robots:
-        text = export_rules(robot.monitor.config, robots=[robot.name], interval_s=1.0).text
+        text = export_rules(robot.config, robots=[robot.name], interval_s=1.0).text
         (folder / f"{robot.name}.yaml").write_text(text)
     (folder / "test.yaml").write_text(json.dumps(test))
     return promtool(folder, "test", "rules", "test.yaml")
@@ -190,7 +195,7 @@ def test_bounds_hysteresis_and_durations_fire_when_the_monitor_does(tmp_path: Pa
     seed = seed_of_this_run()
     chance = random.Random(seed)
     timelines = [random_timeline(chance, f"t{number}") for number in range(150)]
-    robot = Robot("r1", load_config({"signals": {each.name: each.signal for each in timelines}}))
+    robot = Robot("r1", {each.name: each.signal for each in timelines})
     for step in range(STEPS):
         samples = {each.name: each.values[step] for each in timelines if each.values[step] is not None}
         robot.play(step, samples)
@@ -236,7 +241,7 @@ def test_silence_invalid_data_conditions_and_links_alert_when_the_monitor_does(t
         faults = {f"s{number}": random_faults(chance, f"s{number}") for number in range(40)}
         switch = [value for _ in range(STEPS // 5) for value in [chance.choice((None, 0.0, 1.0, math.nan))] * 5]
         signals = {"switch": {"stale_after_s": 3.0}, **{key: signal for key, (signal, _) in faults.items()}}
-        robot = Robot(name, load_config({"signals": signals}))
+        robot = Robot(name, signals)
         up = [True] * 3 + [chance.random() < 0.8 for _ in range(STEPS)]
         for step in range(STEPS):
             link = up[step // 4] if name == "linked" else None
