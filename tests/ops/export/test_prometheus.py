@@ -21,7 +21,7 @@ from robot_health_monitor.ops.export.prometheus import Export, export_rules
 from robot_health_monitor.ops.metrics import Metrics
 
 ROOT = Path(__file__).resolve().parents[3]
-THRESHOLDS = sorted(path.name for path in (ROOT / "config").glob("*.yaml") if "signals:" in path.read_text())
+THRESHOLDS = sorted(path.name for path in (ROOT / "config").glob("*.yaml") if "ros__parameters" in path.read_text())
 STEPS = 50
 
 Series = Dict[str, List[Optional[float]]]
