@@ -17,11 +17,15 @@ import traceback
 from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence
 
 from .interrupts import Interrupts
+from .service_manager import ServiceManager
 from .standard_streams import StandardStreams
 
 # Slow imports are in functions: they run once Interrupts handles signals.
 
 SUCCESS, UNUSABLE, FAILED = 0, 2, 3
+
+_SHORTEST_PERIOD_S = 0.1
+"""Of signs of life to systemd, in s."""
 
 EXECUTABLES: Mapping[str, Sequence[str]] = {
     "battery_sensor": ("battery_sensor",),
@@ -109,10 +113,13 @@ def _run(
     from robot_health_monitor.core.errors import ConfigError, ServiceError
 
     servers: List[Any] = []
+    service_manager = ServiceManager()
     try:
         process.start()
         streams.on_change = lambda name, problem: _report(process, name, problem)
-        _start_nodes(process, EXECUTABLES[executable], interrupts, servers)
+        nodes = _start_nodes(process, EXECUTABLES[executable], interrupts, servers)
+        _keep_alive(process.middlewares[0], nodes.get("alert_system"), service_manager)
+        service_manager.ready()
         failure = process.spin()
         if failure:
             _print_error(executable, failure)
@@ -125,13 +132,14 @@ def _run(
         _print_error(executable, str(error))
         return FAILED
     finally:
+        service_manager.stopping()
         for server in servers:
             server.close()
         process.close()
 
 
-def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts, servers: List[Any]) -> None:
-    """Starts the nodes, and appends the rosbridge server of alert_system to `servers`.
+def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts, servers: List[Any]) -> Dict[str, Any]:
+    """Starts the nodes, and appends the rosbridge server of alert_system to `servers`; returns the nodes by name.
 
     Raises:
         ConfigError: the configuration of a node cannot be used.
@@ -141,17 +149,30 @@ def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts,
     from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 
     classes: Dict[str, Any] = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
+    nodes: Dict[str, Any] = {}
     for name in names:
         interrupts.check()
         if name == "battery_sensor" and len(names) > 1 and _without_sensors(process.middlewares[0]):
             continue
         middleware = process.create_node(name)
         try:
-            node = classes[name](middleware)
+            node = nodes[name] = classes[name](middleware)
         except ConfigError as error:
             raise process.locate(error, middleware) from None
         if name == "alert_system" and node.monitor.config.rosbridge_port:
             servers.extend(_serve(process, node, middleware))
+    return nodes
+
+
+def _keep_alive(middleware: Middleware, alert_system: Optional[Any], service_manager: ServiceManager) -> None:
+    """Sends signs of life to systemd, if it asks for them, while the callbacks of a node run."""
+    period_s = service_manager.watchdog_period_s
+    if period_s is not None:
+
+        def send(now_s: float) -> None:
+            service_manager.alive(0.0 if alert_system is None else alert_system.tick_age_s)
+
+        middleware.create_timer(max(_SHORTEST_PERIOD_S, period_s / 2.0), send, steady=True)
 
 
 def _without_sensors(middleware: Middleware) -> bool:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import Any, AsyncContextManager, Awaitable, Optional, Protocol
+from typing import Any, AsyncContextManager, Awaitable, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.nodes import AlertSystem
 
 from .interrupts import Interrupts
 from .output.display import Output, OutputError, Shown
 from .output.events import Events, LibraryLog
+from .service_manager import ServiceManager
 
 _SHOW_PERIOD_S = 0.1
 _END_S = 1.5
@@ -25,6 +27,10 @@ class Watched(Shown, Protocol):
     @property
     def faults(self) -> Faults:
         """Where an output that cannot be written is reported."""
+
+    @property
+    def alert_systems(self) -> Sequence[AlertSystem]:
+        """The alert_systems that tick, one per robot."""
 
     def reload(self) -> None:
         """Reads the configuration again, soon. Called in the loop; never raises."""
@@ -87,6 +93,7 @@ async def _run(
     """Returns whether the whole duration has passed."""
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
+    service_manager = ServiceManager()
     interrupts.on_interrupt = lambda: loop.call_soon_threadsafe(stop.set)
     try:
         async with work as monitoring:
@@ -94,9 +101,11 @@ async def _run(
             running = asyncio.ensure_future(monitoring)
             interrupts.on_hangup = lambda: loop.call_soon_threadsafe(watched.reload)  # after the start of `running`
             stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
+            service_manager.ready()
             try:
-                return await _show(watched, output, running, stopped, duration_s)
+                return await _show(watched, output, running, stopped, service_manager, duration_s)
             finally:
+                service_manager.stopping()
                 running.cancel()
                 stopped.cancel()
                 await asyncio.wait({running, stopped}, timeout=_END_S)
@@ -110,6 +119,7 @@ async def _show(
     output: Output,
     running: asyncio.Future[Any],
     stopped: asyncio.Future[Any],
+    service_manager: ServiceManager,
     duration_s: Optional[float],
 ) -> bool:
     """Shows the monitors until one of the futures is done; returns whether the whole duration has passed."""
@@ -117,6 +127,8 @@ async def _show(
     end_s = float("inf") if duration_s is None else loop.time() + duration_s
     while not output.reader_is_gone:
         output.show(watched)
+        # One robot's failure must not restart the monitors of the others.
+        service_manager.alive(min((system.tick_age_s for system in watched.alert_systems), default=0.0))
         _report_problem(output, watched.faults)
         if loop.time() >= end_s:
             return True

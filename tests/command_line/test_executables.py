@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 from typing import Any, Callable, Dict, List
 
 import pytest
@@ -126,3 +128,20 @@ def test_a_rosbridge_server_that_cannot_start_stops_nothing_else() -> None:
     process = LocalProcess({"alert_system": {"rosbridge_port": 1, "rosbridge_address": "192.0.2.1"}})
     assert start("alert_system", process) == SUCCESS
     assert "rosbridge" in process.middlewares[0].faults.current()
+
+
+@pytest.mark.parametrize("executable", ["alert_system", "battery_sensor"])
+def test_systemd_receives_the_start_signs_of_life_and_the_end(executable: str, tmp_path: Any, monkeypatch: Any) -> None:
+    address = str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(address)
+        systemd.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", address)
+        monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+        assert start(executable, LocalProcess({})) == SUCCESS
+        received = []
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                received.append(systemd.recv(100))
+    assert (received[0], received[-1]) == (b"READY=1", b"STOPPING=1")
+    assert b"WATCHDOG=1" in received

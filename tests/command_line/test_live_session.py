@@ -18,6 +18,7 @@ from robot_health_monitor.output.events import Events
 
 class Watched:
     robots = ()
+    alert_systems = ()
     system_health = None
 
     def __init__(self) -> None:

@@ -180,9 +180,11 @@ def installed_modules(folder: Path) -> Sequence[str]:
 
 
 def check_share(share: Path) -> None:
-    """Checks that launch and configuration files are installed, all of them."""
+    """Checks that launch and configuration files and the systemd unit are installed, all of them."""
     for folder, pattern in (("launch", "*.launch"), ("launch", "*.launch.py"), ("config", "*.yaml")):
         wanted = sorted(path.name for path in (ROOT / folder).glob(pattern))
         assert wanted
         assert sorted(path.name for path in (share / folder).glob(pattern)) == wanted
     assert (share / "package.xml").is_file()
+    if not (share / "CMakeLists.txt").is_file():  # an installed copy
+        assert (share / "systemd" / "robot-health.service").is_file()
