@@ -150,6 +150,15 @@ class OpsConfig:
     server: Optional[ServerOptions] = None
     """None: as configured elsewhere."""
 
+    @property
+    def summary(self) -> str:
+        """What is configured, in one line; empty: nothing."""
+        parts = [] if self.history is None else [f"history in {self.history.file}"]
+        if self.notify:
+            names = ", ".join(target.name for target in self.notify)
+            parts.append(f"{len(self.notify)} target{'s' if len(self.notify) > 1 else ''} ({names})")
+        return "; ".join(parts + ([] if self.server is None else ["server"]))
+
 
 def read_ops(file: YamlFile) -> OpsConfig:
     """Reads an `ops.yaml`. Relative paths in it are relative to its folder.

@@ -169,6 +169,9 @@ def _add_token_file(command: argparse.ArgumentParser, meaning: str) -> None:
 def _add_common(command: argparse.ArgumentParser) -> None:
     command.add_argument("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
     command.add_argument(
+        "--ops", metavar="FILE", default="", help="an ops.yaml: history, notifications, server (default: none)"
+    )
+    command.add_argument(
         "--duration", metavar="SECONDS", type=_seconds, help="end after this time, with code 1 if there were alerts"
     )
     command.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the log on stderr")

@@ -190,15 +190,7 @@ def _check_ops(file: YamlFile, problems: Problems) -> str:
     config = OpsConfig()
     with problems:
         config = read_ops(file)
-    parts = []
-    if config.history is not None:
-        parts.append(f"history in {config.history.file}")
-    if config.notify:
-        names = ", ".join(target.name for target in config.notify)
-        parts.append(f"{_count(len(config.notify), 'target')} ({names})")
-    if config.server is not None:
-        parts.append("server")
-    return "; ".join(parts) or "no section"
+    return config.summary or "no section"
 
 
 def _check_fleet(file: YamlFile, problems: Problems) -> str:

@@ -5,19 +5,22 @@ from __future__ import annotations
 import argparse
 import time
 from contextlib import asynccontextmanager
-from typing import AsyncIterator, Awaitable, Optional
+from typing import AsyncIterator, Awaitable, Callable, Optional, Sequence
 
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.ops.configuration import ServerOptions
 
-from .fleet import Fleet
+from .fleet import Fleet, Robot
 from .fleet_configuration import FleetReader, Options, read_addresses
 from .installed_files import find_installed
 from .interrupts import Interrupts
 from .live_session import run_session
+from .operations import Operations, open_operations
 from .output.choice import choose_output
 from .output.events import Events
-from .serving import ServerSettings, serve, stop_serving
+from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
+from .tokens import read_token_file
 
 
 def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
@@ -42,35 +45,77 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         token_file=arguments.token_file,
         ca=arguments.ca,
     )
-    fleet = Fleet(
-        FleetReader(addresses, arguments.fleet, options, warn),
-        clock=time.monotonic,
-        on_log=events.on_log,
-        outlet=events.outlet,
-    )
+    with open_operations(arguments.ops) as operations:
+        settings = server_settings(arguments, operations.server, warn)
+        events.silence_of = operations.silence_text
+        fleet = Fleet(
+            FleetReader(addresses, arguments.fleet, options, warn),
+            clock=time.monotonic,
+            on_log=events.on_log,
+            outlet=events.outlet,
+            start=operations.start,
+        )
+        _attach(operations, fleet)
 
-    settings = server_settings(arguments)
+        @asynccontextmanager
+        async def work() -> AsyncIterator[Awaitable[None]]:
+            server = None
+            if settings is not None:
+                server = await serve(fleet, settings, operations, required=arguments.port is not None)
+            try:
+                yield fleet.run()
+            finally:
+                if server is not None:
+                    await stop_serving(server)
 
-    @asynccontextmanager
-    async def work() -> AsyncIterator[Awaitable[None]]:
-        server = None if settings is None else await serve(fleet, settings, required=arguments.port is not None)
-        try:
-            yield fleet.run()
-        finally:
-            if server is not None:
-                await stop_serving(server)
-
-    alerts_found = run_session(fleet, work(), events, output, interrupts, arguments.duration)
+        alerts_found = run_session(fleet, work(), events, output, interrupts, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()
     return alerts_found
 
 
-def server_settings(arguments: argparse.Namespace) -> Optional[ServerSettings]:
+def server_settings(
+    arguments: argparse.Namespace, options: Optional[ServerOptions], warn: Callable[[str], object]
+) -> Optional[ServerSettings]:
     """Returns the settings of the server for the whole fleet; None: not requested.
 
     The token that the command line names is for the robots. It is never the one that this server requires.
+
+    Args:
+        arguments: the command line, which takes precedence.
+        options: section `server` of an ops.yaml; None: there is none.
+        warn: called with one line if other users may read the token file.
+
+    Raises:
+        ConfigError: the token file cannot be used.
     """
-    if arguments.port is None:
+    if arguments.port is None and options is None:
         return None
-    return ServerSettings(arguments.port, arguments.host or "127.0.0.1")
+    options = options or ServerOptions()
+    port = options.port if arguments.port is None else arguments.port
+    return ServerSettings(
+        port=DEFAULT_PORT if port is None else port,
+        address=arguments.host or options.address or DEFAULT_ADDRESS,
+        token=read_token_file(options.token_file, warn) if options.token_file else "",
+        allow_publish=options.allow_publish,
+        allow_call=options.allow_call,
+        allow_offer=options.allow_offer,
+        tls_certificate=options.tls_certificate,
+        tls_key=options.tls_key,
+    )
+
+
+def _attach(operations: Operations, fleet: Fleet) -> None:
+    """Shows the operations in the status of the process: they belong to no single robot."""
+
+    def end_removed(added: Sequence[Robot], ended: Sequence[Robot]) -> None:
+        for robot in {each.name for each in ended} - {each.name for each in added}:
+            operations.end_robot(robot)
+        operations.note_robots()
+
+    fleet.on_change(end_removed)
+    operations.faults.add(fleet.faults)
+    operations.log_summary(fleet.log)
+    fleet.self_report["silenced"] = lambda: str(operations.count_silenced())
+    operations.report_waiting(fleet.self_report)
+    operations.note_robots()

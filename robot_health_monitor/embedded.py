@@ -41,6 +41,7 @@ class EmbeddedMonitor:
         wall_time_s: Callable[[], float] = time.time,
         on_log: Optional[Callable[[LogLine], None]] = None,
         outlet: Optional[Outlet] = None,
+        start_alert_system: Callable[..., AlertSystem] = AlertSystem,
     ) -> None:
         """Starts the nodes; their timers run in `run`, or in `bus.run_due`.
 
@@ -52,6 +53,7 @@ class EmbeddedMonitor:
             wall_time_s: seconds since 1970, for the stamps of messages.
             on_log: receives the log lines of the nodes; None keeps them in `bus.log_lines`.
             outlet: receives transitions and notices, which are then not logged; None: they are logged.
+            start_alert_system: starts alert_system, with the arguments of `AlertSystem`; `Operations.start`.
 
         Raises:
             ConfigError: the configuration cannot be used; the message names file and line.
@@ -69,7 +71,7 @@ class EmbeddedMonitor:
         self._source = source
         outlets = {} if outlet is None else {"output": outlet}
         self.alert_system: AlertSystem = self._start(
-            "alert_system", lambda node: AlertSystem(node, outlets, log_alerts=outlet is None)
+            "alert_system", lambda node: start_alert_system(node, outlets, log_alerts=outlet is None)
         )
         self._start("aggregator", Aggregator)
         if source != "none":

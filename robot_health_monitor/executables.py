@@ -112,13 +112,13 @@ def _run(
 
     from robot_health_monitor.core.errors import ConfigError, ServiceError
 
-    servers: List[Any] = []
+    running = _Running()
     service_manager = ServiceManager()
     try:
         process.start()
         streams.on_change = lambda name, problem: _report(process, name, problem)
-        nodes = _start_nodes(process, EXECUTABLES[executable], interrupts, servers)
-        _keep_alive(process.middlewares[0], nodes.get("alert_system"), service_manager)
+        _start_nodes(process, EXECUTABLES[executable], interrupts, running)
+        _keep_alive(process.middlewares[0], running.alert_system, service_manager)
         service_manager.ready()
         failure = process.spin()
         if failure:
@@ -133,35 +133,63 @@ def _run(
         return FAILED
     finally:
         service_manager.stopping()
-        for server in servers:
-            server.close()
+        running.close_before_nodes()
         process.close()
+        running.close_after_nodes()
 
 
-def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts, servers: List[Any]) -> Dict[str, Any]:
-    """Starts the nodes, and appends the rosbridge server of alert_system to `servers`; returns the nodes by name.
+class _Running:
+    """What runs beside the nodes of a process."""
+
+    def __init__(self) -> None:
+        self.alert_system: Any = None
+        self.operations: Any = None
+        self.server: Any = None
+
+    def close_before_nodes(self) -> None:
+        if self.server is not None:
+            self.server.close()
+        if self.alert_system is not None:
+            self.alert_system.save_state()
+
+    def close_after_nodes(self) -> None:
+        if self.operations is not None:
+            self.operations.close()
+
+
+def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts, running: _Running) -> None:
+    """Starts the nodes and, with alert_system, its operations and its rosbridge server.
 
     Raises:
         ConfigError: the configuration of a node cannot be used.
         KeyboardInterrupt: a signal has come.
     """
     from robot_health_monitor.core.errors import ConfigError
-    from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+    from robot_health_monitor.core.nodes import Aggregator, BatterySensor
 
-    classes: Dict[str, Any] = {"battery_sensor": BatterySensor, "aggregator": Aggregator, "alert_system": AlertSystem}
-    nodes: Dict[str, Any] = {}
+    def start_alert_system(middleware: Middleware) -> Any:
+        from .operations import configured_ops, open_operations
+
+        running.operations = open_operations(configured_ops(middleware.given_parameters()))
+        running.alert_system = running.operations.start_only(middleware)
+        return running.alert_system
+
+    starts: Dict[str, Callable[[Middleware], Any]] = {
+        "battery_sensor": BatterySensor,
+        "aggregator": Aggregator,
+        "alert_system": start_alert_system,
+    }
     for name in names:
         interrupts.check()
         if name == "battery_sensor" and len(names) > 1 and _without_sensors(process.middlewares[0]):
             continue
         middleware = process.create_node(name)
         try:
-            node = nodes[name] = classes[name](middleware)
+            node = starts[name](middleware)
         except ConfigError as error:
-            raise process.locate(error, middleware) from None
-        if name == "alert_system" and node.monitor.config.rosbridge_port:
-            servers.extend(_serve(process, node, middleware))
-    return nodes
+            raise (error if error.file else process.locate(error, middleware)) from None
+        if name == "alert_system" and (running.operations.server or node.monitor.config.rosbridge_port):
+            running.server = _serve(process, node, middleware, running.operations)
 
 
 def _keep_alive(middleware: Middleware, alert_system: Optional[Any], service_manager: ServiceManager) -> None:
@@ -179,11 +207,10 @@ def _without_sensors(middleware: Middleware) -> bool:
     return bool(middleware.given_parameters().get("sensors") == "none")
 
 
-def _serve(process: Process, alert_system: Any, middleware: Middleware) -> List[Any]:
+def _serve(process: Process, alert_system: Any, middleware: Middleware, operations: Any) -> Any:
     from .serving import serve_in_thread
 
-    server = serve_in_thread(lambda: process.create_served_node(middleware), middleware, alert_system)
-    return [] if server is None else [server]
+    return serve_in_thread(lambda: process.create_served_node(middleware), middleware, alert_system, operations)
 
 
 def _report(process: Process, stream: str, problem: str) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import os
 import platform
+import ssl
 from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, NamedTuple, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
@@ -19,10 +21,14 @@ from .tokens import find_token
 if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig
     from robot_health_monitor.core.nodes import AlertSystem
+    from robot_health_monitor.ops.configuration import ServerOptions
     from robot_health_monitor.ops.web import WebInterface
     from robot_health_monitor.rosbridge.server import Server, ServerThread
 
+    from .operations import Operations
+
 DEFAULT_PORT = 9090
+DEFAULT_ADDRESS = "127.0.0.1"
 _FAULT = "rosbridge"
 _CLOSE_S = 2.5
 """Longest time to close the port and the connections; the server itself takes at most 2 s."""
@@ -39,7 +45,7 @@ class ServerSettings(NamedTuple):
 
     port: int
     """0: a free one."""
-    address: str = "127.0.0.1"
+    address: str = DEFAULT_ADDRESS
     """Any address except loopback requires a token."""
     token: str = ""
     """Token that clients must present; empty: none."""
@@ -51,6 +57,55 @@ class ServerSettings(NamedTuple):
     """Services that clients may call, besides rosapi and `reset` and `reload` of alert_system."""
     allow_offer: Sequence[str] = ()
     """Services that clients may offer."""
+    tls_certificate: str = ""
+    """Path of the certificate (PEM); empty: no TLS."""
+    tls_key: str = ""
+    """Path of its private key (PEM)."""
+
+    @property
+    def scheme(self) -> str:
+        """`ws` or `wss`."""
+        return "wss" if self.tls_certificate else "ws"
+
+
+def server_settings(
+    config: MonitorConfig,
+    options: Optional[ServerOptions],
+    arguments: Optional[argparse.Namespace] = None,
+    *,
+    warn: Callable[[str], object],
+) -> ServerSettings:
+    """Returns the settings of a server: those of the command line, then of the parameters, then of ops.yaml.
+
+    Args:
+        config: parameters of alert_system.
+        options: section `server` of an ops.yaml; None: there is none.
+        arguments: options of a command that serves; None: of a node, which has none.
+        warn: called with one line if other users may read the token file.
+
+    Raises:
+        ConfigError: the token file cannot be used.
+    """
+    from robot_health_monitor.ops.configuration import ServerOptions
+
+    options = options or ServerOptions()
+    given = vars(arguments) if arguments is not None else {}
+    port = given.get("port")
+    if port is None:
+        port = config.rosbridge_port or (DEFAULT_PORT if options.port is None else options.port)
+    address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
+    token_file = given.get("token_file") or config.rosbridge_token_file or options.token_file
+    return ServerSettings(
+        port=port,
+        address=given.get("host") or address or options.address or DEFAULT_ADDRESS,
+        token=find_token(token_file, warn),
+        origins=given.get("origin") or (),
+        allow_publish=given.get("allow_publish") or options.allow_publish,
+        allow_call=given.get("allow_call") or options.allow_call,
+        allow_offer=given.get("allow_offer") or options.allow_offer,
+        tls_certificate=options.tls_certificate,
+        tls_key=options.tls_key,
+    )
 
 
 def make_server(
@@ -73,7 +128,7 @@ def make_server(
         threads: whether the middleware calls back from other threads than the server's loop.
 
     Raises:
-        ConfigError: the address is not protected.
+        ConfigError: the address is not protected, or the certificate cannot be used.
         ModuleNotFoundError: a library is not installed.
     """
     from robot_health_monitor.rosbridge.server import Server
@@ -96,7 +151,33 @@ def make_server(
         parameters=parameters,
         routes=web.routes(),
         on_close=(web.close,),
+        ssl_context=_tls_context(settings),
     )
+
+
+def _tls_context(settings: ServerSettings) -> Optional[ssl.SSLContext]:
+    """Returns the TLS context of a server; None: without TLS.
+
+    Raises:
+        ConfigError: certificate and key cannot be used.
+    """
+    if not settings.tls_certificate:
+        return None
+    for file in (settings.tls_certificate, settings.tls_key):
+        try:
+            with open(file, "rb"):
+                pass
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=file) from None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        # With an empty password, a key that is encrypted is an error; otherwise OpenSSL asks on the terminal.
+        context.load_cert_chain(settings.tls_certificate, settings.tls_key, password="")
+    except (OSError, ValueError) as error:  # SSLError is an OSError
+        reason = getattr(error, "reason", None) or error
+        problem = f"cannot be used as a certificate with the key {settings.tls_key}: {reason}"
+        raise ConfigError(problem, file=settings.tls_certificate) from None
+    return context
 
 
 class Served(Protocol):
@@ -128,12 +209,19 @@ class Served(Protocol):
         """Calls back in the loop with each alert_system that is added later."""
 
 
-def make_web(robots: Callable[[], Sequence[AlertSystem]], settings: ServerSettings, *, threads: bool) -> WebInterface:
+def make_web(
+    robots: Callable[[], Sequence[AlertSystem]],
+    settings: ServerSettings,
+    operations: Optional[Operations] = None,
+    *,
+    threads: bool,
+) -> WebInterface:
     """Returns the page and its API, for `make_server`.
 
     Args:
         robots: returns the alert_systems of the robots that are watched now.
         settings: those of the server.
+        operations: history, silences and notifications; None: there are none.
         threads: whether robots are judged in other threads than the server's loop.
 
     Raises:
@@ -141,7 +229,15 @@ def make_web(robots: Callable[[], Sequence[AlertSystem]], settings: ServerSettin
     """
     from robot_health_monitor.ops.web import WebInterface
 
-    web = WebInterface(robots, token=settings.token, threads=threads)
+    notifier = None if operations is None else operations.notifier
+    web = WebInterface(
+        robots,
+        token=settings.token,
+        threads=threads,
+        history=None if operations is None else operations.history,
+        silences=None if operations is None else operations.silences,
+        notifications_waiting=int if notifier is None else lambda: notifier.waiting,
+    )
     for alert_system in robots():
         web.watch(alert_system)
     return web
@@ -156,24 +252,28 @@ def report_web(web: WebInterface, log: Callable[[Severity, str], None], settings
         settings: those of the server.
         port: its port.
     """
-    log(Severity.INFO, f"web page: {page_address(settings.address, port)}")
+    scheme = "https" if settings.tls_certificate else "http"
+    log(Severity.INFO, f"web page: {page_address(settings.address, port, scheme)}")
     missing = web.missing()
     if missing is not None:
         log(Severity.WARN, missing)
 
 
-def page_address(address: str, port: int) -> str:
+def page_address(address: str, port: int, scheme: str = "http") -> str:
     """Returns the address to open in a browser: of all addresses of this machine, its name."""
     host = platform.node() if address in ("0.0.0.0", "::", "") else address
-    return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/"
 
 
-async def serve(monitor: Served, settings: ServerSettings, *, required: bool) -> Optional[Server]:
+async def serve(
+    monitor: Served, settings: ServerSettings, operations: Optional[Operations] = None, *, required: bool
+) -> Optional[Server]:
     """Serves monitors in the running loop; `stop_serving` ends it.
 
     Args:
         monitor: what is served.
         settings: where to listen, and what clients may do.
+        operations: what the page shows besides the monitors; None: nothing.
         required: whether a port that is in use is an error.
 
     Returns:
@@ -184,7 +284,7 @@ async def serve(monitor: Served, settings: ServerSettings, *, required: bool) ->
     """
     node = monitor.bus.node("rosbridge")
     try:
-        web = make_web(lambda: monitor.alert_systems, settings, threads=False)
+        web = make_web(lambda: monitor.alert_systems, settings, operations, threads=False)
         server = make_server(node, monitor.alert_system_pattern, settings, monitor.parameters, web, threads=False)
         await server.start()
     except ModuleNotFoundError as error:
@@ -200,7 +300,7 @@ async def serve(monitor: Served, settings: ServerSettings, *, required: bool) ->
         return None
     monitor.on_new_alert_system(web.watch)
     _show_log(monitor, server)
-    node.log(Severity.INFO, f"serving on ws://{settings.address}:{server.port}")
+    node.log(Severity.INFO, f"serving on {settings.scheme}://{settings.address}:{server.port}")
     report_web(web, node.log, settings, server.port)
     return server
 
@@ -211,7 +311,10 @@ async def stop_serving(server: Server) -> None:
 
 
 def serve_in_thread(
-    create_node: Callable[[], ServedMiddleware], middleware: Middleware, alert_system: AlertSystem
+    create_node: Callable[[], ServedMiddleware],
+    middleware: Middleware,
+    alert_system: AlertSystem,
+    operations: Optional[Operations] = None,
 ) -> Optional[ServerThread]:
     """Serves what alert_system watches, as its configuration says. A failure never stops the monitoring.
 
@@ -219,19 +322,23 @@ def serve_in_thread(
         create_node: creates the node for the server.
         middleware: the node of alert_system.
         alert_system: the node that is served.
+        operations: what the page shows besides, and the section `server` of an ops.yaml; None: there is none.
 
     Returns:
         The running server; None: it cannot be started, which is now a fault of alert_system.
     """
-    config = alert_system.monitor.config
     node: Optional[ServedMiddleware] = None
+    settings = ServerSettings(0)
     try:
         from robot_health_monitor.rosbridge.server import ServerThread
 
-        settings = _settings_of(config, middleware)
+        options = None if operations is None else operations.server
+        settings = server_settings(
+            alert_system.monitor.config, options, warn=lambda text: middleware.log(Severity.WARN, text)
+        )
         node = create_node()
         given = middleware.given_parameters()
-        web = make_web(lambda: [alert_system], settings, threads=True)
+        web = make_web(lambda: [alert_system], settings, operations, threads=True)
         server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, web, threads=True)
         thread = ServerThread(server)
     except ModuleNotFoundError as error:
@@ -239,11 +346,10 @@ def serve_in_thread(
     except ConfigError as error:
         problem = str(error)
     except OSError as error:
-        address = config.rosbridge_address
-        problem = f"port {config.rosbridge_port} of {address} cannot be opened: {_cause(error)}"
+        problem = f"port {settings.port} of {settings.address} cannot be opened: {_cause(error)}"
     else:
         _report_server(alert_system.self_report, server)
-        node.log(Severity.INFO, f"rosbridge: serving on ws://{settings.address}:{server.port}")
+        node.log(Severity.INFO, f"rosbridge: serving on {settings.scheme}://{settings.address}:{server.port}")
         report_web(web, node.log, settings, server.port)
         return thread
     if node is not None:
@@ -255,14 +361,6 @@ def serve_in_thread(
 def _cause(error: OSError) -> str:
     """Returns what the operating system says; asyncio puts the address before it."""
     return os.strerror(error.errno) if error.errno else str(error)
-
-
-def _settings_of(config: MonitorConfig, middleware: Middleware) -> ServerSettings:
-    def warn(text: str) -> None:
-        middleware.log(Severity.WARN, text)
-
-    token = find_token(config.rosbridge_token_file, warn)
-    return ServerSettings(config.rosbridge_port, config.rosbridge_address, token)
 
 
 def _show_log(monitor: Served, server: Server) -> None:

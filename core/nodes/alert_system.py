@@ -88,7 +88,7 @@ class AlertSystem:
         self.self_report["without_sensor"] = lambda: ", ".join(sorted(self._unavailable))
         self.silence_of: Callable[[str], Optional[str]] = _not_silenced
         """Returns the text of the silence of a signal, None without one. May be replaced by a fast function."""
-        self.self_report["silenced"] = lambda: str(self._count_silenced())
+        self.self_report["silenced"] = lambda: str(self.count_silenced())
         self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
         middleware.declare_parameters(described_parameters(config), self._reconfigure)
@@ -171,10 +171,15 @@ class AlertSystem:
         """Ends every open alert with a transition to OK, `no longer watched`; `close` must follow."""
         self._announce(self.monitor.end(), self._middleware.now_s())
 
+    def save_state(self) -> None:
+        """Saves the state for the next run. For processes that close all their middlewares at once."""
+        continuity = self._continuity
+        if continuity is not None:
+            self._middleware.exclusively(lambda: continuity.save(self._middleware.now_s()))
+
     def close(self) -> None:
         """Saves the state for the next run and leaves the middleware."""
-        if self._continuity is not None:
-            self._continuity.save(self._middleware.now_s())
+        self.save_state()
         self._middleware.close()
 
     def _follow_topics(self, config: MonitorConfig) -> None:
@@ -304,7 +309,7 @@ class AlertSystem:
         text = self.silence_of(status.name)
         return status if text is None else replace(status, values={**status.values, "silenced": text})
 
-    def _count_silenced(self) -> int:
+    def count_silenced(self) -> int:
         """Counts the signals that are not OK and silenced."""
         now_s = self._middleware.now_s()
         silenced = [name for name in self.monitor.signals() if self.silence_of(name) is not None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from typing import Callable, NamedTuple, Union
+from typing import Callable, NamedTuple, Optional, Union
 
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
@@ -22,6 +22,8 @@ class Entry(NamedTuple):
     """
     event: Union[LogLine, Transition]
     """What happened."""
+    silenced: Optional[str] = None
+    """Reason and end of the silence of the transition's signal; None: it is not silenced."""
 
 
 class Events:
@@ -43,6 +45,8 @@ class Events:
         self._output = output
         self._least = least
         self._wall_time_s = wall_time_s
+        self.silence_of: Callable[[str, str], Optional[str]] = _not_silenced
+        """Returns the text of the silence of a robot's signal, None without one."""
         self.alerts = 0
         """Number of transitions to a level other than OK."""
 
@@ -68,7 +72,8 @@ class Events:
 
     def on_transition(self, transition: Transition) -> None:
         """Receives a transition."""
-        self._output(Entry(self._wall_time_s(), transition))
+        silenced = self.silence_of(transition.robot, transition.signal)
+        self._output(Entry(self._wall_time_s(), transition, silenced))
         if transition.to_level is not Level.OK:
             self.alerts += 1
 
@@ -92,3 +97,7 @@ class LibraryLog(logging.Handler):
             text += f": {type(error).__name__}: {error}"
         severity = Severity.ERROR if record.levelno >= logging.ERROR else Severity.WARN
         self._events.on_log(LogLine(record.created, record.name, severity, text))
+
+
+def _not_silenced(robot: str, signal: str) -> Optional[str]:
+    return None

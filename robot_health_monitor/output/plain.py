@@ -74,7 +74,8 @@ def plain_line(
     if isinstance(event, Transition):
         prefix = prefix or (event.robot if name_robots else "")
         robot = f"{prefix}: " if prefix else ""
-        return printable(f"{time_text} {robot}{event.text}")
+        silenced = "" if entry.silenced is None else f" [silenced: {entry.silenced}]"
+        return printable(f"{time_text} {robot}{event.text}{silenced}")
     return printable(f"{time_text} [{event.severity.name}] {event.node.rpartition('/')[2]}: {event.text}")
 
 

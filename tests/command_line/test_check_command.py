@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Callable
 from xml.etree import ElementTree
@@ -81,6 +82,21 @@ def test_a_wrong_file_is_one_line_with_the_place_and_code_2(
     process = robot_health("check", file)
     assert process.wait() == 2
     assert [(each.stream, each.text[: len(f"{file}{line}")]) for each in process.lines] == [("err", f"{file}{line}")]
+
+
+def test_the_example_of_an_ops_yaml_is_right_and_so_is_what_it_shows_in_comments(
+    robot_health: Start, tmp_path: Path
+) -> None:
+    text = (ROOT / "examples" / "ops.yaml").read_text(encoding="utf-8")
+    complete = tmp_path / "complete.yaml"
+    # An example in a comment is a section, and what is indented below it.
+    complete.write_text(re.sub(r"^# (?=(notify|server):|  )", "", text, flags=re.MULTILINE))
+    process = robot_health("check", ROOT / "examples" / "ops.yaml", complete)
+    assert process.wait() == 0, process.text
+    assert [line.text.partition(": ")[2] for line in process.lines] == [
+        f"OK: history in {ROOT}/examples/history.db",
+        f"OK: history in {tmp_path}/history.db; 5 targets (pager, chat, horn, mail, alive); server",
+    ]
 
 
 def test_an_ops_yaml_is_recognised_and_summed_up(robot_health: Start, tmp_path: Path) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import socket
+from pathlib import Path
 from typing import Any, Callable, Dict, List
 
 import pytest
 
+from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.executables import FAILED, SUCCESS, UNUSABLE, run
+from robot_health_monitor.ops.history.reader import HistoryReader
 
 Parameters = Dict[str, Dict[str, Any]]
 
@@ -145,3 +148,44 @@ def test_systemd_receives_the_start_signs_of_life_and_the_end(executable: str, t
                 received.append(systemd.recv(100))
     assert (received[0], received[-1]) == (b"READY=1", b"STOPPING=1")
     assert b"WATCHDOG=1" in received
+
+
+def test_the_ops_yaml_of_the_parameter_gives_alert_system_a_history(tmp_path: Path) -> None:
+    file = tmp_path / "ops.yaml"
+    file.write_text("history: {file: history.db}\n")
+    given = {"robot_name": "r3", "ops": str(file), "signals": {"temperature": {"startup_grace_s": 1.0}}}
+    process = LocalProcess({"alert_system": given, "battery_sensor": {"ops": str(file)}})
+    assert start("alert_system", process) == SUCCESS
+    with HistoryReader(tmp_path / "history.db") as reader:
+        assert [(stored.robot, stored.to_level) for stored in reader.transitions()] == [("r3", Level.STALE)]
+    again = LocalProcess({"alert_system": given})
+    assert start("alert_system", again) == SUCCESS
+    with HistoryReader(tmp_path / "history.db") as reader:
+        assert len(list(reader.transitions())) == 1  # still stale: nothing new
+
+
+def test_a_wrong_ops_yaml_ends_the_node_before_it_subscribes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "ops.yaml"
+    file.write_text("history: {file: a.db, keep_gb: 1}\nnotfy: {}\n")
+    process = LocalProcess({"alert_system": {"ops": str(file)}})
+    assert start("alert_system", process) == UNUSABLE
+    assert capfd.readouterr().err.splitlines() == [
+        f"alert_system: {file}:1: history.keep_gb: unknown key; did you mean keep_mb? expected one of file, keep_days, "
+        "keep_mb",
+        f"alert_system: {file}:2: notfy: unknown key; did you mean notify? expected one of history, notify, server",
+    ]
+    assert process.bus.log_lines == []  # it watches nothing
+
+
+def test_the_other_nodes_do_not_read_the_ops_yaml() -> None:
+    process = LocalProcess({"battery_sensor": {"ops": "/nowhere/ops.yaml"}})
+    assert start("battery_sensor", process) == SUCCESS
+
+
+def test_the_server_of_an_ops_yaml_is_started(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
+    file = tmp_path / "ops.yaml"
+    file.write_text("server: {port: 0}\n")
+    process = LocalProcess({"alert_system": {"ops": str(file)}})
+    assert start("alert_system", process) == SUCCESS
+    assert any("rosbridge: serving on ws://127.0.0.1:" in line.text for line in process.bus.log_lines)

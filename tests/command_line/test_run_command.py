@@ -429,3 +429,41 @@ def test_sighup_reads_the_thresholds_again(robot_health: Start, calm: Path) -> N
     assert f"{calm}:7: " in robot.wait_for_text("[ERROR] alert_system: not reloaded, the old configuration")
     robot.signal()
     assert robot.wait() == 0
+
+
+def test_with_an_ops_yaml_alerts_are_stored_and_survive_a_restart(
+    robot_health: Start, tmp_path: Path, free_port: int
+) -> None:
+    ops, low = tmp_path / "ops.yaml", tmp_path / "low.yaml"
+    ops.write_text(f"history: {{file: history.db}}\nserver: {{port: {free_port}}}\n")
+    low.write_text(
+        "alert_system: {ros__parameters: {robot_name: atlas, signals: {battery_level: {warn_below: 101.0}}}}\n"
+        "battery_sensor: {ros__parameters: {publish_rate: 20.0}}\n"
+    )
+    first = robot_health("run", "--ops", ops, "--thresholds", low)
+    first.wait_for_text(f"operations: history in {tmp_path}/history.db; server")
+    first.wait_for_text(" battery_level WARN: ")
+    first.signal()
+    assert first.wait() == 0
+    second = robot_health("run", "--ops", ops, "--thresholds", low, "--duration", 2)
+    assert second.wait() == 0, second.text  # no alert: it is the one of before
+    assert f"serving on ws://127.0.0.1:{free_port}" in second.text
+    assert " battery_level WARN" not in second.text
+
+
+def test_a_wrong_ops_yaml_ends_it_before_it_has_started_anything(
+    robot_health: Start, calm: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "ops.yaml"
+    file.write_text("notify: {chat: {type: webhook}}\n")
+    process = robot_health("run", "--ops", file, "--thresholds", calm)
+    assert process.wait() == 2
+    assert process.text == f"err: {file}:1: notify.chat: expected either url or url_file, got neither"
+
+
+def test_the_configuration_may_name_the_ops_yaml(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(f"alert_system: {{ros__parameters: {{ops: {tmp_path}/nowhere.yaml, signals: {{arm: {{}}}}}}}}\n")
+    process = robot_health("run", "--thresholds", file)
+    assert process.wait() == 2
+    assert process.text == f"err: {tmp_path}/nowhere.yaml: cannot be read: No such file or directory"

@@ -6,7 +6,11 @@ import asyncio
 import json
 import platform
 import socket
-from typing import Any, Awaitable, Callable, List
+import ssl
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Awaitable, Callable, List, Optional
 
 import pytest
 
@@ -15,12 +19,16 @@ pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is
 import aiohttp
 from harness.rosbridge_peer import Peer
 
+from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.embedded import EmbeddedMonitor
-from robot_health_monitor.serving import ServerSettings, page_address, serve, stop_serving
+from robot_health_monitor.ops.configuration import ServerOptions
+from robot_health_monitor.serving import ServerSettings, page_address, serve, server_settings, stop_serving
 
 LOCAL = ServerSettings(port=0)
+NO_PARAMETERS = MonitorConfig({})
 
 
 def with_client(settings: ServerSettings, use: Callable[[EmbeddedMonitor, Peer], Awaitable[None]]) -> None:
@@ -145,3 +153,85 @@ def test_the_address_of_the_page_is_logged_and_what_is_missing(monkeypatch: pyte
 )
 def test_the_address_of_the_page_can_be_opened(address: str, shown: str) -> None:
     assert page_address(address, 9090) == shown
+
+
+def of_arguments(
+    options: Optional[ServerOptions], config: MonitorConfig = NO_PARAMETERS, **given: Any
+) -> ServerSettings:
+    return server_settings(config, options, Namespace(**given) if given else None, warn=lambda text: None)
+
+
+def test_the_command_line_comes_first_then_the_parameters_then_the_ops_yaml() -> None:
+    assert of_arguments(None) == ServerSettings(9090, "127.0.0.1")
+    options = ServerOptions(port=1, address="localhost", allow_call=("/a",), allow_publish=("/b",))
+    assert of_arguments(options) == ServerSettings(1, "localhost", allow_call=("/a",), allow_publish=("/b",))
+    assert of_arguments(ServerOptions(port=0)).port == 0
+    parameters = replace(NO_PARAMETERS, rosbridge_port=2, rosbridge_address="::1")
+    assert of_arguments(options, parameters)[:2] == (2, "::1")
+    given = {"port": 3, "host": "127.0.0.2", "allow_call": ["/c"]}
+    settings = of_arguments(options, parameters, **given)
+    assert settings[:2] == (3, "127.0.0.2")
+    assert (settings.allow_call, settings.allow_publish) == (["/c"], ("/b",))
+
+
+def test_the_token_file_of_the_ops_yaml_is_used(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("secret\n")
+    assert of_arguments(ServerOptions(token_file=str(tmp_path / "token"))).token == "secret"
+
+
+def test_with_a_certificate_clients_connect_over_tls(tmp_path: Path) -> None:
+    trustme = pytest.importorskip("trustme", reason="trustme, which makes certificates, is not installed")
+    authority = trustme.CA()
+    certificate = authority.issue_cert("localhost")
+    certificate.cert_chain_pems[0].write_to_path(tmp_path / "certificate.pem")
+    certificate.private_key_pem.write_to_path(tmp_path / "key.pem")
+    trusting = ssl.create_default_context()
+    authority.configure_trust(trusting)
+    settings = ServerSettings(
+        0, tls_certificate=str(tmp_path / "certificate.pem"), tls_key=str(tmp_path / "key.pem"), allow_publish=("*",)
+    )
+    lines: List[LogLine] = []
+
+    async def run() -> None:
+        monitor = EmbeddedMonitor(source="none", outlet=lambda event: None, on_log=lines.append)
+        server = await serve(monitor, settings, required=True)
+        assert server is not None
+        try:
+            async with aiohttp.ClientSession() as session:
+                async with session.ws_connect(f"wss://localhost:{server.port}", ssl=trusting) as connection:
+                    await Peer(connection).settle()
+                with pytest.raises(aiohttp.ClientError):
+                    await session.ws_connect(f"ws://localhost:{server.port}")
+        finally:
+            await stop_serving(server)
+            monitor.close()
+        shown = [line.text for line in lines]
+        assert f"serving on wss://127.0.0.1:{server.port}" in shown
+        assert f"web page: https://127.0.0.1:{server.port}/" in shown
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("key", "problem"),
+    [
+        (None, "key.pem: cannot be read: No such file or directory"),
+        ("not a key", "certificate.pem: cannot be used as a certificate with the key "),
+    ],
+)
+def test_a_certificate_that_cannot_be_used_is_one_line(tmp_path: Path, key: Optional[str], problem: str) -> None:
+    (tmp_path / "certificate.pem").write_text("not a certificate")
+    if key is not None:
+        (tmp_path / "key.pem").write_text(key)
+    files = {"tls_certificate": str(tmp_path / "certificate.pem"), "tls_key": str(tmp_path / "key.pem")}
+
+    async def run() -> None:
+        monitor = EmbeddedMonitor(source="none", outlet=lambda event: None, on_log=lambda line: None)
+        try:
+            await serve(monitor, ServerSettings(0, **files), required=False)
+        finally:
+            monitor.close()
+
+    with pytest.raises(ConfigError) as caught:
+        asyncio.run(run())
+    assert str(caught.value).startswith(f"{tmp_path}/{problem}")

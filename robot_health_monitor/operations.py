@@ -1,0 +1,263 @@
+"""What an ops.yaml adds to a process: a history, silences and notifications for its alert_systems.
+
+`run`, `connect` and the ROS executables start their alert_systems with `Operations.start`, with or without an
+ops.yaml.
+"""
+
+from __future__ import annotations
+
+import platform
+import threading
+import time
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional
+
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.middleware import Middleware, Severity
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
+from robot_health_monitor.core.outlets import Outlet
+from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions, read_ops
+
+if TYPE_CHECKING:
+    from robot_health_monitor.ops.history.history import History, RobotHistory
+    from robot_health_monitor.ops.notifications import Notifier
+    from robot_health_monitor.ops.silences import Silences
+
+_CLOSE_S = 1.9
+"""Longest time to close everything: a disk or a target may hang."""
+_LATE_S = 5.0
+"""Age of the last tick from which a robot is not monitored, in s: then there is no heartbeat."""
+_NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
+
+
+class SharedFaults(Faults):
+    """Faults of the process, passed on to the nodes that show them."""
+
+    def __init__(self) -> None:
+        """Starts without faults and without nodes."""
+        super().__init__()
+        self._receivers: List[Faults] = []
+        self._sharing = threading.Lock()
+
+    def add(self, receiver: Faults) -> None:
+        """Adds the faults of a node."""
+        with self._sharing:
+            self._receivers.append(receiver)
+            for part, fault in self.current().items():
+                receiver.report(part, fault.text, fault.level)
+
+    def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
+        """Reports a fault to every node."""
+        with self._sharing:
+            super().report(part, text, level)
+            for receiver in self._receivers:
+                receiver.report(part, text, level)
+
+    def clear(self, part: str) -> None:
+        """Reports to every node that a part works again."""
+        with self._sharing:
+            if part in self.current():
+                super().clear(part)
+                for receiver in self._receivers:
+                    receiver.clear(part)
+
+
+class Operations:
+    """History, silences and notifications of one process. What fails is a fault; the monitoring goes on."""
+
+    def __init__(
+        self,
+        config: OpsConfig,
+        wall_time_s: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Opens what is configured; `close` ends it.
+
+        Args:
+            config: the contents of an ops.yaml.
+            wall_time_s: seconds since 1970.
+            clock: monotonic seconds.
+        """
+        self._clock = clock
+        self.config = config
+        self.faults = SharedFaults()
+        """Faults of its parts. Add the faults of the node that shows them."""
+        self.history: Optional[History] = None
+        """None: neither a history nor notifications are configured."""
+        self.silences: Optional[Silences] = None
+        """None: as `history`."""
+        self.notifier: Optional[Notifier] = None
+        """None: no targets are configured."""
+        self._alert_systems: Dict[str, AlertSystem] = {}
+        self._histories: Dict[str, RobotHistory] = {}
+        self._fed_s = float("-inf")
+        if config.history is not None or config.notify:
+            from robot_health_monitor.ops.history.history import History
+            from robot_health_monitor.ops.silences import Silences
+
+            # Without a file, the history is in memory, where the notifications have their queue.
+            self.history = History(config.history, wall_time_s)
+            self.silences = Silences(self.history, self.faults, wall_time_s)
+        if self.history is not None and config.notify:
+            from robot_health_monitor.ops.notifications import Notifier
+
+            self.notifier = Notifier(self.history, config.notify, self.silences, self.faults, wall_time_s)
+
+    @property
+    def server(self) -> Optional[ServerOptions]:
+        """The section `server`; None: there is none."""
+        return self.config.server
+
+    def start(
+        self, middleware: Middleware, outlets: Mapping[str, Outlet] = _NO_OUTLETS, *, log_alerts: bool = True
+    ) -> AlertSystem:
+        """Starts the alert_system of a robot, with its part of the history.
+
+        Args:
+            middleware: its connection.
+            outlets: as for `AlertSystem`.
+            log_alerts: as for `AlertSystem`.
+
+        Raises:
+            ConfigError: its configuration cannot be used.
+        """
+        robot = robot_name(middleware)
+        self.end_robot(robot)  # a robot that is started anew
+        history = None if self.history is None else self.history.of_robot(robot, _Forwarded(self.faults))
+        try:
+            alert_system = AlertSystem(middleware, outlets, log_alerts=log_alerts, history=history)
+        except BaseException:
+            if history is not None:
+                history.close()
+            raise
+        if history is not None:
+            self._histories[robot] = history
+        self._alert_systems[robot] = alert_system
+        if self.silences is not None:
+            alert_system.silence_of = lambda signal: self.silence_text(robot, signal)
+        if self.notifier is not None:
+            middleware.create_timer(TICK_PERIOD_S, self._note_tick, steady=True)
+            self.report_waiting(alert_system.self_report)
+        return alert_system
+
+    def start_only(
+        self, middleware: Middleware, outlets: Mapping[str, Outlet] = _NO_OUTLETS, *, log_alerts: bool = True
+    ) -> AlertSystem:
+        """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use.
+
+        Raises:
+            ConfigError: its configuration cannot be used.
+        """
+        alert_system = self.start(middleware, outlets, log_alerts=log_alerts)
+        self.faults.add(middleware.faults)
+        self.log_summary(middleware.log)
+        self.note_robots()
+        return alert_system
+
+    def note_robots(self) -> None:
+        """Call when all robots have been started: notifications of open alerts of any other robot are ended."""
+        if self.notifier is not None:
+            self.notifier.end_unwatched(list(self._alert_systems))
+
+    def end_robot(self, robot: str) -> None:
+        """Ends the part of a robot that is no longer watched; does nothing for one that is not known."""
+        self._alert_systems.pop(robot, None)
+        history = self._histories.pop(robot, None)
+        if history is not None:
+            history.close()
+
+    def report_waiting(self, self_report: Dict[str, Callable[[], str]]) -> None:
+        """Shows how many notifications wait, among the key-values of a status."""
+        notifier = self.notifier
+        if notifier is not None:
+            self_report["pending_notifications"] = lambda: str(notifier.waiting)
+
+    def silence_text(self, robot: str, signal: str) -> Optional[str]:
+        """Returns reason and end of the silence of an alert; None: it is not silenced. May be called in any thread."""
+        silence = None if self.silences is None else self.silences.silence_of(robot, signal)
+        return None if silence is None else silence.text
+
+    def count_silenced(self) -> int:
+        """Returns how many signals are not OK and silenced, over all robots."""
+        return sum(alert_system.count_silenced() for alert_system in self._alert_systems.values())
+
+    def log_summary(self, log: Callable[[Severity, str], object]) -> None:
+        """Logs in one line what is in use."""
+        if self.config.summary:
+            log(Severity.INFO, f"operations: {self.config.summary}")
+
+    def __enter__(self) -> Operations:
+        """Returns itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Closes everything."""
+        self.close()
+
+    def close(self) -> None:
+        """Closes everything within two seconds. The alert_systems must have been closed."""
+        if self.history is None:
+            return
+        closing = threading.Thread(target=self._close, name="close operations", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_S)
+
+    def _note_tick(self, now_s: float) -> None:
+        """Feeds the heartbeat while every robot is monitored; each robot calls this once a second."""
+        steady_s = self._clock()
+        if steady_s - self._fed_s < TICK_PERIOD_S / 2.0:
+            return
+        self._fed_s = steady_s
+        if self.notifier is not None and all(
+            alert_system.tick_age_s < _LATE_S for alert_system in tuple(self._alert_systems.values())
+        ):
+            self.notifier.note_tick()
+
+    def _close(self) -> None:
+        if self.notifier is not None:
+            self.notifier.close()
+        if self.silences is not None:
+            self.silences.close()
+        if self.history is not None:
+            self.history.close()
+
+
+def open_operations(file: str, wall_time_s: Callable[[], float] = time.time) -> Operations:
+    """Reads an ops.yaml and opens what it configures.
+
+    Args:
+        file: its path; a relative one is relative to the working directory. Empty: none, nothing is opened.
+        wall_time_s: seconds since 1970.
+
+    Raises:
+        ConfigError: it cannot be used; nothing has been opened.
+    """
+    return Operations(read_ops(read_yaml(file)) if file else OpsConfig(), wall_time_s)
+
+
+def configured_ops(parameters: Mapping[str, object]) -> str:
+    """Returns the path of the ops.yaml in the parameters of alert_system; empty: none."""
+    file = parameters.get("ops", "")
+    return file.strip() if isinstance(file, str) else ""  # alert_system reports a value of another type
+
+
+def robot_name(middleware: Middleware) -> str:
+    """Returns the name of the robot that a node's parameters give it, as `AlertSystem` does."""
+    return str(middleware.given_parameters().get("robot_name") or platform.node())
+
+
+class _Forwarded(Faults):
+    """Passes the faults of one robot's history on, so that each robot can be removed alone."""
+
+    def __init__(self, target: Faults) -> None:
+        super().__init__()
+        self._target = target
+
+    def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
+        self._target.report(part, text, level)
+
+    def clear(self, part: str) -> None:
+        self._target.clear(part)
