@@ -2,7 +2,7 @@
 
     make bench                     everything that can run here
     make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
-                                   recordings
+                                   recordings, notifications
 
 Exit code 1 when a requirement is missed.
 """
@@ -60,6 +60,13 @@ def recordings() -> Iterator[Row]:
     yield from recordings_cost.rows()
 
 
+def notifications() -> Iterator[Row]:
+    """Time from a sample to its alert, with history and notifications."""
+    from benchmarks import notifications_cost
+
+    yield from notifications_cost.rows()
+
+
 def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
     """Yields the rows for ROS 1 and for ROS 2, or one row with the reason why there are none.
 
@@ -83,6 +90,7 @@ PARTS = {
     "footprint": footprint,
     "rosbridge": rosbridge,
     "recordings": recordings,
+    "notifications": notifications,
 }
 
 

@@ -1,0 +1,253 @@
+"""Time from a sample to its alert, with a history and five targets of which four hang, and without.
+
+Two `robot-health run` take the same samples in turn from a rosbridge client. Each sample crosses the bound, so each is
+an alert. The time is that from sending the sample until both the message on `alerts` has reached the client and the
+line has reached the reader of stdout.
+
+Measured in the same round, on the same disk: one write, which is the rows of one transition committed by SQLite alone.
+And, for comparison, the alert_system alone in this process, without a network: from publishing the sample
+until the log line and the message on `alerts` have come.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import sqlite3
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import AsyncExitStack, closing
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, Awaitable, Callable, Dict, Iterator, List, Mapping, Optional
+
+import aiohttp
+
+from benchmarks.table import Row
+from benchmarks.targets import ROOT
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.local import LocalBus, LogLine
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
+from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS
+from robot_health_monitor.ops.notifications import Notifier
+
+TRANSITIONS = 1_000
+PAUSE_S = 0.005
+"""Pause before each measurement, in s: five contestants, so an alert_system alerts 40 times a second at most."""
+
+REQUIRED_RATIO = 1.5
+DEADLINE_S = 30.0
+
+_SIGNALS: Mapping[str, Any] = {
+    "battery_level": {"topic": "battery_level", "warn_below": 20.0, "stale_after_s": 0.0, "window_samples": 60}
+}
+
+
+class _Target(BaseHTTPRequestHandler):
+    """Responds, or hangs where the path says so."""
+
+    hangs_until = threading.Event()
+
+    def do_POST(self) -> None:
+        """Receives a notification."""
+        self.rfile.read(int(self.headers["Content-Length"]))
+        if self.path == "/hang":
+            self.hangs_until.wait()
+        self.send_response(200)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def log_message(self, *arguments: object) -> None:
+        """Writes nothing."""
+
+
+class _Process:
+    """`robot-health run`, measured from outside."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        """Starts it; `connect` waits until it serves."""
+        folder.mkdir()
+        thresholds = folder / "thresholds.yaml"
+        parameters = {"robot_name": "r3", "signals": _SIGNALS}
+        thresholds.write_text(json.dumps({"alert_system": {"ros__parameters": parameters}}))  # JSON is YAML
+        command = ["run", "--thresholds", str(thresholds), "--source", "none", "--json", "--port", "0"]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "robot_health_monitor", *command, "--allow-publish", "*", *options],
+            cwd=str(folder),
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._line_s = 0.0
+        self._has_line = threading.Event()
+        threading.Thread(target=self._read, daemon=True).start()
+        self._value = 30.0
+
+    async def connect(self, session: aiohttp.ClientSession) -> None:
+        """Connects a client that publishes samples and receives alerts."""
+        assert self._process.stderr is not None
+        port = 0
+        while not port:
+            line = await asyncio.get_running_loop().run_in_executor(None, self._process.stderr.readline)
+            assert line, "robot-health run has ended"
+            port = (
+                int(line.rpartition("ws://127.0.0.1:")[2].split()[0].strip(",;.")) if "ws://127.0.0.1:" in line else 0
+            )
+        threading.Thread(target=self._process.stderr.read, daemon=True).start()
+        self._socket = await session.ws_connect(f"ws://127.0.0.1:{port}")
+        await self._send({"op": "advertise", "topic": "/battery_level", "type": "std_msgs/Float32"})
+        await self._send({"op": "subscribe", "topic": "/alerts", "type": "diagnostic_msgs/DiagnosticStatus"})
+        await asyncio.sleep(1.0)
+
+    async def measure_s(self) -> float:
+        """Sends a sample that changes the level; returns the time until message and line have come, in s."""
+        self._value = 40.0 - self._value
+        self._has_line.clear()
+        began_s = time.perf_counter()
+        await self._send({"op": "publish", "topic": "/battery_level", "msg": {"data": self._value}})
+        await asyncio.wait_for(self._socket.receive_str(), DEADLINE_S)
+        alert_s = time.perf_counter()
+        assert await asyncio.get_running_loop().run_in_executor(None, self._has_line.wait, DEADLINE_S)
+        return max(self._line_s, alert_s) - began_s
+
+    async def close(self) -> None:
+        """Ends it."""
+        await self._socket.close()
+        self._process.terminate()
+        self._process.wait(DEADLINE_S)
+
+    async def _send(self, message: Mapping[str, Any]) -> None:
+        await self._socket.send_str(json.dumps(message))
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for _ in self._process.stdout:
+            self._line_s = time.perf_counter()
+            self._has_line.set()
+
+
+class _AlertSystem:
+    """An alert_system alone on a bus of its own."""
+
+    def __init__(self, make_history: Optional[Callable[[str, Faults], Any]] = None) -> None:
+        self._log_s = self._alert_s = self._now_s = 0.0
+        self._bus = LocalBus(on_log=self._note_log)
+        node = self._bus.node("alert_system", parameters={"robot_name": "r3", "signals": _SIGNALS})
+        history = None if make_history is None else make_history("r3", node.faults)
+        self._alert_system = AlertSystem(node, history=history)
+        self._peer = self._bus.node("peer")
+        self._peer.advertise("battery_level", "std_msgs/Float32")
+        self._peer.subscribe("alerts", "diagnostic_msgs/DiagnosticStatus", self._note_alert)
+        self._value = 30.0
+
+    async def measure_s(self) -> float:
+        """Publishes a sample that changes the level; returns the time until log line and alert have come, in s."""
+        self._value = 40.0 - self._value
+        self._now_s += 1.0
+        self._bus.run_due(self._now_s)  # the tick, which is not measured
+        self._log_s = self._alert_s = 0.0
+        began_s = time.perf_counter()
+        self._peer.publish("battery_level", {"data": self._value})
+        assert self._log_s and self._alert_s, "no alert"
+        return max(self._log_s, self._alert_s) - began_s
+
+    def _note_log(self, line: LogLine) -> None:
+        self._log_s = time.perf_counter()
+
+    def _note_alert(self, message: Any, now_s: float) -> None:
+        self._alert_s = time.perf_counter()
+
+
+class _Disk:
+    """SQLite alone: commits the rows of a transition as the history does, without a thread."""
+
+    def __init__(self, file: Path) -> None:
+        self._connection = sqlite3.connect(str(file), isolation_level=None)
+        self._connection.execute("PRAGMA journal_mode = WAL")
+        self._connection.execute("PRAGMA synchronous = NORMAL")
+        schema.prepare(self._connection)
+        self.close = self._connection.close
+
+    async def measure_s(self) -> float:
+        """Commits the rows; returns the time in s."""
+        execute = self._connection.execute
+        text = "battery_level WARN: 10 % is below 20 % (was OK for 1 s)"
+        row = (time.time(), "r3", "battery_level", 0, 1, 10.0, "last", 20.0, 1.0, 0.0, "0" * 16, text, "x" * 120, 0)
+        began_s = time.perf_counter()
+        execute("BEGIN IMMEDIATE")
+        insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
+        number = execute(insert, row).lastrowid
+        execute("INSERT INTO evidence VALUES (?, ?)", (number, b"x" * 728))  # 60 samples
+        execute("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", ("r3", "battery_level", "x" * 400))
+        execute("INSERT INTO noted_transitions (at_s, transition_json) VALUES (?, ?)", (0.0, "x" * 900))
+        execute("COMMIT")
+        return time.perf_counter() - began_s
+
+
+async def measure(count: int, folder: Path) -> Dict[str, List[float]]:
+    """Returns the times in s, by contestant."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), _Target)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+    url = f"http://127.0.0.1:{server.server_address[1]}"
+    urls = {**{f"stuck{number}": f"{url}/hang" for number in range(4)}, "chat": url}
+    ops = folder / "ops.yaml"
+    notify = {name: {"type": "webhook", "url": url} for name, url in urls.items()}
+    ops.write_text(json.dumps({"history": {"file": "run.db"}, "notify": notify}))
+    targets = [TargetSettings(name, "webhook", url=url) for name, url in urls.items()]
+    async with AsyncExitStack() as stack:
+        session = await stack.enter_async_context(aiohttp.ClientSession())
+        history = stack.enter_context(closing(History(HistorySettings(str(folder / "history.db")))))
+        stack.enter_context(closing(Notifier(history, targets)))
+        stack.callback(_Target.hangs_until.set)
+        processes = {
+            "run": _Process(folder / "without"),
+            "run with": _Process(folder / "with", "--ops", str(ops)),
+        }
+        for process in processes.values():
+            await process.connect(session)
+            stack.push_async_callback(process.close)
+        measurements: Dict[str, Callable[[], Awaitable[float]]] = {
+            **{name: process.measure_s for name, process in processes.items()},
+            "alone": _AlertSystem().measure_s,
+            "alone with": _AlertSystem(history.of_robot).measure_s,
+            "disk": stack.enter_context(closing(_Disk(folder / "disk.db"))).measure_s,
+        }
+        found: Dict[str, List[float]] = {name: [] for name in measurements}
+        for _ in range(count):
+            for name, measure_s in measurements.items():
+                await asyncio.sleep(PAUSE_S)
+                found[name].append(await measure_s())
+    server.shutdown()
+    return found
+
+
+def rows(count: int = TRANSITIONS) -> Iterator[Row]:
+    """Measures and yields the rows of the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = asyncio.run(measure(count, Path(folder)))
+    median = {name: statistics.median(times) for name, times in found.items()}
+
+    def figure(name: str) -> str:
+        return f"{median[name] * 1e6:.0f} us, worst {max(found[name]) * 1e3:.1f} ms"
+
+    yield Row("one disk write", "SQLite, the rows of a transition", figure("disk"))
+    for name, what, required in (
+        ("run", "sample to alert at a client and on stdout", REQUIRED_RATIO),
+        ("alone", "sample to alert inside the process", None),
+    ):
+        what = f"{what}, {count:,} alerts"
+        remark = "to without, after one disk write"
+        ratio = (median[f"{name} with"] - median["disk"]) / median[name]
+        yield Row(what, "without history", figure(name))
+        yield Row(what, "history, five targets, four hang", figure(f"{name} with"), ratio, required, remark)
