@@ -100,9 +100,8 @@ class _Process:
         while not port:
             line = await asyncio.get_running_loop().run_in_executor(None, self._process.stderr.readline)
             assert line, "robot-health run has ended"
-            port = (
-                int(line.rpartition("ws://127.0.0.1:")[2].split()[0].strip(",;.")) if "ws://127.0.0.1:" in line else 0
-            )
+            found = re.search(r"ws://127\.0\.0\.1:(\d+)", line)
+            port = int(found[1]) if found else 0
         threading.Thread(target=self._process.stderr.read, daemon=True).start()
         self._socket = await session.ws_connect(f"ws://127.0.0.1:{port}")
         await self._send({"op": "advertise", "topic": "/battery_level", "type": "std_msgs/Float32"})
