@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sqlite3
+import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator
 
 import pytest
 from harness.alertmanager import needs_alertmanager, running_alertmanager
 from harness.http_server import HttpServer, Received, hanging, responding
-from harness.line_process import LineProcess
+from harness.line_process import DEADLINE_S, LineProcess
 
 Start = Callable[..., LineProcess]
 
@@ -54,8 +57,18 @@ def alert(request: Received) -> str:
     return f"{request.json['robot']} {request.json['to_level']} {request.json['notification']}"
 
 
+def wait_until_confirmed(file: Path) -> None:
+    """Waits until a notification has been sent and none waits."""
+    until_s = time.monotonic() + DEADLINE_S
+    with closing(sqlite3.connect(f"file:{file}?mode=ro", uri=True)) as connection:
+        query = "SELECT (SELECT count(*) FROM notified), (SELECT count(*) FROM notifications)"
+        while connection.execute(query).fetchone() != (1, 0):
+            assert time.monotonic() < until_s
+            time.sleep(0.02)
+
+
 def test_an_alert_reaches_its_target_and_a_killed_monitor_does_not_repeat_it(
-    run: Callable[..., LineProcess], server: HttpServer
+    run: Callable[..., LineProcess], server: HttpServer, tmp_path: Path
 ) -> None:
     with HttpServer() as alive:
         targets = {
@@ -64,8 +77,7 @@ def test_an_alert_reaches_its_target_and_a_killed_monitor_does_not_repeat_it(
         }
         process = run(**targets)
         assert alert(server.next()) == "atlas ERROR firing"
-        alive.next()
-        alive.next()  # the notification has been confirmed in the second between the two
+        wait_until_confirmed(tmp_path / "history.db")
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         alive.all()
