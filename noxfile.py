@@ -47,6 +47,8 @@ ROS1_PACKAGES = [
 ]
 """Debian's own ROS 1 with the tools that catkin builds with, for machines without Noetic."""
 
+BROWSER = ["chromium", "chromium-driver"]
+
 ROS2_WHEELS = [
     "ros-jazzy-rclpy",
     "ros-jazzy-rmw-fastrtps-cpp",
@@ -119,7 +121,7 @@ if hasattr(nox.options, "allow_parallel"):  # nox for Python 3.8 and 3.9 has no 
 @nox.session(venv_backend="none")
 def apt(session: nox.Session) -> None:
     """Installs Debian's packages that the tests use, if this user may: ROS 1, Prometheus's tools, a browser."""
-    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"], ["prometheus-alertmanager"], ["chromium"]):
+    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"], ["prometheus-alertmanager"], BROWSER):
         missing = missing_packages(packages)
         if missing and os.geteuid() == 0 and shutil.which("apt-get"):
             options = {"silent": True, "external": True, "success_codes": range(256)}
@@ -127,9 +129,7 @@ def apt(session: nox.Session) -> None:
             session.run_install(*apt_get, "update", **options)
             session.env["DEBIAN_FRONTEND"] = "noninteractive"
             session.run_install(*apt_get, "install", "-y", "--no-install-recommends", *missing, **options)
-    missing = missing_packages(
-        [*([] if NOETIC else ROS1_PACKAGES), "prometheus", "prometheus-alertmanager", "chromium"]
-    )
+    missing = missing_packages([*([] if NOETIC else ROS1_PACKAGES), "prometheus", "prometheus-alertmanager", *BROWSER])
     if missing:
         session.skip(f"not installed; as root: apt-get install {' '.join(missing)}")
 
@@ -147,8 +147,9 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here."""
     set_up(session, {}, "apprise")
-    if session.python != "3.8":  # pip finds no version of roslibpy's dependencies for Python 3.8
-        session.install("roslibpy", success_codes=range(256))
+    if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
+        for package in ("roslibpy", "selenium>=4.10"):
+            session.install(package, success_codes=range(256))
     others = ("ros1", "ros2", "packaging", "chaos/test_ros1.py", "chaos/test_ros2.py")
     run_pytest(session, "tests", *(f"--ignore=tests/{name}" for name in others))
 

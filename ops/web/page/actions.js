@@ -1,6 +1,7 @@
 /* What users can change: silences and latched alerts. Dialogs stay open, with the reason, if the monitor refuses. */
 import {request} from "./connection.js";
 import {setText} from "./elements.js";
+import {patternOf} from "./format.js";
 
 const AUTHOR = "robot-health-author";
 
@@ -36,11 +37,6 @@ class ActionDialog {
     }
     this.submit.disabled = false;
   }
-}
-
-/** A name as a pattern that matches it: characters with a meaning in patterns become `?`, which matches any. */
-function patternOf(name) {
-  return name.replace(/[*?[\]]/g, "?");
 }
 
 /** The actions that the page offers. */

@@ -1,7 +1,7 @@
 /* Tables of past alerts, from the history. */
 import {request} from "./connection.js";
 import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
-import {durationText, fullTimeText, timeText} from "./format.js";
+import {durationText, fullTimeText, patternOf, timeText} from "./format.js";
 import {Badge, kindOfLevel} from "./levels.js";
 import {drawEvidence} from "./plots.js";
 
@@ -52,7 +52,7 @@ export class AlertTable {
 
   query(older) {
     const query = new URLSearchParams({limit: this.size});
-    for (const [key, value] of Object.entries(this.only)) if (value) query.set(key, value);
+    for (const [key, value] of Object.entries(this.only)) query.set(key, patternOf(value));
     if (older && this.rows.size) query.set("before", Math.min(...this.rows.keys()));
     return query;
   }
@@ -87,16 +87,14 @@ class AlertRow {
     this.cell = makeCell("", "", table.columns);
     this.more = makeRow("details", this.cell);
     this.more.hidden = true;
-    const text = isolated(alert.text);
-    this.button = alert.evidence
-      ? make("button.evidence", {type: "button", "aria-expanded": "false", title: "show the samples at that moment", onclick: () => this.toggle()}, shape("open"), text)
-      : text;
+    this.button = make("button.evidence", {type: "button", "aria-expanded": "false", title: "show the samples at that moment", onclick: () => this.toggle()},
+      shape("open"), isolated(alert.text));
     const {now} = this.page.fleet;
     this.row = makeRow("alert",
       makeCell("time", make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now))),
       makeCell("level", new Badge(kindOfLevel(alert.to_level)).element),
       table.only.robot ? null : makeCell("robot-cell", this.robotLink(alert.robot)),
-      makeCell(alert.evidence ? "text" : "text plain", this.button));
+      makeCell("text", this.button));
     this.row.id = this.id;
     this.elements = [this.row, this.more];
   }

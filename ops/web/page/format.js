@@ -63,3 +63,8 @@ export function showAge(element, since, now) {
 export function countText(count, noun) {
   return `${count} ${noun}${count === 1 ? "" : "s"}`;
 }
+
+/** Returns a pattern that matches a name: characters with a meaning in patterns become `?`, which matches any. */
+export function patternOf(name) {
+  return name.replace(/[*?[\]]/g, "?");
+}

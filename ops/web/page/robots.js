@@ -70,7 +70,7 @@ class RobotRow {
     this.link = make("span.fact");
     this.monitor = make("span.fact");
     this.silence = make("button", {type: "button", onclick: () => actions.silence(name, "*", false)}, "Silence robot…");
-    this.reset = make("button", {type: "button", onclick: () => actions.reset(name)}, "Reset latched alerts…");
+    this.reset = make("button.reset", {type: "button", onclick: () => actions.reset(name)}, "Reset latched alerts…");
     this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset, this.link, this.monitor));
     this.updateBody();
   }
