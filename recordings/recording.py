@@ -25,7 +25,8 @@ def libraries() -> Iterator[None]:
         yield
     except ImportError as error:
         install = "pip install 'robot_health_monitor[recordings]'"
-        raise MissingLibraryError(f"reading this recording needs the library {error.name}: {install}") from None
+        library = str(error.name).partition(".")[0]
+        raise MissingLibraryError(f"reading this recording needs the library {library}: {install}") from None
 
 
 class Channel(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import struct
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
@@ -16,6 +17,8 @@ _BATCH_BYTES = 4_000_000
 """Messages that are read together: at most so many, and about so many bytes."""
 
 _Columns = Tuple[Sequence[int], Sequence[int], Sequence[bytes]]
+_header = struct.Struct(">16sH6xII60xI").unpack_from
+"""Of the file: magic, bytes per page (1: 65536), change counter, pages, change counter when `pages` was written."""
 _DAMAGE = (sqlite3.Error, ValueError, OverflowError)
 """What reading a damaged file raises."""
 
@@ -40,20 +43,28 @@ class SqliteFile:
         self.span_ns: Optional[Tuple[int, int]] = None
         try:
             with open(path, "rb") as file:
-                if file.read(len(_MAGIC)) != _MAGIC:
-                    raise RecordingError(f"{self.name}: expected an SQLite file")
+                header = file.read(100)
+            if not header.startswith(_MAGIC):
+                raise RecordingError(f"{self.name}: expected an SQLite file")
+            self._missing = self._missing_bytes(header.ljust(100, b"\0"))
             database = self._open()
         except OSError as error:
             raise RecordingError(f"{self.name}: cannot be read: {error.strerror or error}") from None
         try:
             self._channels = _read_channels(database)
             try:
+                if self._missing:
+                    raise ValueError
                 first, last = database.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
                 self.span_ns = None if first is None else (int(first), int(last))
             except (*_DAMAGE, TypeError):
                 self._scan(database)
         except _DAMAGE as error:
-            raise RecordingError(f"{self.name}: cannot be read as a recording of rosbag2: {error}") from None
+            raise RecordingError(
+                f"{self.problem}, but nothing can be read"
+                if self._missing
+                else f"{self.name}: cannot be read as a recording of rosbag2: {error}"
+            ) from None
         finally:
             database.close()
 
@@ -66,57 +77,89 @@ class SqliteFile:
         """Yields the messages of some channels; see `recording.RecordedFile`."""
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
         last_ns = 0
+        database = self._open()
         try:
-            for numbers, times, data in self._columns(wanted, "WHERE {} ORDER BY timestamp, id"):
+            if self._missing:
+                raise ValueError
+            for numbers, times, data in self._columns(database, wanted):
                 last_ns = times[-1]
                 yield from zip(times, map(wanted.__getitem__, numbers), data)
         except _DAMAGE as error:
             self._note_damage(error)
-            for message in in_time_order(self._remaining(wanted, last_ns)):
+            for message in in_time_order(self._remaining(database, wanted, last_ns)):
                 last_ns = message[0]
                 yield message
             self.span_ns = until(self.span_ns, last_ns)
-
-    def _remaining(self, wanted: Mapping[int, Target], last_ns: int) -> Iterator[List[RawMessage[Target]]]:
-        """Yields the messages after a time in the order of recording, which needs no index."""
-        try:
-            for numbers, times, data in self._columns(wanted, "NOT INDEXED WHERE {} ORDER BY id"):
-                rows = zip(times, map(wanted.__getitem__, numbers), data)
-                yield [message for message in rows if message[0] > last_ns]
-        except _DAMAGE as error:
-            self._note_damage(error)
-
-    def _columns(self, wanted: Mapping[int, Any], condition: str) -> Iterator[_Columns]:
-        """Yields numbers of topics, times and data of the next rows: few if they are large."""
-        places = ",".join("?" * len(wanted))
-        query = "SELECT topic_id, timestamp, data FROM messages " + condition.format(f"topic_id IN ({places})")
-        database = self._open()
-        try:
-            cursor = database.execute(query, list(wanted))
-            count = 1
-            while True:
-                rows = cursor.fetchmany(count)
-                if not rows:
-                    return
-                columns = _columns(rows)
-                if set(map(type, columns[1])) != {int} or set(map(type, columns[2])) != {bytes}:
-                    self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
-                    columns = _columns([row for row in rows if type(row[1]) is int and type(row[2]) is bytes])
-                if columns[0]:
-                    count = min(_BATCH, 1 + _BATCH_BYTES * len(columns[0]) // (1 + sum(map(len, columns[2]))))
-                    yield columns
         finally:
             database.close()
 
+    def _columns(self, database: sqlite3.Connection, wanted: Mapping[int, Any]) -> Iterator[_Columns]:
+        """Yields numbers of topics, times and data of the next rows: few if they are large."""
+        cursor = database.execute(_query(wanted), list(wanted))
+        count = 1
+        while True:
+            rows = cursor.fetchmany(count)
+            if not rows:
+                return
+            columns = _columns_of(rows)
+            if set(map(type, columns[1])) != {int} or set(map(type, columns[2])) != {bytes}:
+                self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
+                columns = _columns_of([row for row in rows if type(row[1]) is int and type(row[2]) is bytes])
+            if columns[0]:
+                count = min(_BATCH, 1 + _BATCH_BYTES * len(columns[0]) // (1 + sum(map(len, columns[2]))))
+                yield columns
+
+    def _remaining(
+        self, database: sqlite3.Connection, wanted: Mapping[int, Target], last_ns: int
+    ) -> Iterator[List[RawMessage[Target]]]:
+        """Yields the messages of a damaged file after a time, in the order of recording, which needs no index."""
+        batch: List[RawMessage[Target]] = []
+        size = 0
+        try:
+            for number, time_ns, data in database.execute(_query_in_order_of_recording(wanted), list(wanted)):
+                if type(time_ns) is not int or type(data) is not bytes or self._is_cut(data):
+                    if self._missing:
+                        break  # the rest of the page is missing, too
+                elif time_ns > last_ns and number in wanted:
+                    batch.append((time_ns, wanted[number], data))
+                    size += len(data)
+                    if len(batch) == _BATCH or size > _BATCH_BYTES:
+                        yield batch
+                        batch, size = [], 0
+        except _DAMAGE as error:
+            self._note_damage(error)
+        yield batch
+
+    def _is_cut(self, data: bytes) -> bool:
+        """Returns whether data may go beyond the end of the file: SQLite fills its last page with zeros."""
+        return bool(self._missing and data) and data.endswith(bytes(min(self._missing, len(data))))
+
     def _note_damage(self, error: Exception) -> None:
-        self.problem = f"{self.name}: damaged ({error}): read as far as possible"
+        if not self._missing:
+            self.problem = f"{self.name}: damaged ({error}): read as far as possible"
+
+    def _missing_bytes(self, header: bytes) -> int:
+        """Returns how many bytes its last page lacks if the file is shorter than its header says, which is a problem.
+
+        At least 1 then.
+        """
+        _, page_size, changes, pages, changes_of_pages = _header(header)
+        page_size = 65536 if page_size == 1 else page_size
+        expected = page_size * pages
+        size = os.path.getsize(self._path)
+        if size >= expected or changes != changes_of_pages or _has_journal(self._path):
+            return 0
+        self.problem = f"{self.name}: ends at byte {size} of {expected}: read as far as possible"
+        return int(page_size - size % page_size)
 
     def _open(self) -> sqlite3.Connection:
         # A recording is never written here. `immutable` reads it where no journal can be written; a journal that a
         # crashed recorder left behind must be applied, which needs the ordinary mode.
         mode = "mode=ro" if _has_journal(self._path) else "mode=ro&immutable=1"
         try:
-            return sqlite3.connect(f"{Path(os.path.abspath(self._path)).as_uri()}?{mode}", uri=True)
+            database = sqlite3.connect(f"{Path(os.path.abspath(self._path)).as_uri()}?{mode}", uri=True)
+            database.execute("PRAGMA writable_schema=ON")  # otherwise SQLite refuses a file that was cut off
+            return database
         except sqlite3.Error as error:
             raise RecordingError(f"{self.name}: cannot be opened: {error}") from None
 
@@ -132,7 +175,19 @@ class SqliteFile:
         self.span_ns = (times[0], times[1]) if times else None
 
 
-def _columns(rows: Sequence[Tuple[Any, Any, Any]]) -> _Columns:
+def _query(wanted: Mapping[int, Any]) -> str:
+    places = ",".join("?" * len(wanted))
+    return f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp, id"
+
+
+def _query_in_order_of_recording(wanted: Mapping[int, Any]) -> str:
+    """Includes the other topics, without data: their rows show where the file ends."""
+    places = ",".join("?" * len(wanted))
+    data = f"CASE WHEN topic_id IN ({places}) THEN data WHEN topic_id > 0 THEN x'' END"
+    return f"SELECT topic_id, timestamp, {data} FROM messages NOT INDEXED ORDER BY id"
+
+
+def _columns_of(rows: Sequence[Tuple[Any, Any, Any]]) -> _Columns:
     numbers, times, data = zip(*rows) if rows else ((), (), ())
     return numbers, times, data
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Dict, List
 
 import pytest
-from harness.recorded import Recorded, values, write_bag
+from harness.recorded import Recorded, values, write_bag, write_mcap
 
 from robot_health_monitor.__main__ import main
 
@@ -248,13 +248,24 @@ def test_simulated_time_is_that_of_the_recorded_clock(
     assert (first["now_s"], first["since_s"]) == (105.0, 100.0)
 
 
-@pytest.mark.parametrize("library", ["rosbags", "numpy"])
+@pytest.mark.parametrize(
+    ("library", "form"),
+    [
+        ("rosbags", "none.bag"),
+        ("numpy", "none.bag"),
+        ("lz4", "lz4.bag"),
+        ("mcap", "none.mcap"),
+        ("zstandard", "a.mcap"),
+    ],
+)
 def test_a_missing_library_is_named_with_the_command_that_installs_it(
-    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str], library: str
+    tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str], library: str, form: str
 ) -> None:
+    path, messages = tmp_path / form, values("/battery", [50.0])
+    recording = write_bag(path, messages, path.stem) if path.suffix == ".bag" else write_mcap(path, messages)
     code = (
         f"import sys; sys.modules[{library!r}] = None; from robot_health_monitor.__main__ import main; "
-        f"sys.exit(main(['replay', {bag(tmp_path, [50.0])!r}, '--thresholds', {thresholds!r}]))"
+        f"sys.exit(main(['replay', {recording!r}, '--thresholds', {thresholds!r}]))"
     )
     ended = subprocess.run([command[0], "-c", code], env=environment, stderr=subprocess.PIPE, text=True, timeout=60)
     assert (ended.returncode, ended.stderr.count("\n")) == (3, 1)
