@@ -79,6 +79,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         "test": lambda: _test(arguments),
         "notify": lambda: _notify(arguments),
         "export": lambda: _export(arguments),
+        "silence": lambda: _silence(arguments),
         "history": lambda: _history(arguments),
     }
     try:
@@ -134,6 +135,13 @@ def _suggest(arguments: argparse.Namespace) -> int:
         return FINE
 
     return _read_recordings(run)
+
+
+def _silence(arguments: argparse.Namespace) -> int:
+    from .silence_command import silence
+
+    silence(arguments)
+    return FINE
 
 
 def _history(arguments: argparse.Namespace) -> int:

@@ -86,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_notify(commands)
     _add_export(commands)
     _add_history(commands)
+    _add_silence(commands)
     return parser
 
 
@@ -335,6 +336,68 @@ def _add_history(commands: Any) -> None:
     form = command.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="one JSON object per line")
     form.add_argument("--csv", action="store_true", help="comma-separated values")
+
+
+def _add_silence(commands: Any) -> None:
+    command = commands.add_parser(
+        "silence",
+        help="suppress notifications, for a time or until an alert resolves",
+        description="Silences suppress notifications only: silenced alerts stay visible, marked as silenced. They are "
+        "stored in the history file, where a running monitor finds them within about a second.",
+    )
+    actions = command.add_subparsers(dest="action", metavar="ACTION", required=True, parser_class=_Parser)
+    add = actions.add_parser(
+        "add",
+        help="add a silence",
+        description="Adds a silence. With --for and --until-resolved it ends with whichever comes first.",
+    )
+    add.add_argument(
+        "matchers",
+        metavar="MATCHERS",
+        help="which alerts, such as robot=r3,signal=battery*; labels robot and signal; = and !=; * and ? as in file "
+        "names",
+    )
+    add.add_argument("--for", dest="for_s", metavar="TIME", type=_duration, help="how long: 30m, 1h30m, 7d")
+    add.add_argument(
+        "--until-resolved",
+        action="store_true",
+        help="acknowledge: only the alerts that are open now, each until it resolves",
+    )
+    add.add_argument("--reason", metavar="TEXT", default="", help="why; shown with the alerts")
+    add.add_argument("--author", metavar="NAME", help="who (default: the login name)")
+    lists = actions.add_parser(
+        "list",
+        help="list silences, and how many alerts each silences",
+        description="Lists the active silences and those that ended within a day. `open`: alerts that it silences now; "
+        "`alerts`: changes to WARN, ERROR or STALE that it has silenced.",
+    )
+    lists.add_argument("--all", action="store_true", help="also those that ended earlier")
+    lists.add_argument("--json", action="store_true", help="one JSON object per silence")
+    expire = actions.add_parser("expire", help="end silences now", description="Ends silences now.")
+    expire.add_argument("ids", metavar="ID", type=_silence_id, nargs="+", help="as shown by `list`")
+    for action in (add, lists, expire):
+        action.add_argument(
+            "--history",
+            metavar="FILE",
+            help="the history file (default: that of --ops, else /var/lib/robot-health/history.db)",
+        )
+        action.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+
+
+def _silence_id(text: str) -> int:
+    if not re.match(r"\d{1,18}\Z", text, re.ASCII):
+        raise argparse.ArgumentTypeError(f"expected the id of a silence, got {text!r}")
+    return int(text)
+
+
+def _duration(text: str) -> float:
+    from robot_health_monitor.core.errors import ConfigError
+    from robot_health_monitor.ops.silences import parse_duration_s
+
+    try:
+        return parse_duration_s(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _moment(text: str) -> float:

@@ -1,0 +1,193 @@
+"""`robot-health silence`: the silences in a history file, beside a running monitor or without one."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import json
+import sqlite3
+import sys
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Optional, Sequence, TextIO, TypeVar
+from urllib.parse import quote
+
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.matchers import matchers_text, parse_matchers
+from robot_health_monitor.ops.silences import (
+    MOST_TEXT,
+    Alert,
+    Silence,
+    add_silence,
+    expire_silence,
+    open_alerts,
+    read_silences,
+    silenced_transitions,
+    time_text,
+)
+
+from .history_command import iso_time
+from .history_file import history_file
+
+Result = TypeVar("Result")
+
+_BUSY_S = 5.0
+"""How long to wait for a monitor that writes."""
+_SHOWN_S = 86_400.0
+"""How long ago a silence may have ended to be listed without --all."""
+_MOST_NAMED = 5
+_HEAD = ("id", "state", "open", "alerts", "matchers", "reason", "author")
+
+
+def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
+    """Adds, lists or expires silences.
+
+    Args:
+        arguments: of the command; `action` is `add`, `list` or `expire`.
+        stream: where to write; None: stdout.
+        now_s: in s since 1970; None: the system's time.
+
+    Raises:
+        ConfigError: the file cannot be used, or what is asked for is not possible.
+    """
+    stream = stream or sys.stdout
+    now_s = time.time() if now_s is None else now_s
+    file = history_file(arguments.history, arguments.ops)
+    actions: Dict[str, Callable[[sqlite3.Connection], List[str]]] = {
+        "add": lambda connection: _add(connection, arguments, now_s),
+        "list": lambda connection: _list(connection, arguments, now_s),
+        "expire": lambda connection: _expire(connection, arguments, now_s),
+    }
+    for line in _in_transaction(file, actions[arguments.action]):
+        stream.write(f"{printable(line)}\n")
+    stream.flush()
+
+
+def _in_transaction(file: str, function: Callable[[sqlite3.Connection], Result]) -> Result:
+    """Runs a function in one transaction on a history file.
+
+    Raises:
+        ConfigError: the file cannot be used; or of the function.
+    """
+    try:
+        Path(file).stat()
+        uri = f"file:{quote(str(Path(file).absolute()))}?mode=rw"
+        connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None)
+    except OSError as error:
+        raise ConfigError(error.strerror or str(error), file=file) from None
+    except sqlite3.Error as error:
+        raise ConfigError(f"cannot be opened: {error}", file=file) from None
+    try:
+        schema.require_known(connection)
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            result = function(connection)
+        except BaseException:
+            connection.execute("ROLLBACK")
+            raise
+        connection.execute("COMMIT")
+        return result
+    except (sqlite3.Error, schema.UnknownSchemaError) as error:
+        raise ConfigError(f"cannot be used: {error}", file=file) from None
+    finally:
+        connection.close()
+
+
+def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+    added = add_silence(
+        connection,
+        parse_matchers(arguments.matchers),
+        now_s,
+        for_s=arguments.for_s,
+        until_resolved=arguments.until_resolved,
+        reason=arguments.reason,
+        author=_login_name() if arguments.author is None else arguments.author,
+    )
+    covered = [alert for alert in open_alerts(connection) if added.covers(*alert)]
+    lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
+    if not covered and not _known(connection, added):
+        lines.append(f"so far, no signal in this history matches {matchers_text(added.matchers)}")
+    return lines
+
+
+def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+    found = sorted(read_silences(connection), key=lambda each: (not each.is_active(now_s), -each.id))
+    if not arguments.all:
+        found = [each for each in found if each.is_active(now_s) or now_s - each.end_s(now_s) < _SHOWN_S]
+    opened = open_alerts(connection)
+    rows = []
+    for each in found:
+        active = each.is_active(now_s)
+        is_open = sum(active and each.covers(*alert) for alert in opened)
+        rows.append((each, is_open, silenced_transitions(connection, each, now_s)))
+    if arguments.json:
+        return [json.dumps(_as_json(each, now_s, is_open, alerts)) for each, is_open, alerts in rows]
+    if not rows:
+        return ["no silences" if arguments.all else "no active silences"]
+    return _table(
+        [
+            (
+                str(each.id), _state(each, now_s), str(is_open), str(alerts), matchers_text(each.matchers),
+                each.reason, each.author,
+            )
+            for each, is_open, alerts in rows
+        ]
+    )  # fmt: skip
+
+
+def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
+    lines = []
+    for number in arguments.ids:
+        expired = expire_silence(connection, number, now_s)
+        lines.append(f"silence {number} ended: {matchers_text(expired.matchers)}")
+    return lines
+
+
+def _login_name() -> str:
+    try:
+        return printable(getpass.getuser())[:MOST_TEXT]
+    except (KeyError, OSError, ImportError):  # a user without an entry, as in containers
+        return ""
+
+
+def _state(each: Silence, now_s: float) -> str:
+    if not each.is_active(now_s):
+        return f"ended {time_text(each.end_s(now_s))}"
+    ends = [] if each.until_s is None else [time_text(each.until_s)]
+    return "until " + " or ".join([*ends, "resolved"] if each.until_resolved else ends)
+
+
+def _open_text(alerts: Sequence[Alert]) -> str:
+    if not alerts:
+        return "no open alert matches now"
+    names = [f"{robot} {signal}" for robot, signal in alerts[:_MOST_NAMED]]
+    more = [f"{len(alerts) - _MOST_NAMED} more"] if len(alerts) > _MOST_NAMED else []
+    return f"{len(alerts)} open alert{'s' if len(alerts) > 1 else ''}: {', '.join(names + more)}"
+
+
+def _known(connection: sqlite3.Connection, added: Silence) -> bool:
+    return any(added.matches(*row) for row in connection.execute("SELECT robot, signal FROM signal_states"))
+
+
+def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str, Any]:
+    active = each.is_active(now_s)
+    return {
+        "id": each.id,
+        "state": "active" if active else "ended",
+        "matchers": matchers_text(each.matchers),
+        "reason": each.reason,
+        "author": each.author,
+        "since": iso_time(each.created_s),
+        "until": None if each.until_s is None else iso_time(each.until_s),
+        "until_resolved": each.until_resolved,
+        "ended": None if active else iso_time(each.end_s(now_s)),
+        "open_alerts": is_open,
+        "alerts": alerts,
+    }
+
+
+def _table(rows: Sequence[Sequence[str]]) -> List[str]:
+    widths = [max(len(row[column]) for row in (_HEAD, *rows)) for column in range(len(_HEAD))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in (_HEAD, *rows)]
