@@ -27,6 +27,10 @@ class SignalHistory(Protocol):
     The calls take effect in their order: a state from `save` never replaces a newer one from `record`.
     """
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether it is still there after a restart; False: it is in memory."""
+
     def wall_s(self) -> float:
         """Returns the time in seconds since 1970."""
 
@@ -122,6 +126,12 @@ class Continuity:
         """Stores that latches were cleared, and the states without them."""
         self._history.record_reset()
         self.save(now_s)
+
+    def forget(self) -> None:
+        """Deletes the states: the robot is no longer watched."""
+        if self._saved:
+            self._history.save({name: {} for name in self._saved})
+            self._saved = {}
 
     def record_configuration(self, sections: Mapping[str, Mapping[str, Any]]) -> None:
         """Stores the configuration in force.

@@ -274,6 +274,8 @@ class Monitor:
         changes = Changes()
         for signal in self._signals.values():
             _add(changes, signal.end(self._now_s))
+        self._signals = {}
+        self._find_followers()
         return changes
 
     def configure(self, config: MonitorConfig) -> Changes:

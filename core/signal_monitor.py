@@ -258,7 +258,8 @@ class SignalMonitor:
     @property
     def at_rest_since_s(self) -> Optional[float]:
         """Since when the signal is OK, in seconds; None unless its state depends on nothing else."""
-        return self._announcer.since_s if self._is_at_rest else None
+        # `_calm_max` is above minus infinity only while it is at rest.
+        return self._announcer.since_s if self._calm_max > -math.inf or self._is_at_rest else None
 
     def window_samples(self, limit: int) -> Sequence[Tuple[float, float]]:
         """Returns the samples in the window; see `Window.samples`."""

@@ -59,8 +59,8 @@ class AlertSystem:
             middleware: the node's connection.
             outlets: further receivers of transitions and notices, by name. They come before the standard outlets.
             log_alerts: write transitions and notices to the middleware's log. False where an outlet shows them.
-            history: continues from its states, and stores each transition before any outlet receives it. None: starts
-                from an empty state.
+            history: the alert_system continues from its states, and stores each transition before any outlet receives
+                it. None: it starts from an empty state.
 
         Raises:
             ConfigError: the configuration cannot be used.
@@ -111,7 +111,7 @@ class AlertSystem:
         for signal in config.signals.values():
             middleware.log(Severity.INFO, f"watching {_summary(signal)}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
-        if latching and history is None:
+        if latching and (history is None or not history.is_kept):
             middleware.log(
                 Severity.INFO, f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
             )
@@ -170,6 +170,8 @@ class AlertSystem:
     def stop_watching(self) -> None:
         """Ends every open alert with a transition to OK, `no longer watched`; `close` must follow."""
         self._announce(self.monitor.end(), self._middleware.now_s())
+        if self._continuity is not None:
+            self._continuity.forget()
 
     def save_state(self) -> None:
         """Saves the state for the next run. For processes that close all their middlewares at once."""

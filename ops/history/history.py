@@ -196,6 +196,11 @@ class RobotHistory:
         self._robot = robot
         self._faults = faults
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether it is in a file."""
+        return self._history.file is not None
+
     def wall_s(self) -> float:
         """Returns the time in seconds since 1970."""
         return self._history.wall_s()
@@ -210,7 +215,7 @@ class RobotHistory:
         except ServiceError as error:
             self._faults.report(PART, str(error))
             return {}
-        return {signal: json.loads(state) for signal, state in rows}
+        return {signal: _decoded(state) for signal, state in rows if isinstance(signal, str)}
 
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
         """Stores a transition, and the state of its signal after it, in one transaction. Call before the outlets.
@@ -263,3 +268,11 @@ class RobotHistory:
     def close(self) -> None:
         """Stores that the robot is no longer watched. Not needed at the end of the process."""
         self._history.remove(self._robot, self._faults)
+
+
+def _decoded(state: object) -> Any:
+    """Returns a state from the file; None if it is not JSON."""
+    try:
+        return json.loads(state)  # type: ignore[arg-type]
+    except (TypeError, ValueError, RecursionError):
+        return None

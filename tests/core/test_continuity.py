@@ -106,11 +106,21 @@ def test_the_configuration_in_force_is_stored_at_the_start_and_when_it_changes()
     assert [stored["battery"]["warn_below"] for stored in robot.history.configurations] == [20.0, 25.0]
 
 
+def test_a_robot_that_is_no_longer_watched_leaves_no_state() -> None:
+    robot = Robot(battery={**BATTERY, "latch": True}, load={"warn_above": 80.0})
+    robot.run_for(2, battery=15.0, load=3.0)
+    robot.system.stop_watching()
+    robot.system.close()
+    assert robot.history.events[-1] == "battery OK: no longer watched (was WARN for 2 s)"
+    assert robot.history.states == {}
+
+
 @pytest.mark.parametrize("with_history", [False, True])
 def test_only_without_a_history_latches_are_not_restored(with_history: bool) -> None:
     stage = Stage()
     parameters = {"signals": {"battery": {"warn_below": 20.0, "latch": True}}}
-    history = KeptHistory(stage) if with_history else None
+    history = KeptHistory(stage)
+    history.is_kept = with_history
     AlertSystem(stage.bus.node("alert_system", parameters=parameters), history=history)
     lines = [line for line in stage.log(Severity.INFO) if "no history" in line]
     assert bool(lines) is not with_history

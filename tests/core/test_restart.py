@@ -292,6 +292,27 @@ class TestFlapping:
         assert robot.announced() == []
 
 
+class TestConditionsOnOtherSignals:
+    CONDITIONAL: Mapping[str, Any] = {**BATTERY, "only_if": {"signal": "current", "below": 0.0}}
+    CURRENT: Mapping[str, Any] = {"warn_above": 100.0}
+
+    def test_an_alert_that_was_held_back_stays_held_back(self) -> None:
+        robot = Robot(battery=self.CONDITIONAL, current=self.CURRENT)
+        robot.run_for(3, current=1.0, battery=15.0)
+        robot.restart(10.0)
+        robot.run_for(3, battery=15.0, current=1.0)
+        assert robot.announced() == []
+        assert robot.shown() == ("OK", "15 % is below 20 %, which counts only if current is below 0")
+
+    def test_an_open_alert_ends_when_its_condition_no_longer_holds(self) -> None:
+        robot = Robot(battery=self.CONDITIONAL, current=self.CURRENT)
+        robot.run_for(3, current=-1.0, battery=15.0)
+        robot.restart(10.0)
+        robot.announced()
+        robot.run_for(3, battery=15.0, current=1.0)
+        assert [text[:11] for text in robot.announced()] == ["battery OK:"]
+
+
 class TestAChangedConfiguration:
     def test_new_bounds_apply_from_the_first_sample_on(self) -> None:
         robot = Robot(battery=BATTERY)
@@ -370,8 +391,6 @@ plain_trees = st.fixed_dictionaries(
         "keep_firing_for_s": st.sampled_from((0.0, 2.0)),
         "invalid_for_s": st.sampled_from((0.0, 1.0)),
         "latch": st.booleans(),
-        "latch_release_if": st.just({"signal": "b", "above": 90.0}),
-        "only_if": st.just({"signal": "b", "below": 60.0}),
         "flap_detection": st.booleans(),
         "flap_high": st.sampled_from((10.0, 50.0)),
         "repeat_s": st.sampled_from((0.0, 3.0)),
@@ -415,8 +434,7 @@ class Player:
 def test_a_restart_without_downtime_changes_no_later_transition(
     trees: List[Mapping[str, Any]], before: List[Call], first: Tuple[float, float], after: List[Call]
 ) -> None:
-    unconditional = {key: value for key, value in trees[1].items() if key not in ("only_if", "latch_release_if")}
-    config = load_config({"signals": {"a": trees[0], "b": unconditional}})
+    config = load_config({"signals": {"a": trees[0], "b": trees[1]}})
     whole = Player(Monitor(config), 0.0)
     whole.play(("tick", 0.0))
     for call in before:

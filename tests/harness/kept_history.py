@@ -24,6 +24,8 @@ class KeptHistory:
         self.configurations: List[Mapping[str, Any]] = []
         self.saves: List[Mapping[str, SavedSignal]] = []
 
+    is_kept = True
+
     def wall_s(self) -> float:
         return self._stage.bus.now_s + self.wall_offset_s
 

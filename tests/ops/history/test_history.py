@@ -10,7 +10,9 @@ import pytest
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.history.reader import HistoryReader
@@ -54,6 +56,34 @@ def test_a_restarted_monitor_finds_the_latest_state_of_each_signal(tmp_path: Pat
     assert second.of_robot("r1", Faults()).restore() == {"battery_level": {"level": 1}, "temperature": {"level": 2}}
     assert second.of_robot("r2", Faults()).restore() == {}
     second.close()
+
+
+def test_states_in_any_form_do_not_prevent_the_start(history: History) -> None:
+    rows = [
+        ("a", "{"),
+        ("b", "[]"),
+        ("c", b"\xff\x00"),
+        ("d", 5),
+        (b"e", "{}"),
+        ("f", "[" * 100_000),
+        ("g", '{"x": NaN}'),
+    ]
+    insert = "INSERT INTO signal_states VALUES ('r1', ?, ?)"
+    history.run(lambda connection: connection.executemany(insert, rows))
+    robot = history.of_robot("r1", Faults())
+    assert set(robot.restore()) == {"a", "b", "c", "d", "f", "g"}
+    bus = LocalBus()
+    signals = {name: {"warn_below": 20.0} for name in "abcdefg"}
+    AlertSystem(bus.node("alert_system", parameters={"signals": signals}), history=robot)
+    notices = [line.text for line in bus.log_lines if "starts without its saved state" in line.text]
+    assert [text[0] for text in notices] == ["a", "b", "c", "d", "f"]
+
+
+@pytest.mark.parametrize("in_file", [False, True])
+def test_only_a_history_in_a_file_is_kept(in_file: bool, tmp_path: Path) -> None:
+    opened = History(HistorySettings(str(tmp_path / "history.db")) if in_file else None)
+    assert opened.of_robot("r1", Faults()).is_kept is in_file
+    opened.close()
 
 
 def test_hooks_store_rows_in_the_transaction_of_the_transition(history: History) -> None:
