@@ -2,7 +2,7 @@
 
     make bench                     everything that can run here
     make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
-                                   recordings, notifications
+                                   recordings, notifications, web
 
 Exit code 1 when a requirement is missed.
 """
@@ -67,6 +67,13 @@ def notifications() -> Iterator[Row]:
     yield from notifications_cost.rows()
 
 
+def web() -> Iterator[Row]:
+    """CPU time of open pages, and the time of a scrape."""
+    from benchmarks import web_cost
+
+    yield from web_cost.rows()
+
+
 def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
     """Yields the rows for ROS 1 and for ROS 2, or one row with the reason why there are none.
 
@@ -91,6 +98,7 @@ PARTS = {
     "rosbridge": rosbridge,
     "recordings": recordings,
     "notifications": notifications,
+    "web": web,
 }
 
 

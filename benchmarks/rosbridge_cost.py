@@ -31,11 +31,11 @@ QUEUE_KB = 1000
 
 
 class Peer:
-    """A process of `rosbridge_peers.py`."""
+    """A process of `rosbridge_peers.py`, or of another such module."""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, *arguments: object, module: str = "benchmarks.rosbridge_peers") -> None:
         """Starts it, and waits for its first line."""
-        command = [sys.executable, "-m", "benchmarks.rosbridge_peers", *map(str, arguments)]
+        command = [sys.executable, "-m", module, *map(str, arguments)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.first = self._answer()
 

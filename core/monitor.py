@@ -205,15 +205,18 @@ class Monitor:
         """Returns the names of the signals, with `link` once it was observed; none before the first call."""
         return self._signals.keys()
 
-    def window_samples(self, signal: str, limit: int = 300) -> Sequence[Tuple[float, float]]:
+    def window_samples(
+        self, signal: str, limit: int = 300, since_s: float = -math.inf
+    ) -> Sequence[Tuple[float, float]]:
         """Returns the samples in a signal's window as (time in seconds, value), oldest first; none if it is unknown.
 
         Args:
             signal: its name.
             limit: the most to return, at least 4; extremes are kept.
+            since_s: only those after this time, in s.
         """
         known = self._signals.get(signal)
-        return () if known is None else known.window_samples(limit)
+        return () if known is None else known.window_samples(limit, since_s)
 
     def at_rest_since_s(self, signal: str) -> Optional[float]:
         """Returns since when a signal is OK, in seconds; None unless its state depends on nothing else."""

@@ -261,9 +261,9 @@ class SignalMonitor:
         # `_calm_max` is above minus infinity only while it is at rest.
         return self._announcer.since_s if self._calm_max > -math.inf or self._is_at_rest else None
 
-    def window_samples(self, limit: int) -> Sequence[Tuple[float, float]]:
+    def window_samples(self, limit: int, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
         """Returns the samples in the window; see `Window.samples`."""
-        return self._window.samples(limit)
+        return self._window.samples(limit, since_s)
 
     def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
         """Returns the state at `now_s` as JSON values; see `Monitor.snapshot`. Reads only."""

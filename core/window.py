@@ -24,7 +24,7 @@ import math
 import sys
 from array import array
 from collections import deque
-from itertools import accumulate, islice
+from itertools import accumulate, islice, takewhile
 from operator import mul
 from typing import Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -163,21 +163,25 @@ class Window:
         found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
         return {name: value for name, value in found.items() if value is not None}
 
-    def samples(self, limit: int) -> Sequence[Tuple[float, float]]:
+    def samples(self, limit: int, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
         """Returns samples as (time in seconds, value), oldest first.
 
         Args:
             limit: the most to return, at least 4. Of more samples it returns the first, the last, and the smallest and
                 largest of each of equal parts of the others.
+            since_s: only those after this time, in s.
         """
-        samples = list(zip(self._times, self._values))
+        newest_first = zip(reversed(self._times), reversed(self._values))
+        samples = list(takewhile(lambda sample: sample[0] > since_s, newest_first))
+        samples.reverse()
         if len(samples) <= limit:
             return samples
         inner, parts = len(samples) - 2, (limit - 2) // 2
+        values = [value for _, value in samples]
         chosen: List[Tuple[float, float]] = [samples[0]]
         for part in range(parts):
             places = range(1 + part * inner // parts, 1 + (part + 1) * inner // parts)
-            extremes = {min(places, key=self._values.__getitem__), max(places, key=self._values.__getitem__)}
+            extremes = {min(places, key=values.__getitem__), max(places, key=values.__getitem__)}
             chosen.extend(samples[place] for place in sorted(extremes))
         return [*chosen, samples[-1]]
 

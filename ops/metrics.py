@@ -20,8 +20,40 @@ __all__ = ["METRICS_LIBRARY", "Metrics", "RobotMetrics", "SignalMetrics"]
 METRICS_LIBRARY = "prometheus_client"
 _BY_SIGNAL = ("robot", "signal")
 
-_Figures = Tuple[Tuple[str, str, int], ...]
-"""Signal, level, and how often it was announced."""
+_Series = Tuple[Tuple[Sequence[str], float], ...]
+"""Values of the labels, and the value of the metric."""
+_Kept = Dict[Tuple[str, str], Tuple[_Series, bytes]]
+"""By part of the exposition and robot."""
+
+
+class _Family(NamedTuple):
+    """One metric."""
+
+    name: str
+    help: str
+    labels: Sequence[str] = ()
+    counts: bool = False
+    """Whether it is a counter; the exposition appends `_total` to its name."""
+
+
+_LEVEL = _Family("robot_health_level", "Level of the signal: 0 OK, 1 WARN, 2 ERROR, 3 STALE or unknown.", _BY_SIGNAL)
+_VALUE = _Family(
+    "robot_health_value",
+    "Last value of the signal's statistic, to which its bounds apply, in its unit; absent while undefined.",
+    _BY_SIGNAL,
+)
+_VALID = _Family("robot_health_data_valid", "Whether the latest sample of the signal is valid.", _BY_SIGNAL)
+_SAMPLES = _Family("robot_health_samples", "Samples of the signal.", (*_BY_SIGNAL, "quality"), counts=True)
+_TRANSITIONS = _Family(
+    "robot_health_transitions", "Announced changes of the signal's level.", (*_BY_SIGNAL, "to"), counts=True
+)
+_LINK_UP = _Family("robot_health_link_up", "Whether the robot can be reached.", ("robot",))
+_WAITING = _Family("robot_health_notifications_waiting", "Notifications that are not delivered yet.")
+_LAST_TICK = _Family(
+    "robot_health_last_tick_timestamp_seconds",
+    "Last tick of the monitor, in seconds since 1970; of several robots the oldest.",
+)
+_BUILD_INFO = _Family("robot_health_build_info", "Version of the monitor.", ("version",))
 
 
 class SignalMetrics(NamedTuple):
@@ -47,6 +79,11 @@ class RobotMetrics(NamedTuple):
     tick_s: float
     """The last tick, in s since 1970."""
 
+    @property
+    def label(self) -> str:
+        """The name as the value of a label."""
+        return printable(self.robot)
+
 
 class Metrics:
     """Counts transitions, reads robots and renders what was read."""
@@ -64,7 +101,7 @@ class Metrics:
         self._wall_time_s = wall_time_s
         self._lock = threading.Lock()
         self._transitions: Dict[Tuple[str, str], Counter[Level]] = {}
-        self._rendered: Dict[str, Tuple[_Figures, bytes]] = {}
+        self._kept: _Kept = {}
 
     def counter(self, robot: str) -> Callable[[Transition], None]:
         """Returns the function that counts a transition of a robot. It may be called in any thread."""
@@ -100,98 +137,105 @@ class Metrics:
         """Returns the exposition and its content type.
 
         Raises:
-            ModuleNotFoundError: prometheus_client is not installed.
+            ImportError: prometheus_client is not installed, or cannot be imported.
         """
         from prometheus_client import CONTENT_TYPE_LATEST
 
-        return b"".join([_exposition(self._families(robots)), *self._rendered_transitions(robots)]), CONTENT_TYPE_LATEST
+        before = self._kept
+        after: _Kept = {}
 
-    def _families(self, robots: Sequence[RobotMetrics]) -> List[Any]:
-        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+        def kept(key: str, family: _Family, series_of: Callable[[RobotMetrics], _Series]) -> bytes:
+            """Returns the lines of series that rarely change; those of a robot are kept while they do not."""
+            for robot in robots:
+                series = series_of(robot)
+                known = before.get((key, robot.robot))
+                if known is None or known[0] != series:
+                    known = series, _lines(family, series)
+                after[key, robot.robot] = known
+            return b"".join(after[key, robot.robot][1] for robot in robots)
 
-        level = GaugeMetricFamily(
-            "robot_health_level", "Level of the signal: 0 OK, 1 WARN, 2 ERROR, 3 STALE or unknown.", labels=_BY_SIGNAL
-        )
-        value = GaugeMetricFamily(
-            "robot_health_value",
-            "Last value of the signal's statistic, to which its bounds apply, in its unit; absent while undefined.",
-            labels=_BY_SIGNAL,
-        )
-        valid = GaugeMetricFamily(
-            "robot_health_data_valid", "Whether the latest sample of the signal is valid.", labels=_BY_SIGNAL
-        )
-        samples = CounterMetricFamily("robot_health_samples", "Samples of the signal.", labels=(*_BY_SIGNAL, "quality"))
-        link = GaugeMetricFamily("robot_health_link_up", "Whether the robot can be reached.", labels=("robot",))
-        for robot in robots:
-            name = printable(robot.robot)
-            if robot.link_up is not None:
-                link.add_metric((name,), float(robot.link_up))
-            for signal in robot.signals:
-                labels = (name, signal.name)
-                level.add_metric(labels, float(signal.level))
-                if signal.value is not None:
-                    value.add_metric(labels, signal.value)
-                if signal.valid is not None:
-                    valid.add_metric(labels, float(signal.valid))
-                samples.add_metric((*labels, "good"), signal.good_samples)
-                samples.add_metric((*labels, "bad"), signal.bad_samples)
-        waiting = GaugeMetricFamily(
-            "robot_health_notifications_waiting",
-            "Notifications that are not delivered yet.",
-            value=self._notifications_waiting(),
-        )
-        tick = GaugeMetricFamily(
-            "robot_health_last_tick_timestamp_seconds",
-            "Last tick of the monitor, in seconds since 1970; of several robots the oldest.",
-            value=min((robot.tick_s for robot in robots), default=self._wall_time_s()),
-        )
-        build = GaugeMetricFamily("robot_health_build_info", "Version of the monitor.", labels=("version",))
-        build.add_metric((package_version(),), 1.0)
-        return [level, value, valid, samples, link, waiting, tick, build]
+        parts = [
+            _header(_LEVEL),
+            kept("level", _LEVEL, _levels),
+            _header(_VALUE),
+            _lines(_VALUE, tuple(series for robot in robots for series in _values(robot))),
+            _header(_VALID),
+            kept("valid", _VALID, _valid),
+            _header(_SAMPLES),
+            _lines(_SAMPLES, tuple(series for robot in robots for series in _good_samples(robot))),
+            kept("bad", _SAMPLES, _bad_samples),
+            _header(_TRANSITIONS),
+            kept("transitions", _TRANSITIONS, self._count_transitions),
+            _header(_LINK_UP),
+            kept("link", _LINK_UP, _link_up),
+            _exposition(_WAITING, (((), float(self._notifications_waiting())),)),
+            _exposition(_LAST_TICK, (((), min((robot.tick_s for robot in robots), default=self._wall_time_s())),)),
+            _exposition(_BUILD_INFO, (((package_version(),), 1.0),)),
+        ]
+        self._kept = after
+        return b"".join(parts), CONTENT_TYPE_LATEST
 
-    def _rendered_transitions(self, robots: Sequence[RobotMetrics]) -> List[bytes]:
-        """Returns the counters of transitions, of which most do not change from one scrape to the next.
-
-        All exist from the start: Prometheus does not count the increase from nothing to 1.
-        """
+    def _count_transitions(self, robot: RobotMetrics) -> _Series:
+        """Returns the counters. All exist from the start: Prometheus sees no increase from nothing to 1."""
         with self._lock:
-            counts = {key: dict(counter) for key, counter in self._transitions.items()}
-        before = self._rendered
-        after: Dict[str, Tuple[_Figures, bytes]] = {}
-        parts: List[bytes] = []
-        for robot in robots:
-            figures = tuple(
-                (signal.name, level.name, counts.get((robot.robot, signal.name), {}).get(level, 0))
+            return tuple(
+                ((robot.label, signal.name, level.name), float(count[level]))
                 for signal in robot.signals
+                for count in (self._transitions.get((robot.robot, signal.name), _NONE),)
                 for level in Level
             )
-            rendered = before.get(robot.robot)
-            if rendered is None or rendered[0] != figures:
-                rendered = figures, _exposition([_transitions_family(printable(robot.robot), figures)])
-            after[robot.robot] = rendered
-            # The lines HELP and TYPE once.
-            parts.append(rendered[1].split(b"\n", 2)[2] if parts else rendered[1])
-        self._rendered = after
-        return parts
 
 
-def _transitions_family(robot: str, figures: _Figures) -> Any:
-    from prometheus_client.core import CounterMetricFamily
+def _levels(robot: RobotMetrics) -> _Series:
+    return tuple(((robot.label, signal.name), float(signal.level)) for signal in robot.signals)
 
-    family = CounterMetricFamily(
-        "robot_health_transitions", "Announced changes of the signal's level.", labels=(*_BY_SIGNAL, "to")
+
+def _values(robot: RobotMetrics) -> _Series:
+    return tuple(((robot.label, signal.name), signal.value) for signal in robot.signals if signal.value is not None)
+
+
+def _valid(robot: RobotMetrics) -> _Series:
+    return tuple(
+        ((robot.label, signal.name), float(signal.valid)) for signal in robot.signals if signal.valid is not None
     )
-    for signal, level, count in figures:
-        family.add_metric((robot, signal, level), count)
-    return family
 
 
-def _exposition(families: Sequence[Any]) -> bytes:
+def _good_samples(robot: RobotMetrics) -> _Series:
+    return tuple(((robot.label, signal.name, "good"), float(signal.good_samples)) for signal in robot.signals)
+
+
+def _bad_samples(robot: RobotMetrics) -> _Series:
+    return tuple(((robot.label, signal.name, "bad"), float(signal.bad_samples)) for signal in robot.signals)
+
+
+def _link_up(robot: RobotMetrics) -> _Series:
+    return () if robot.link_up is None else (((robot.label,), float(robot.link_up)),)
+
+
+def _header(family: _Family) -> bytes:
+    """Returns the lines HELP and TYPE."""
+    return _exposition(family, ())
+
+
+def _lines(family: _Family, series: _Series) -> bytes:
+    """Returns the lines of series, without HELP and TYPE."""
+    return _exposition(family, series).split(b"\n", 2)[2]
+
+
+def _exposition(family: _Family, series: _Series) -> bytes:
     from prometheus_client import CollectorRegistry, generate_latest
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
+    kind = CounterMetricFamily if family.counts else GaugeMetricFamily
+    metric = kind(family.name, family.help, labels=family.labels)
+    for labels, value in series:
+        metric.add_metric(labels, value)
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(_Collected(families))
+    registry.register(_Collected([metric]))
     return generate_latest(registry)
+
+
+_NONE: Counter[Level] = Counter()
 
 
 class _Collected:

@@ -49,6 +49,8 @@ class Samples(NamedTuple):
     """Length of each window, in s."""
     last_s: Mapping[str, float]
     """Time of the newest sample, on the monitor's clock."""
+    now_s: float
+    """When they were read, on the same clock."""
     offset_s: float
     """Wall time minus the monitor's clock, in s."""
 
@@ -102,17 +104,15 @@ class RobotReader:
 
         def read(monitor: Monitor, now_s: float) -> Samples:
             self._follow_clock(now_s)
-            names = monitor.judgements(now_s)
-            found = {name: monitor.window_samples(name, MOST_SAMPLES) for name in names}
-            last_s = {name: samples[-1][0] for name, samples in found.items() if samples}
-            full = before is None or before.offset_s != self._offset_s or _went_back(before.last_s, last_s)
+            # When time went back, the windows have begun anew.
+            full = before is None or before.offset_s != self._offset_s or now_s < before.now_s
             since_s: Mapping[str, float] = {} if before is None or full else before.last_s
-            signals = {
-                name: [(t + self._offset_s, value) for t, value in samples if t > since_s.get(name, -math.inf)]
-                for name, samples in found.items()
-            }
-            window_s = {name: judgement.config.window_s for name, judgement in names.items()}
-            return Samples(full, signals, window_s, {**since_s, **last_s}, self._offset_s)
+            configs = {name: config for name, config in monitor.config.signals.items() if name in monitor.signals()}
+            found = {name: monitor.window_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
+            signals = {name: [(t + self._offset_s, value) for t, value in new] for name, new in found.items()}
+            window_s = {name: config.window_s for name, config in configs.items()}
+            last_s = {name: new[-1][0] for name, new in found.items() if new}
+            return Samples(full, signals, window_s, {**since_s, **last_s}, now_s, self._offset_s)
 
         with self._lock:
             return self.alert_system.read(read)
@@ -179,9 +179,3 @@ class RobotReader:
             "flapping": judgement.flapping,
             "latch": config.latch,
         }
-
-
-def _went_back(before_s: Mapping[str, float], after_s: Mapping[str, float]) -> bool:
-    return any(last_s < before_s.get(name, last_s) for name, last_s in after_s.items()) or not (
-        before_s.keys() <= after_s.keys()
-    )

@@ -186,20 +186,18 @@ class Updates:
             before, after = self._state, await self._read_state()
             changed = None if before is None else changes(before, after)
             self._state, self._encoded_state = after, None
-            self._send("", self._state_event() if changed is None else self._event("change", changed))
+            event = self._state_event() if changed is None else self._event("change", changed)
+            events = {"": event}  # by the robot that a page shows
             for robot in sorted({page.robot for page in self._pages} - {""}):
                 samples = await self._read_samples(robot, self._samples.get(robot))
                 if samples is None:
                     self._samples.pop(robot, None)
+                    events[robot] = event
                 else:
                     self._samples[robot] = samples
-                    self._send(robot, self._samples_event(robot, samples))
-
-    def _send(self, robot: str, event: bytes) -> None:
-        """Sends an event to the pages that show a robot; an empty name: to all."""
-        for page in self._pages:
-            if not robot or page.robot == robot:
-                page.send(event)
+                    events[robot] = event + self._samples_event(robot, samples)
+            for page in self._pages:
+                page.send(events[page.robot])
 
     def _state_event(self) -> bytes:
         if self._encoded_state is None:
