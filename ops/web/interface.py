@@ -288,11 +288,14 @@ class WebInterface:
 
     async def _add_silence(self, body: Json) -> object:
         silences = self._require_silences()
-        return {"silence": silence_json(await self._worker.run(lambda: new_silence(silences, body)))}
+        silence = await self._worker.run(lambda: new_silence(silences, body))
+        self.updates.note_change()
+        return {"silence": silence_json(silence)}
 
     async def _expire_silence(self, body: Json) -> object:
         silences = self._require_silences()
         await self._worker.run(lambda: expire_silence(silences, body))
+        self.updates.note_change()
         return {"ok": True}
 
     def _require_silences(self) -> SilenceSource:

@@ -223,3 +223,12 @@ def test_fewer_samples_keep_the_first_the_last_and_the_extremes(count: int, limi
     assert found == sorted(set(found)) and set(found) <= set(full)
     values = [value for _, value in found]
     assert (min(values), max(values)) == (min(value for _, value in full), max(value for _, value in full))
+
+
+def test_only_samples_after_a_time_are_returned() -> None:
+    window = Window(60.0, 100)
+    for second in range(5):
+        window.add(float(second), 100.0 + second)
+    assert window.samples(10, 102.0) == [(103.0, 3.0), (104.0, 4.0)]
+    assert window.samples(10, 104.0) == []
+    assert len(window.samples(10)) == 5
