@@ -2,7 +2,7 @@
 
     make bench                     everything that can run here
     make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
-                                   recordings, notifications, web
+                                   recordings, notifications, web, fleet
 
 Exit code 1 when a requirement is missed.
 """
@@ -90,6 +90,13 @@ def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> I
             yield Row(f"{name}, {what}", "", remark=str(problem))
 
 
+def fleet() -> Iterator[Row]:
+    """CPU time and memory of 200 robots that are watched by one process."""
+    from benchmarks import fleet_cost
+
+    yield from fleet_cost.rows()
+
+
 PARTS = {
     "observe": observe,
     "messages": messages,
@@ -99,6 +106,7 @@ PARTS = {
     "recordings": recordings,
     "notifications": notifications,
     "web": web,
+    "fleet": fleet,
 }
 
 

@@ -11,6 +11,7 @@ import math
 import os
 import re
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
@@ -590,8 +591,13 @@ def _check_unit(signal: SignalConfig, path: Path, problems: Problems) -> None:
 
 def described_parameters(config: MonitorConfig) -> Tuple[Parameter, ...]:
     """Returns every parameter of a node with this configuration, under its dotted name, for `declare_parameters`."""
+    return _described_parameters(tuple(config.signals))
+
+
+@lru_cache(maxsize=4)  # the robots of a fleet have the same signals
+def _described_parameters(signals: Tuple[str, ...]) -> Tuple[Parameter, ...]:
     return MONITOR_PARAMETERS + tuple(
         replace(parameter, name=f"signals.{name}.{parameter.name}")
-        for name in config.signals
+        for name in signals
         for parameter in (*SIGNAL_PARAMETERS, *_CONDITION_PARAMETERS)
     )

@@ -46,11 +46,14 @@ class Faults:
 
     def clear(self, part: str) -> None:
         """Reports that a part works again; does nothing if it had no fault."""
-        with self._lock:
-            self._faults.pop(part, None)
+        if part in self._faults:
+            with self._lock:
+                self._faults.pop(part, None)
 
     def current(self) -> Mapping[str, Fault]:
         """Returns a copy of the faults, by part, oldest first."""
+        if not self._faults:
+            return {}
         with self._lock:
             return dict(self._faults)
 
@@ -61,5 +64,4 @@ class Faults:
         except Exception as error:
             self.report(part, f"{type(error).__name__}: {error}")
         else:
-            if part in self._faults:
-                self.clear(part)
+            self.clear(part)

@@ -28,6 +28,7 @@ _STAMP_LIMIT = 2**32
 _MAX_WAITING = 1000
 """Messages that wait for the first message on /clock; then the oldest are dropped."""
 
+_MAX_RESOLVED = 1000
 _MAX_FIELDS_SHOWN = 20
 _MAX_TEXT = 200
 
@@ -129,6 +130,7 @@ class MappingNode(abc.ABC):
         self._given = parameters
         self._on_change: Optional[Callable[[Mapping[str, Any]], str]] = None
         self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
+        self._resolved: Dict[str, str] = {}
         self._advertised: Dict[str, str] = {}
         self._sim_time_s: Optional[float] = 0.0 if use_sim_time else None
         self._steady_timers = ClockTimers()
@@ -244,8 +246,13 @@ class MappingNode(abc.ABC):
 
     def resolve(self, name: str) -> str:
         """Returns the absolute name that a name stands for, after remapping."""
-        resolved = resolve_name(name, self.name)
-        return self._remap.get(resolved, resolved)
+        known = self._resolved.get(name)
+        if known is None:
+            if len(self._resolved) >= _MAX_RESOLVED:
+                self._resolved.clear()  # clients of a server choose names
+            resolved = resolve_name(name, self.name)
+            known = self._resolved[name] = self._remap.get(resolved, resolved)
+        return known
 
     def require_advertised(self, topic: str) -> str:
         """Returns the resolved name of a topic.
@@ -278,8 +285,11 @@ class MappingNode(abc.ABC):
         with self._lock:
             if self._sim_time_s == 0.0:
                 self._waiting.append((subscription, value))
-            elif subscription.active:
-                self.call(subscription.callback, value, self.now_s())
+            elif subscription.active and not self.closed:
+                try:
+                    subscription.callback(value, self.now_s())
+                except Exception as error:
+                    self.log_failure(error)
 
     def answer(self, handler: Callable[[Message], Message], request: Message) -> Message:
         """Calls a service's handler under the node's lock.

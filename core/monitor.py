@@ -126,7 +126,9 @@ class Monitor:
             now_s = self._unusual_time(now_s, changes)
         self._now_s = now_s
         for signal in self._signals.values():
-            _add(changes, signal.tick(now_s))
+            transition = signal.tick(now_s)
+            if transition is not None:
+                changes.append(transition)
         for follower in self._all_followers:
             _add(changes, follower.follow(self.fresh_value, now_s))
         if now_s - self._link_restored_s > _LINK_GRACE_S:

@@ -174,7 +174,7 @@ class Rule:
         else:
             self._crossed = False
         condition = self.condition = self._crossed and self._allowed
-        if self.state is not (_FIRING if condition else _INACTIVE):  # otherwise nothing can change
+        if self.state is not (_FIRING if condition else _INACTIVE):
             self.advance(now_s)
 
     def allow(self, allowed: bool) -> None:
@@ -194,8 +194,8 @@ class Rule:
 
     def advance(self, now_s: float) -> None:
         """Advances the time to `now_s`, in seconds."""
-        if self._frozen_since_s is not None:
-            return
+        if self._frozen_since_s is not None or self.state is (_FIRING if self.condition else _INACTIVE):
+            return  # nothing can change
         state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]
         if state is not self.state:
             self._enter(state, now_s)

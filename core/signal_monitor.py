@@ -33,6 +33,9 @@ _INACTIVE = State.INACTIVE
 _LEVEL_OF_RULE = (_WARN, _ERROR)
 _WITHOUT_BOUNDS = RuleConfig(below=None, above=None, hysteresis=0.0, for_s=0.0, keep_firing_for_s=0.0)
 
+_NOTHING_IS_CALM = -math.inf
+"""Value of `_calm_max` while not everything is at rest."""
+
 
 class SignalMonitor:
     """State and judgement of one signal."""
@@ -125,7 +128,10 @@ class SignalMonitor:
 
     def tick(self, now_s: float) -> Optional[Transition]:
         """Advances the time to `now_s`, in seconds."""
-        if self._staleness.is_due(now_s):
+        staleness = self._staleness
+        if self._calm_max > _NOTHING_IS_CALM and now_s - staleness.silent_since_s <= staleness.limit_s:
+            return None  # everything is at rest, and stays so until a sample comes
+        if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
         self._advance(now_s)
         transition = self._settle(now_s)

@@ -157,6 +157,8 @@ class SelfMonitor:
 
     def _announce_faults(self, steady_s: float) -> None:
         faults = self._middleware.faults.current()
+        if not faults and not self._announced:
+            return
         for part, fault in faults.items():
             self._healthy_since_s.pop(part, None)
             announced = self._announced.get(part)

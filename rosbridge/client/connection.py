@@ -19,7 +19,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
+import socket as sockets
 import ssl
+import struct
 import threading
 from typing import Any, Callable, Coroutine, Dict, Mapping, Optional, Tuple, TypeVar
 
@@ -31,6 +34,7 @@ from robot_health_monitor.core.middleware import Severity
 from .. import protocol
 from ..address import host_and_port, http_address, shown_address
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError
+from ..protocol.codec import decode
 from ..protocol.definitions import canonical
 from .backoff import Backoff
 from .cause import UP, Cause, cause_of_close, cause_of_error
@@ -50,7 +54,13 @@ _Result = TypeVar("_Result")
 _CONNECT_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 1.0
 _LONGEST_TURN_S = 0.01
+_WAITED_S = 0.0005
+"""A call of `receive` that took longer has waited for a message."""
 _LONGEST_TEXT = 200
+_TEXT, _BINARY = aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY
+_TCP_INFO_BYTES = 104
+_LAST_DATA_RECEIVED = 52
+"""Offset of `tcpi_last_data_recv`, in ms, in Linux' `struct tcp_info` (linux/tcp.h)."""
 
 
 class ServerConnection:
@@ -119,6 +129,7 @@ class ServerConnection:
         self._reported: Optional[Tuple[bool, Cause]] = None
         self._moved: Optional[asyncio.Event] = None
         self._probation: Optional[asyncio.TimerHandle] = None
+        self._received_s = 0.0
         self._advertised: Dict[str, str] = {}
 
     def advertise(self, topic: str, type_name: str) -> None:
@@ -240,7 +251,7 @@ class ServerConnection:
         socket: aiohttp.ClientWebSocketResponse[Any] = await session.ws_connect(
             http_address(self._url),
             protocols=[CBOR_SUBPROTOCOL],
-            heartbeat=self._heartbeat_s,
+            autoping=False,
             max_msg_size=self._largest_message_bytes,
             **options,
         )
@@ -257,6 +268,7 @@ class ServerConnection:
             asyncio.ensure_future(_write(socket, self._queue)),
             asyncio.ensure_future(self._wait_for_overflow(self._overflowed)),
             asyncio.ensure_future(self._wait_for_move()),
+            asyncio.ensure_future(self._watch(socket)),
         }
         try:
             self._start_talking()
@@ -278,27 +290,59 @@ class ServerConnection:
         self._probation = asyncio.get_event_loop().call_later(self._probation_s, self._report, True, UP)
 
     async def _read(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
-        now_s = asyncio.get_event_loop().time
-        turn_s = now_s()
+        clock = asyncio.get_event_loop().time
+        turn_s = called_s = clock()
         while True:
             message = await socket.receive()
-            if message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
-                self._receive(message.data, now_s())
-                if now_s() - turn_s > _LONGEST_TURN_S:
+            self._received_s = now_s = clock()
+            kind = message.type
+            if kind is _TEXT or kind is _BINARY:
+                if now_s - called_s > _WAITED_S:
+                    turn_s = now_s  # the loop has served others meanwhile
+                self._receive(message.data, now_s)
+                called_s = clock()
+                if called_s - turn_s > _LONGEST_TURN_S:
                     await asyncio.sleep(0)  # `receive` does not yield while messages wait
-                    turn_s = now_s()
-            else:
+                    turn_s = called_s = clock()
+            elif kind is aiohttp.WSMsgType.PING:
+                await socket.pong(message.data)
+            elif kind is not aiohttp.WSMsgType.PONG:
                 error = message.data if isinstance(message.data, BaseException) else socket.exception()
                 if error is not None:
                     return cause_of_error(error, bool(self._token))
                 reason = message.extra if isinstance(message.extra, str) else ""
                 return cause_of_close(socket.close_code, reason, bool(self._token))
 
+    async def _watch(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
+        """Waits until the server does not answer.
+
+        In place of aiohttp's heartbeat, which costs a fifth of the CPU time of a small message.
+        """
+        clock = asyncio.get_event_loop().time
+        self._received_s = clock()
+        while True:
+            silent_s = min(clock() - self._received_s, _kernel_silence_s(socket))
+            if silent_s < self._heartbeat_s:
+                await asyncio.sleep(self._heartbeat_s - silent_s)
+                continue
+            timeout_s = self._heartbeat_s / 2.0
+            asked_s = clock()
+            with contextlib.suppress(asyncio.TimeoutError, ConnectionError, RuntimeError, aiohttp.ClientError):
+                await _within(timeout_s, socket.ping())
+            await asyncio.sleep(max(0.0, asked_s + timeout_s - clock()))
+            if min(clock() - self._received_s, _kernel_silence_s(socket)) >= timeout_s:
+                raise asyncio.TimeoutError
+
     def _receive(self, data: protocol.Wire, now_s: float) -> None:
         try:
             if len(data) > HEAD_BYTES and self._receive_undecoded(data):
                 return
-            operation = self._protocol.receive(data, now_s)
+            fields = decode(data, self.limits)
+            topic, message = fields.get("topic"), fields.get("msg")
+            if fields.get("op") == "publish" and type(topic) is str and type(message) is dict:
+                self.subscriptions.deliver(topic, message)  # by far the most frequent
+                return
+            operation = self._protocol.receive_decoded(fields, now_s)
             if isinstance(operation, protocol.Publish):
                 self.subscriptions.deliver(operation.topic, operation.msg)
             elif isinstance(operation, protocol.CallService):
@@ -384,6 +428,19 @@ async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> C
         except (ConnectionError, RuntimeError, aiohttp.ClientError):
             # The connection has ended. `_read` finds out why.
             await asyncio.Event().wait()
+
+
+def _kernel_silence_s(socket: aiohttp.ClientWebSocketResponse) -> float:
+    """Returns how long ago the kernel received data of a connection, in s; infinite if it does not say.
+
+    A large message that arrives slowly is no silence.
+    """
+    raw = socket.get_extra_info("socket")
+    try:
+        info = raw.getsockopt(sockets.IPPROTO_TCP, sockets.TCP_INFO, _TCP_INFO_BYTES)
+        return float(struct.unpack_from("=I", info, _LAST_DATA_RECEIVED)[0]) / 1000.0
+    except (AttributeError, OSError, struct.error):
+        return math.inf
 
 
 async def _close(socket: aiohttp.ClientWebSocketResponse) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import ssl
 import time
 from typing import Any, Callable, List, Mapping, Optional
@@ -23,6 +24,8 @@ from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
 __all__ = ["RosbridgeClient", "RosbridgeMiddleware"]
 
 _LOG_NAME = "rosbridge"
+_WAKE_PERIOD_S = 0.02
+"""Timers are called up to this late."""
 
 
 class RosbridgeClient:
@@ -167,7 +170,7 @@ class _Subscription(MappingSubscription):
         if self._is_dropping:
             self._is_dropping = False
             self._faults.clear(self._part())
-        super().deliver(message)
+        MappingSubscription.deliver(self, message)
 
     def too_large(self, size_bytes: int) -> None:
         """Reports a dropped message as a fault, which ends with the next message that can be read."""
@@ -329,7 +332,10 @@ class RosbridgeMiddleware(MappingNode):
             self._wake = None
         next_s = self.next_steady_s()
         if next_s is not None:
-            self._wake = self._client.loop.call_later(max(0.0, next_s - self.steady_s()), self._on_wake)
+            loop = self._client.loop
+            due_s = loop.time() + max(0.0, next_s - self.steady_s())
+            # The nodes of many robots wake the process together.
+            self._wake = loop.call_at(math.ceil(due_s / _WAKE_PERIOD_S) * _WAKE_PERIOD_S, self._on_wake)
 
     def _on_wake(self) -> None:
         self._wake = None

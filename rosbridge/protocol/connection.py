@@ -59,7 +59,10 @@ class Connection:
         Raises:
             ProtocolError: not rosbridge, or over a limit. The connection remains usable.
         """
-        fields = decode(data, self.limits)
+        return self.receive_decoded(decode(data, self.limits), now_s)
+
+    def receive_decoded(self, fields: Mapping[str, Any], now_s: float) -> Optional[Operation]:
+        """Does what `receive` does, with a message that `decode` has decoded."""
         if fields.get("op") == "fragment":
             whole = self._reassembly.add(fields, now_s)
             if whole is None:
