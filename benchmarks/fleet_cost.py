@@ -96,10 +96,8 @@ def _running(robots: int) -> Iterator[Tuple[Feeder, Dict[str, Process]]]:
             for number in range(SIGNALS)
         )
         (folder / "thresholds.yaml").write_text(f"alert_system:\n  ros__parameters:\n    signals:\n{signals}")
-        addresses = "".join(
-            f"  robot{number}: {{url: ws://127.0.0.1:{feeder.port}/connect/robot{number}}}\n"
-            for number in range(robots)
-        )
+        server = f"ws://127.0.0.1:{feeder.port}/connect"
+        addresses = "".join(f"  robot{number}: {{url: {server}/robot{number}}}\n" for number in range(robots))
         (folder / "fleet.yaml").write_text(f"defaults: {{thresholds: thresholds.yaml}}\nrobots:\n{addresses}")
         variables = {**os.environ, "PYTHONPATH": str(ROOT)}
         bare = [sys.executable, "-m", "benchmarks.fleet_peers", "bare", str(feeder.port), str(robots)]

@@ -106,6 +106,11 @@ class SignalMonitor:
         return self._level_since_s if self.level is self._level else staleness.last_seen_s
 
     @property
+    def state(self) -> str:
+        """The state to show: waiting, unreachable, stale, invalid, latched, or that of the rule."""
+        return self._state()
+
+    @property
     def latest_good(self) -> Optional[float]:
         """Value of the latest sample; None while there is none, it is bad, or the signal is stale or unreachable."""
         unusable = self._staleness.stale or self._staleness.unknown or self._invalid.condition

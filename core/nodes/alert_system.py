@@ -157,6 +157,11 @@ class AlertSystem:
         """Clears latched alerts, as the service `~reset`; returns its message. May be called in any thread."""
         return str(self._middleware.exclusively(lambda: self._reset({}))["message"])
 
+    def status(self, signal: str) -> Optional[Status]:
+        """Returns the status of a signal, with its silence; None if it is unknown or before the first call."""
+        status = self.monitor.status(signal, self._middleware.now_s())
+        return None if status is None else self._with_silence(status)
+
     @property
     def node_name(self) -> str:
         """The full name of the node."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Optional, Protocol, Sequence
 
-from robot_health_monitor.core.monitor import Monitor
+from robot_health_monitor.core.nodes import AlertSystem
 
 from .events import Entry
 
@@ -17,9 +17,8 @@ class OutputError(Exception):
 class ShownRobot(Protocol):
     """One robot."""
 
-    @property
-    def monitor(self) -> Monitor:
-        """Judges the robot's signals."""
+    alert_system: AlertSystem
+    """Judges the robot's signals."""
 
     @property
     def now_s(self) -> float:

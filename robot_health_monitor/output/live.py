@@ -12,7 +12,7 @@ import re
 import signal
 import time
 from collections import deque
-from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
+from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -21,18 +21,16 @@ from rich.text import Text
 
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Level, Report, Status, Transition
+from robot_health_monitor.core.model import Level, Status, Transition
 
 from .display import Shown
 from .events import Entry
+from .fleet_table import FleetState, fleet_lines, fleet_state, fleet_summary
 from .plain import dropped_line, plain_line
+from .status_text import STYLE_OF_LEVEL, level_text, rank, style, value_text
 from .stream_writer import StreamWriter
 
-_STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "magenta"}
-_STYLE_OF_UNKNOWN = "cyan"
 _STYLE_OF_SEVERITY = {Severity.WARN: "yellow", Severity.ERROR: "red", Severity.FATAL: "bold red"}
-_UNKNOWN_STATES = ("waiting", "unreachable")
-"""States in which the level is not known: neither OK nor an alarm."""
 _STYLING = re.compile("\x1b\\[[0-9;]*m")
 _BARS = "▁▂▃▄▅▆▇█"
 _TREND_SAMPLES = 16
@@ -54,12 +52,13 @@ _CLEAR_BELOW = "\x1b[J"
 
 
 class _State(NamedTuple):
-    """What the table shows."""
+    """What the table of one robot shows."""
 
-    reports: Sequence[Report]
+    robot: str
+    statuses: Sequence[Status]
     system_health: Optional[float]
-    trends: Mapping[Tuple[str, str], Sequence[float]]
-    """The latest values by robot and signal."""
+    trends: Mapping[str, Sequence[float]]
+    """The latest values by signal."""
 
 
 class LiveView:
@@ -81,8 +80,8 @@ class LiveView:
         self._writer = StreamWriter(stream, self._render, first=_HIDE_CURSOR, last=f"\n{_SHOW_CURSOR}")
         self._frame: List[Tuple[str, int]] = []
         """The lines of the table as it stands on the terminal, and their widths in cells."""
-        self._state: Optional[_State] = None
-        self._trends: Dict[Tuple[str, str], Deque[float]] = {}
+        self._state: Union[_State, FleetState, None] = None
+        self._trends: Dict[str, Deque[float]] = {}
         self._started_s = time.monotonic()
         self._drawn_s = float("-inf")
         self._has_news = False
@@ -116,12 +115,12 @@ class LiveView:
         due = now_s - self._drawn_s >= _REDRAW_S
         if due:
             self._drawn_s = now_s
-            self._note_trends(shown)
         if due or self._has_news:
             self._has_news = False
-            reports = [robot.monitor.report(robot.now_s) for robot in shown.robots]
-            trends = {key: tuple(trend) for key, trend in self._trends.items()}
-            self._state = _State(reports, shown.system_health, trends)
+            if len(shown.robots) == 1:
+                self._state = self._state_of_one(shown, due)
+            else:
+                self._state = fleet_state(shown, self._size()[1])
             self._writer.wake()
 
     def close(self) -> None:
@@ -137,16 +136,21 @@ class LiveView:
         self._suspending = False
         self._writer.wake()
 
-    def _note_trends(self, shown: Shown) -> None:
-        trends = {}
-        for robot in shown.robots:
-            monitor = robot.monitor
-            for name in monitor.config.signals:
-                value = monitor.fresh_value(name)
-                trend = self._trends.get((monitor.robot, name), deque(maxlen=_TREND_SAMPLES))
+    def _state_of_one(self, shown: Shown, due: bool) -> _State:
+        """Returns the state of the only robot; notes its values if that is `due`."""
+        (robot,) = shown.robots
+        system = robot.alert_system
+        if due:
+            trends = {}
+            for name in system.monitor.config.signals:
+                value = system.monitor.fresh_value(name)
+                trend = self._trends.get(name, deque(maxlen=_TREND_SAMPLES))
                 trend.append(float("nan") if value is None else value)
-                trends[monitor.robot, name] = trend
-        self._trends = trends
+                trends[name] = trend
+            self._trends = trends
+        report = system.monitor.report(robot.now_s)
+        statuses = [system.status(name) or status for name, status in report.statuses.items()]
+        return _State(report.robot, statuses, shown.system_health, {name: tuple(v) for name, v in self._trends.items()})
 
     # In the writer's thread
 
@@ -181,7 +185,11 @@ class LiveView:
             return []
         with self._console.capture() as table:
             self._console.print(self._title(state, width), no_wrap=True, overflow="ellipsis")
-            self._print_table(state, width, height)
+            if isinstance(state, FleetState):
+                for line in fleet_lines(state, width, max(2, height - 3)):
+                    self._console.print(line, no_wrap=True, overflow="ellipsis")
+            else:
+                self._print_table(state, width, height)
         return [(line, cell_len(_STYLING.sub("", line))) for line in table.get().rstrip().split("\n")]
 
     def _size(self) -> Tuple[int, int]:
@@ -196,18 +204,16 @@ class LiveView:
         rows = sum(max(1, -(-cells // width)) for _, cells in self._frame)
         return "\r" + (f"\x1b[{rows - 1}A" if rows > 1 else "")
 
-    def _title(self, state: _State, width: int) -> Text:
-        statuses = [status for report in state.reports for status in report.statuses.values()]
-        worst = max(statuses, key=_rank, default=None)
-        if len(state.reports) == 1:
-            title = Text(printable(state.reports[0].robot), style="bold")
-            title.append(" is ", style="not bold")
+    def _title(self, state: Union[_State, FleetState], width: int) -> Text:
+        if isinstance(state, FleetState):
+            title = fleet_summary(state)
         else:
-            title = Text(f"{len(state.reports)} robots", style="bold")
-            title.append(", worst: ", style="not bold")
-        title.append(_level_text(worst) if worst else Text("OK", style=_STYLE_OF_LEVEL[Level.OK]))
-        if state.system_health is not None and width >= 60:
-            title.append(f"   system_health {state.system_health:.1f}", style="not bold")
+            title = Text(printable(state.robot), style="bold")
+            title.append(" is ", style="not bold")
+            worst = max(state.statuses, key=rank, default=None)
+            title.append(level_text(worst) if worst else Text("OK", style=STYLE_OF_LEVEL[Level.OK]))
+            if state.system_health is not None and width >= 60:
+                title.append(f"   system_health {state.system_health:.1f}", style="not bold")
         minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)
         title.append(f"   {minutes // 60}:{minutes % 60:02}:{seconds:02}", style="not bold dim")
         if width >= 60:
@@ -215,16 +221,13 @@ class LiveView:
         return title
 
     def _print_table(self, state: _State, width: int, height: int) -> None:
-        several = len(state.reports) > 1
-        statuses = [(report.robot, status) for report in state.reports for status in report.statuses.values()]
+        statuses = state.statuses
         room = max(1, height - 4)
         hidden = len(statuses) - room
         if hidden > 0:  # the worst ones
-            statuses = sorted(statuses, key=lambda item: -_rank(item[1]))[:room]
-        layout = _Layout([status for _, status in statuses], width, 16 + _GAP if several else 0)
+            statuses = sorted(statuses, key=lambda status: -rank(status))[:room]
+        layout = _Layout(statuses, width)
         table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
-        if several:
-            table.add_column("robot", no_wrap=True, overflow="ellipsis", max_width=16)
         table.add_column("signal", no_wrap=True, overflow="ellipsis", max_width=layout.name)
         table.add_column("value", no_wrap=True, overflow="ellipsis", justify="right", min_width=10)
         table.add_column("level", no_wrap=True, min_width=5)
@@ -234,12 +237,11 @@ class LiveView:
             table.add_column("trend", no_wrap=True, min_width=_TREND_SAMPLES)
         if layout.message:
             table.add_column("message", no_wrap=True, overflow="ellipsis", max_width=layout.message)
-        for robot, status in statuses:
-            row = [Text(printable(robot))] if several else []
-            row += [Text(printable(status.name)), Text(_value_text(status)), _level_text(status)]
+        for status in statuses:
+            row = [Text(printable(status.name)), Text(value_text(status)), level_text(status)]
             if layout.statistics:
                 row += [Text(printable(status.values.get(statistic, "-"))) for statistic in _STATISTICS]
-                row.append(Text(self._trend(state.trends.get((robot, status.name), ())), style=_style(status)))
+                row.append(Text(self._trend(state.trends.get(status.name, ())), style=style(status)))
             if layout.message:
                 row.append(Text(printable(status.message)))
             table.add_row(*row)
@@ -263,14 +265,14 @@ class LiveView:
 class _Layout:
     """Which columns fit. Reasons come first: statistics give way to the message of a signal that is not OK."""
 
-    def __init__(self, statuses: Sequence[Status], width: int, used: int) -> None:
-        """Fits columns for `statuses` into `width` cells, of which `used` are taken."""
+    def __init__(self, statuses: Sequence[Status], width: int) -> None:
+        """Fits columns for `statuses` into `width` cells."""
         longest = max((cell_len(status.name) for status in statuses), default=6)
         self.name = min(max(longest, 6), _WIDEST_NAME, max(8, width - 22))
         """Width of the names."""
-        value = max([10, *(cell_len(_value_text(status)) for status in statuses)])
-        level = max([5, *(cell_len(_level_text(status).plain) for status in statuses)])
-        room = width - used - self.name - value - level - 2 * _GAP
+        value = max([10, *(cell_len(value_text(status)) for status in statuses)])
+        level = max([5, *(cell_len(level_text(status).plain) for status in statuses)])
+        room = width - self.name - value - level - 2 * _GAP
         cells = [max([5, *(cell_len(status.values.get(name, "")) for status in statuses)]) for name in _STATISTICS]
         statistics = sum(cells) + _TREND_SAMPLES + 4 * _GAP
         reasons = [cell_len(status.message) for status in statuses if status.level is not Level.OK]
@@ -281,34 +283,10 @@ class _Layout:
         """Width of the message; 0: not shown."""
 
 
-def _is_unknown(status: Status) -> bool:
-    return status.values.get("state") in _UNKNOWN_STATES
-
-
-def _rank(status: Status) -> int:
-    """Orders statuses from OK to the worst; an unknown one is above OK and below every alarm."""
-    if _is_unknown(status):
-        return 1
-    return 2 * status.level.severity
-
-
-def _style(status: Status) -> str:
-    return _STYLE_OF_UNKNOWN if _is_unknown(status) else _STYLE_OF_LEVEL[status.level]
-
-
-def _level_text(status: Status) -> Text:
-    text = status.values["state"] if _is_unknown(status) else status.level.name
-    return Text(text, style=_style(status))
-
-
-def _value_text(status: Status) -> str:
-    return printable(f"{status.values.get('value') or '-'} {status.values.get('unit', '')}".strip())
-
-
 def _entry_text(entry: Entry, name_robots: bool) -> Text:
     event = entry.event
     if isinstance(event, Transition):
-        style = _STYLE_OF_LEVEL[event.to_level]
+        style = STYLE_OF_LEVEL[event.to_level]
     else:
         style = _STYLE_OF_SEVERITY.get(event.severity, "dim")
     return Text(plain_line(entry, "%H:%M:%S", name_robots=name_robots), style=style)
