@@ -50,7 +50,7 @@ class FleetState(NamedTuple):
 
     robots: Sequence[RobotState]
     """The worst first; as many as could be shown."""
-    count: int
+    total: int
     """Number of all robots."""
     ranks: Sequence[int]
     """Ranks of all robots, in the order of `robots`."""
@@ -90,7 +90,7 @@ def fleet_state(shown: Shown, lines: int) -> FleetState:
 
 def fleet_summary(state: FleetState) -> Text:
     """Returns how many robots have which level, and which robot is the worst."""
-    text = Text(f"{state.count} robots", style="bold")
+    text = Text(f"{state.total} robots", style="bold")
     worst = state.robots[0] if state.robots else None
     if worst is not None and worst.rank > 0:
         text.append(", worst: ", style="not bold")
@@ -117,11 +117,11 @@ def fleet_lines(state: FleetState, width: int, room: int) -> List[Text]:
     room = max(1, room - 1)  # the header
     fitting, used = 0, 0
     for number, block in enumerate(blocks):
-        is_last = number + 1 == state.count
+        is_last = number + 1 == state.total
         if used + len(block) > room - (0 if is_last else 1) and fitting:
             break
         fitting, used = number + 1, used + len(block)
-    hidden = state.count - fitting
+    hidden = state.total - fitting
     used += 1 if hidden else 0
     expanded: List[List[Text]] = [[] for _ in range(fitting)]
     for wanted in (_not_ok, _others):
@@ -164,7 +164,7 @@ class _Layout:
         signals = [cell_len(printable(status.name)) for status in statuses]
         self._robot = min(max([5, *names]), max(_WIDEST_ROBOT, width // 4))
         self._signal = min(max([6, *signals]), _WIDEST_SIGNAL)
-        self._level = max([5, *(cell_len(level_text(status).plain) for status in statuses)])
+        self._level = max([7, *(cell_len(level_text(status).plain) for status in statuses)])
         self._since = 8
         self._value = 0
         if self._room() < _MIN_REASON:

@@ -1270,3 +1270,29 @@ def test_the_link_is_up_down_or_not_watched() -> None:
     assert monitor.link_up is True
     monitor.set_link(False, "refused", 2.0)
     assert monitor.link_up is False
+
+
+def test_levels_are_those_of_the_report() -> None:
+    monitor = Monitor(load_config({"signals": {"a": {"warn_below": 20.0}, "b": {"warn_below": 20.0}}}))
+    assert monitor.levels() == {"a": (Level.STALE, "waiting"), "b": (Level.STALE, "waiting")}
+    monitor.observe(Sample("a", 15.0, 1.0))
+    monitor.set_link(True, "", 1.0)
+    report = monitor.report(1.0)
+    assert monitor.levels() == {
+        name: (status.level, status.values["state"]) for name, status in report.statuses.items()
+    }
+    assert monitor.levels()["a"] == (Level.WARN, "firing")
+
+
+def test_the_end_resolves_every_open_alert_the_link_included() -> None:
+    monitor = Monitor(load_config({"signals": {"a": {"warn_below": 20.0}, "b": {"warn_below": 20.0}}}))
+    monitor.observe(Sample("a", 15.0, 1.0))
+    monitor.observe(Sample("b", 50.0, 1.0))
+    monitor.set_link(False, "connection refused", 2.0)
+    ended = monitor.end()
+    assert [(end.signal, end.from_level, end.to_level) for end in ended] == [
+        ("a", Level.WARN, Level.OK),
+        ("link", Level.ERROR, Level.OK),
+    ]
+    assert all("no longer watched" in end.text for end in ended)
+    assert monitor.end() == []

@@ -206,13 +206,11 @@ class Terminal(io.StringIO):
 
 def draw(statuses: List[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> List[str]:
     """Returns the lines of one frame of a terminal of `width` columns, without colours."""
-    from robot_health_monitor.core import Level, Report
     from robot_health_monitor.output import live
 
     monkeypatch.setattr(live.LiveView, "_size", lambda view: (width, 40))
     view = live.LiveView(Terminal())
-    report = Report(Level.OK, {status.name: status for status in statuses}, 0.0, "atlas")
-    view._state = live._State([report], None, {})
+    view._state = live._State("atlas", statuses, None, {})
     text = view._render((), 0)
     return re.sub("\x1b\\[[0-9;?]*[A-Za-z]", "", text).replace("\r", "").split("\n")
 
@@ -254,3 +252,16 @@ def test_no_status_of_a_robot_controls_the_terminal_or_breaks_the_table(
     rows = draw([status(hostile, 2, hostile, unit=hostile, mean=hostile, state="firing")], width, monkeypatch)
     assert len(rows) == 3
     assert all(row.isprintable() for row in rows)
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+def test_several_robots_have_a_row_each(on_terminal: Start, calm: Path, columns: int) -> None:
+    urls = [f"robot{number}=ws://127.0.0.1:{number}" for number in (1, 2)]
+    terminal = on_terminal("connect", *urls, "--thresholds", calm, "--log-level", "ERROR", columns=columns, lines=14)
+    terminal.wait_until(lambda text: ("2 robots, worst: robot1 ERROR" in text and "Ctrl-C" in text) or columns < 60)
+    terminal.wait_until(lambda text: len(re.findall(r"^robot[12] +ERROR ", text, re.MULTILINE)) == 2)
+    reason = "down: connection refused: no server listens on this port"
+    assert " ".join(terminal.text.split()).count("no server listens") >= 2
+    assert reason.split(":")[1] in terminal.text
+    terminal.resize(120, 14)
+    terminal.wait_until(lambda text: len(re.findall(rf"^robot[12] +ERROR .*{reason}", text, re.MULTILINE)) == 2)

@@ -1,0 +1,43 @@
+"""Levels in words; unknown is neither OK nor an alarm."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rich", reason="rich, which draws the table, is not installed")
+
+from robot_health_monitor.core.model import Level, Status
+from robot_health_monitor.output.status_text import is_unknown, level_text, rank, style, value_text
+
+
+def status(level: Level, **values: str) -> Status:
+    return Status("battery", level, "", "atlas", values)
+
+
+def test_the_order_is_ok_unknown_warn_stale_error() -> None:
+    statuses = [
+        status(Level.OK),
+        status(Level.STALE, state="unreachable"),
+        status(Level.WARN),
+        status(Level.STALE),
+        status(Level.ERROR),
+    ]
+    assert sorted(statuses, key=rank) == statuses
+    assert rank(status(Level.STALE, state="waiting")) == rank(statuses[1])
+
+
+def test_an_unknown_level_is_named_and_coloured_as_such() -> None:
+    unknown = status(Level.STALE, state="waiting")
+    assert is_unknown(unknown) and not is_unknown(status(Level.STALE))
+    assert level_text(unknown).plain == "waiting"
+    assert style(unknown) not in {style(status(level)) for level in Level}
+
+
+def test_a_silenced_alert_says_so() -> None:
+    assert level_text(status(Level.WARN, silenced="until 12:00, by ana")).plain == "WARN silenced"
+
+
+def test_a_value_has_its_unit_and_no_control_characters() -> None:
+    assert value_text(status(Level.OK, value="19.5", unit="%")) == "19.5 %"
+    assert value_text(status(Level.OK)) == "-"
+    assert value_text(status(Level.OK, value="\x1b[2J")) == "?[2J"
