@@ -1,0 +1,44 @@
+"""docs/operations.md: its configurations are valid, its commands exist, its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import List
+
+import pytest
+
+from robot_health_monitor.arguments import parse
+from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.ops.configuration import read_ops
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> List[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("text", blocks("yaml"))
+def test_a_configuration_is_valid(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "ops.yaml"
+    file.write_text(text)
+    assert read_ops(read_yaml(file)).summary
+
+
+@pytest.mark.parametrize("line", re.findall(r"^\$ robot-health (.*)$", PAGE, re.MULTILINE))
+def test_a_command_exists(line: str) -> None:
+    assert parse(shlex.split(line)).command == line.split()[0]
+
+
+def test_every_link_leads_somewhere() -> None:
+    for file, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", PAGE):
+        target = ROOT / "docs" / (file or "operations.md")
+        assert target.exists(), file
+        headings = [
+            re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+            for heading in re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
+        ]
+        assert not anchor or anchor in headings, (file, anchor)
