@@ -148,24 +148,26 @@ class Notifier:
                 self._history.run(self._queue.prepare, _TIMEOUT_S)
                 self._is_prepared = True
                 self._wake()
-            if self._has_news:
-                self._distribute()
+            has_more = self._has_news and self._distribute()
             if time.monotonic() >= self._checked_s + CHECK_PERIOD_S:
                 self._checked_s = time.monotonic()
                 self._check()
         except ServiceError:
             return CHECK_PERIOD_S  # the history reports its own fault
-        return DISTRIBUTION_PERIOD_S
+        return 0.0 if has_more else DISTRIBUTION_PERIOD_S
 
-    def _distribute(self) -> None:
+    def _distribute(self) -> bool:
+        """Queues a bounded number of new transitions; returns whether there are more."""
         self._has_news = False  # first: a transition may be noted at any moment
         try:
-            if self._history.run(self._queue.distribute, _TIMEOUT_S):
-                self._has_news = True
+            has_more = self._history.run(self._queue.distribute, _TIMEOUT_S)
         except ServiceError:
             self._has_news = True
             raise
+        if has_more:
+            self._has_news = True
         self._wake()
+        return has_more
 
     def _check(self) -> None:
         watched = self._watched
