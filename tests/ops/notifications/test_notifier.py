@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import random
 import signal
+import sqlite3
 import subprocess
 import sys
 import textwrap
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Iterator, List, Sequence, Set, Tuple
 
@@ -53,10 +55,9 @@ def running(
         history.close()
 
 
-def record(history: RobotHistory, level: str, signal: str = "battery", robot: str = "r3") -> None:
-    event = transition(
-        to_level=Level[level], signal=signal, robot=robot, fingerprint=f"{robot}-{signal}", text=f"{signal} {level}"
-    )
+def record(history: RobotHistory, level: str, signal: str = "battery", robot: str = "r3", text: str = "") -> None:
+    text = text or f"{signal} {level}"
+    event = transition(to_level=Level[level], signal=signal, robot=robot, fingerprint=f"{robot}-{signal}", text=text)
     history.record(event, {"level": level}, [])
 
 
@@ -168,6 +169,56 @@ def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServ
         assert texts(server, 1) == ["s7 OK"]
         wait_until(lambda: notifier.waiting == 0)
     assert server.all() == []
+
+
+def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
+    server: HttpServer, tmp_path: Path
+) -> None:
+    chance = random.Random()
+    file, target = str(tmp_path / "history.db"), TargetSettings("chat", "webhook", url=server.url)
+    program = f"""
+        import itertools
+        from test_notifier import *
+        history = History(HistorySettings({file!r}))
+        notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})])
+        robot = history.of_robot("r3", Faults())
+        for number in itertools.count(int(sys.argv[1])):
+            level = ("WARN", "ERROR", "OK")[number // 3 % 3]
+            record(robot, level, f"s{{number % 3}}", text=str(number))
+            print(number, flush=True)
+            time.sleep(0.002)
+    """
+    path = f"{ROOT}:{ROOT / 'tests'}:{Path(__file__).parent}"
+    first = 0
+    for _ in range(4):
+        process = subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(program), str(first)],
+            stdout=subprocess.PIPE,
+            env={"PYTHONPATH": path},
+            text=True,
+        )
+        assert process.stdout is not None
+        printed = [process.stdout.readline() for _ in range(chance.randrange(1, 60))]
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        first = int([*printed, *process.stdout.read().split()][-1]) + 1
+        process.stdout.close()
+    with running([target], file) as (notifier, history):
+        record(history, "WARN", "last")
+        received = [server.next().json]
+        while received[-1]["text"] != "last WARN":
+            received.append(server.next().json)
+        wait_until(lambda: notifier.waiting == 0)
+    received += [request.json for request in server.all()]
+    with closing(sqlite3.connect(file)) as connection:
+        stored = connection.execute("SELECT signal, to_level, text FROM transitions ORDER BY id").fetchall()
+    for name in ("s0", "s1", "s2"):
+        sent = [each["text"] for each in received if each["signal"] == name]
+        of_signal = [(level, text) for signal, level, text in stored if signal == name]
+        levels = [Level.OK, *(level for level, _ in of_signal)]
+        changes = [text for (level, text), before in zip(of_signal, levels) if level != before]
+        # What was being sent at a kill is sent twice, without anything of the same alert in between.
+        assert [text for text, before in zip(sent, ["", *sent]) if text != before] == changes
 
 
 def test_alerts_of_robots_of_an_earlier_run_end(server: HttpServer, tmp_path: Path) -> None:
