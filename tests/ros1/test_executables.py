@@ -280,3 +280,34 @@ def test_lines_name_time_and_severity_as_ros_has_them(master: Any, start: Any) -
     process = start("aggregator")
     line = process.wait_for_text(READY["aggregator"])
     assert re.match(r"\[INFO\] \[\d+\.\d+\]: system_health", line)
+
+
+def test_after_kill_9_an_open_alert_continues_and_is_not_announced_again(
+    start: Any, ros: Any, parameters: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "ops.yaml").write_text("history: {file: history.db}\n", encoding="utf-8")
+    parameters("/alert_system/ops", str(tmp_path / "ops.yaml"))
+    parameters("/alert_system/signals/battery_level/warn_below", 20.0)
+    parameters("/alert_system/signals/battery_level/stale_after_s", 0.0)  # however long the start takes
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+
+    def publish_until_shown(value: float, level: int) -> None:
+        def is_shown() -> bool:
+            ros.publish("/battery_level", FLOAT32, {"data": value})
+            shown = [(status["name"], status["level"]) for report in tuple(reports) for status in report["status"]]
+            return ("alert_system: battery_level", level) in shown
+
+        reports.clear()
+        ros.wait_until(is_shown)
+
+    first = start("alert_system")
+    first.wait_for_text("watching battery_level")
+    publish_until_shown(15.0, 1)
+    first.signal(signal.SIGKILL)
+    first.wait()
+    second = start("alert_system")
+    second.wait_for_text("watching battery_level")
+    publish_until_shown(15.0, 1)
+    publish_until_shown(50.0, 0)
+    assert "(was WARN for " in second.wait_for_text("battery_level OK")
+    assert warnings_of(second, "battery_level") == []

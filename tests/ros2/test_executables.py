@@ -283,3 +283,35 @@ def test_services_and_parameters_are_there_for_every_node(start: Any, ros: Any) 
     process.wait_for_text(READY["battery_sensor"])
     expected: Set[str] = {f"/battery_sensor/{name}" for name in ("describe_parameters", "get_parameters")}
     ros.wait_until(lambda: ros.services() >= expected)
+
+
+def test_after_kill_9_an_open_alert_continues_and_is_not_announced_again(start: Any, ros: Any, tmp_path: Path) -> None:
+    (tmp_path / "ops.yaml").write_text("history: {file: history.db}\n", encoding="utf-8")
+    reports = ros.listen("/diagnostics", ARRAY)
+    file = parameter_file(  # never stale, however long the start takes
+        tmp_path,
+        f"alert_system: {{ros__parameters: {{ops: {tmp_path / 'ops.yaml'},"
+        " signals: {battery_level: {warn_below: 20.0, stale_after_s: 0.0}}}}\n",
+    )
+    arguments = ("--ros-args", "--params-file", file)
+
+    def publish_until_shown(value: float, level: bytes) -> None:
+        def is_shown() -> bool:
+            ros.publish_to_process("/battery_level", FLOAT32, {"data": value})
+            shown = [(status["name"], status["level"]) for report in tuple(reports) for status in report["status"]]
+            return ("alert_system: battery_level", level) in shown
+
+        reports.clear()
+        ros.wait_until(is_shown)
+
+    first = start("alert_system", *arguments)
+    first.wait_for_text("watching battery_level")
+    publish_until_shown(15.0, b"\x01")
+    first.signal(signal.SIGKILL)
+    first.wait()
+    second = start("alert_system", *arguments)
+    second.wait_for_text("watching battery_level")
+    publish_until_shown(15.0, b"\x01")
+    publish_until_shown(50.0, b"\x00")
+    assert "(was WARN for " in second.wait_for_text("battery_level OK")
+    assert warnings_of(second, "battery_level") == []
