@@ -311,3 +311,16 @@ def test_after_kill_9_an_open_alert_continues_and_is_not_announced_again(
     publish_until_shown(50.0, 0)
     assert "(was WARN for " in second.wait_for_text("battery_level OK")
     assert warnings_of(second, "battery_level") == []
+
+
+def test_a_wrong_ops_yaml_ends_it_before_it_listens(master: Any, start: Any, tmp_path: Path) -> None:
+    (tmp_path / "ops.yaml").write_text("history: {fil: history.db}\n")
+    process = start("alert_system", f"_ops:={tmp_path}/ops.yaml")
+    assert process.wait() == 2
+    errors = [line.text for line in process.lines if "ops.yaml" in line.text]
+    assert errors == [
+        f"alert_system: {tmp_path}/ops.yaml:1: history.fil: unknown key; did you mean file? expected one of file, "
+        "keep_days, keep_mb",
+        f"alert_system: {tmp_path}/ops.yaml:1: history.file: expected the path of the history file, got nothing",
+    ]
+    assert "watching" not in process.text

@@ -33,6 +33,15 @@ def test_quiet_log_lines_are_left_out_and_transitions_never() -> None:
     assert entries == [Entry(5.0, loud), Entry(5.0, transition(to_level=Level.OK))]
 
 
+def test_entries_have_the_silence_of_their_signal() -> None:
+    entries: List[Entry] = []
+    events = Events(entries.append, wall_time_s=lambda: 5.0)
+    events.silence_of = lambda robot, signal: "fan" if (robot, signal) == ("r3", "temperature") else None
+    events.on_transition(transition(robot="r3", signal="temperature"))
+    events.on_transition(transition(robot="r4", signal="temperature"))
+    assert [entry.silenced for entry in entries] == ["fan", None]
+
+
 def test_a_notice_becomes_a_log_line_of_its_node() -> None:
     entries: List[Entry] = []
     Events(entries.append, wall_time_s=lambda: 5.0).outlet("husky")(Notice(2.0, Severity.WARN, "rosbridge: not served"))

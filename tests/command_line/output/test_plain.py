@@ -35,6 +35,11 @@ def test_a_transition_names_its_robot_where_there_are_several() -> None:
     assert plain_line(entry, "at", name_robots=True) == "at husky: battery_level WARN: low"
 
 
+def test_a_silenced_transition_is_marked() -> None:
+    entry = Entry(0.0, transition(text="battery_level WARN: low"), "fan is being replaced (until resolved)")
+    assert plain_line(entry, "at") == "at battery_level WARN: low [silenced: fan is being replaced (until resolved)]"
+
+
 @pytest.mark.parametrize("text", HOSTILE)
 def test_no_text_of_a_robot_controls_the_terminal(text: str) -> None:
     entries = [
