@@ -38,6 +38,7 @@ from ..protocol.codec import decode
 from ..protocol.definitions import canonical
 from .backoff import Backoff
 from .cause import UP, Cause, cause_of_close, cause_of_error
+from .host_lookup import HostLookup
 from .log_limit import LogLimit
 from .send_queue import SendQueue
 from .services import OfferedServices, ServiceCalls
@@ -130,6 +131,7 @@ class ServerConnection:
         self._moved: Optional[asyncio.Event] = None
         self._probation: Optional[asyncio.TimerHandle] = None
         self._received_s = 0.0
+        self._lookup = HostLookup()
         self._advertised: Dict[str, str] = {}
 
     def advertise(self, topic: str, type_name: str) -> None:
@@ -227,7 +229,8 @@ class ServerConnection:
         """
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         has_token = bool(self._token)
-        async with aiohttp.ClientSession(headers=headers) as session:
+        connector = aiohttp.TCPConnector(resolver=self._lookup, use_dns_cache=False)
+        async with aiohttp.ClientSession(headers=headers, connector=connector) as session:
             try:
                 socket = await _within(_CONNECT_TIMEOUT_S, self._open(session))
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError) as error:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import signal
+import sys
 import time
 from pathlib import Path
 from typing import Any, AsyncIterator, List, Optional
@@ -454,5 +457,52 @@ def test_what_the_robots_announce_is_on_the_bus_of_the_fleet(tmp_path: Path) -> 
             assert fleet.fleet.bus.call_service("/husky_1_/alert_system/reset")["success"] is True
         for server in servers:
             await server.close()
+
+    run()
+
+
+def test_look_ups_that_hang_block_neither_other_robots_nor_the_end(tmp_path: Path) -> None:
+    """As many as there are threads in the pool of an event loop, at least."""
+    program = tmp_path / "watch.py"
+    program.write_text(
+        "import socket, sys, threading\n"
+        "look_up = socket.getaddrinfo\n"
+        "def hang(host, *arguments, **options):\n"
+        "    if 'hangs' in str(host):\n"
+        "        threading.Event().wait()\n"
+        "    return look_up(host, *arguments, **options)\n"
+        "socket.getaddrinfo = hang\n"
+        "from robot_health_monitor.__main__ import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+
+    @scenario
+    async def run() -> None:
+        server = ForeignServer()
+        url = (await server.start()).replace("127.0.0.1", "localhost")
+        robots = "".join(f"  r{number}: {{url: 'ws://hangs{number}:9090'}}\n" for number in range(40))
+        (tmp_path / "fleet.yaml").write_text(f"robots:\n{robots}  good: {{url: '{url}'}}\n")
+        root = str(Path(__file__).resolve().parents[2])
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            str(program),
+            "connect",
+            "--fleet",
+            str(tmp_path / "fleet.yaml"),
+            env={**os.environ, "PYTHONPATH": root},
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+        )
+        await until(lambda: bool(server.received))
+        await server.publish("/battery_level", {"data": 15.0})
+        assert process.stdout is not None
+        lines = []
+        while not lines or b"good: battery_level WARN" not in lines[-1]:
+            lines.append(await process.stdout.readline())
+            assert lines[-1]
+        process.send_signal(signal.SIGTERM)
+        output, _ = await asyncio.wait_for(process.communicate(), 30.0)
+        assert process.returncode == 0, output
+        await server.close()
 
     run()
