@@ -24,7 +24,11 @@ from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.transition_json import json_line
-from robot_health_monitor.fleet import read_addresses
+from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.fleet_configuration import read_addresses
+from robot_health_monitor.ops.configuration import check_url, read_ops
+from robot_health_monitor.ops.matchers import matches_pattern, parse_matchers
+from robot_health_monitor.ops.silences import parse_duration_s
 from robot_health_monitor.rosbridge.address import host_and_port, shown_address
 from robot_health_monitor.rosbridge.client.connection import ServerConnection
 from robot_health_monitor.rosbridge.client.topic_of_message import topic_of_message
@@ -144,6 +148,32 @@ class YamlBytes(Target):
 
     def close(self) -> None:
         self._folder.cleanup()
+
+
+class OpsBytes(YamlBytes):
+    """An ops.yaml for `check`, and for the nodes."""
+
+    name = "ops"
+    seed = (
+        b"history: {file: history.db, keep_days: 90, keep_mb: 100}\n"
+        b"notify:\n"
+        b"  pager: {type: alertmanager, url: 'http://10.0.0.2:9093', min_level: WARN}\n"
+        b"  chat: {type: webhook, url_file: chat.url, robots: ['r*'], signals: [battery_level]}\n"
+        b"  horn: {type: command, command: [./horn, --loud], timeout_s: 10}\n"
+        b"  alive: {type: heartbeat, url: 'https://example.com/alive', every_s: 60}\n"
+        b"server: {port: 9090, address: 127.0.0.1, tls_certificate: a, tls_key: b, allow_call: ['*']}\n"
+    )
+
+    def make(self, chance: random.Random) -> bytes:
+        return mutate_bytes(chance, self.seed, self.pieces)
+
+    def use(self, data: bytes) -> None:
+        self._file.write_bytes(data)
+        summary, errors = _check_file(str(self._file))
+        assert summary or errors
+        for error in errors:
+            assert "\n" not in str(error) and len(str(error)) < self.longest_error, error
+        read_ops(read_yaml(self._file))
 
 
 class Mappings(Target):
@@ -473,8 +503,10 @@ class Addresses(Target):
             access.credentials({}, {"token": text})
             access.may_publish(text)
             shown_address(text)
-            with contextlib.suppress(ConfigError):
-                host_and_port(text)
+            for read in (host_and_port, parse_matchers, parse_duration_s, lambda url: check_url(url, "webhook")):
+                with contextlib.suppress(ConfigError):
+                    read(text)
+            matches_pattern(data[0], text)
         read_addresses(data[:-1])
 
     def allowed(self, data: Any) -> Work:
@@ -548,6 +580,7 @@ def deliver(path: str, message: Any) -> None:
 
 TARGETS: Sequence[Type[Target]] = (
     YamlBytes,
+    OpsBytes,
     Mappings,
     Protocol,
     Sessions,
