@@ -3,7 +3,7 @@
 Each scene runs real commands in a pseudo-terminal and draws the final screen as SVG. The scenes `ros1` and `ros2` copy
 this package into a new workspace, build it and launch it. A scene whose program is missing here (`roslaunch`,
 `ros2`, `colcon`) is skipped with one line. The path of the temporary folder and the host name are replaced by neutral
-ones. Needs pyte and rich.
+ones. Needs pyte and rich; the scene `web_page` needs selenium.
 """
 
 from __future__ import annotations
@@ -188,6 +188,16 @@ def recordings(variables: Dict[str, str]) -> None:
             subprocess.run([*browser, size, target, page], check=True, stderr=subprocess.DEVNULL, timeout=60)
 
 
+def web_page(variables: Dict[str, str]) -> None:
+    """The web page of one robot, and of a fleet on a wide and a narrow window."""
+    import web_page
+
+    with tempfile.TemporaryDirectory() as name:
+        variables = {**variables, "PYTHONPATH": str(ROOT), "TZ": "UTC"}
+        web_page.one_robot(Path(name), variables, HERE / "web_page.png")
+        web_page.fleet(Path(name), variables, HERE / "fleet.png", HERE / "fleet_phone.png")
+
+
 def ros1(variables: Dict[str, str]) -> None:
     """The three nodes under roslaunch, and what rostopic shows of them."""
     with tempfile.TemporaryDirectory() as folder:
@@ -272,6 +282,7 @@ def _prompt(command: str) -> Text:
 SCENES = {
     "live_view": Scene(sys.executable, live_view),
     "recordings": Scene(sys.executable, recordings),
+    "web_page": Scene("chromedriver", web_page),
     "ros1": Scene("roslaunch", ros1),
     "ros2": Scene("ros2", ros2),
 }

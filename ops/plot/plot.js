@@ -278,7 +278,8 @@ class Plot {
       const text = `${bound.level} ${bound.side} ${withUnit(numberText(bound.value), this.signal.unit)}`;
       const places = bound.side === "above" ? [y - 4, y + 12] : [y + 12, y - 4];  // first: the side of the alert
       const fits = (place) => place > HEIGHT.top + 9 && place < HEIGHT.top + HEIGHT.plot - 2 &&
-        taken.every((other) => Math.abs(other - place) >= 12);
+        taken.every((other) => Math.abs(other - place) >= 12) &&
+        this.signal.bounds.every((other) => other === bound || Math.abs(this.y(other.value) - place + 4) > 6);
       const place = places.find(fits) || places[0];
       taken.push(place);
       add(names, "text", {class: `bound-name ${level}`, x: right - 4, y: pixel(place), "text-anchor": "end"}, text);

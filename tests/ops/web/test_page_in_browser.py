@@ -30,7 +30,7 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def served(request: pytest.FixtureRequest) -> Iterator[Any]:
+def served(browser: Browser) -> Iterator[Any]:
     """Returns a function that serves robots until the end of the test."""
     running: List[ServedRobots] = []
 
@@ -40,6 +40,7 @@ def served(request: pytest.FixtureRequest) -> Iterator[Any]:
         return running[-1]
 
     yield serve
+    browser.driver.get("about:blank")  # an open page would delay the end of the server
     for each in running:
         each.close()
 

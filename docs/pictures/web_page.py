@@ -1,0 +1,130 @@
+"""Makes the pictures of the web page from real runs in chromium; make.py calls it. Needs selenium."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Dict, Iterator, List
+
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+
+PACKAGE = "robot_health_monitor"
+_THRESHOLDS = """\
+alert_system:
+  ros__parameters:
+    signals:
+      battery_level: {unit: "%", warn_below: 20.0, error_below: 10.0, hysteresis: 2.0}
+      temperature: {unit: "degC", warn_above: 40.0, error_above: 50.0, hysteresis: 2.0}
+      cpu_usage: {unit: "%", warn_above: 95.0}
+"""
+
+
+def one_robot(folder: Path, variables: Dict[str, str], picture: Path) -> None:
+    """`robot-health run` after the battery's first alert, with the plot of its window."""
+    (folder / "ops.yaml").write_text(f"history: {{file: {folder / 'history.db'}}}\n", encoding="utf-8")
+    port = _free_port()
+    arguments = ["run", "--robot", "robot1", "--port", str(port), "--ops", str(folder / "ops.yaml")]
+    with _programs([arguments], variables), _browser(1000, 880) as driver:
+        _open(driver, port)
+        _wait(driver, "document.querySelector('.robot.warn')", 130.0)
+        _run(driver, "document.querySelector('.signal-name').click()")
+        _wait(driver, "document.querySelector('.plot svg') && document.querySelector('.signals .alert')")
+        time.sleep(6.0)  # a part of the plot is below the bound
+        driver.save_screenshot(str(picture))
+
+
+def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -> None:
+    """`robot-health connect` to seven robots, of which one is hot, one sends nothing and one is gone."""
+    (folder / "hot.yaml").write_text(_THRESHOLDS, encoding="utf-8")
+    names = ["husky1", "husky2", "jackal", "carter", "ridgeback", "dingo", "boxer"]
+    ports = {name: _free_port() for name in names}
+    lines = ["robots:"]
+    for name, port in ports.items():
+        thresholds = f", thresholds: {folder / 'hot.yaml'}" if name == "carter" else ""
+        lines.append(f"  {name}: {{url: ws://127.0.0.1:{port}{thresholds}}}")
+    (folder / "fleet.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    starts = [["run", "--robot", name, "--port", str(port)] for name, port in ports.items()]
+    starts[1] += ["--source", "none"]
+    port = _free_port()
+    watch = ["connect", "--fleet", str(folder / "fleet.yaml"), "--port", str(port)]
+    with _programs([starts[0]], variables), _browser(1000, 560) as driver:
+        time.sleep(40.0)  # its battery is empty before that of the others
+        with _programs([*starts[1:2], *starts[3:], watch], variables):
+            with _programs([starts[2]], variables):
+                _open(driver, port)
+                _wait(driver, "document.querySelectorAll('.robot').length === 7")
+                _wait(driver, "document.querySelectorAll('.robot.ok').length >= 4", 60.0)
+            for kind in ("nolink", "stale", "warn", "error"):
+                _wait(driver, f"document.querySelector('.robot.{kind}')", 130.0)
+            driver.save_screenshot(str(picture))
+            _resize(driver, 390, 760)
+            driver.save_screenshot(str(phone))
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+        return port
+
+
+@contextmanager
+def _programs(commands: List[List[str]], variables: Dict[str, str]) -> Iterator[None]:
+    with ExitStack() as stack:
+        for command in commands:
+            program = subprocess.Popen(
+                [sys.executable, "-m", PACKAGE, *command],
+                env=variables,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            stack.callback(program.wait, 20.0)
+            stack.callback(program.terminate)
+        yield
+
+
+@contextmanager
+def _browser(width: int, height: int) -> Iterator[webdriver.Chrome]:
+    options = Options()
+    for option in ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"):
+        options.add_argument(option)
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    try:
+        _resize(driver, width, height)
+        yield driver
+    finally:
+        driver.quit()
+
+
+def _resize(driver: webdriver.Chrome, width: int, height: int) -> None:
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+
+
+def _open(driver: webdriver.Chrome, port: int) -> None:
+    while True:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        time.sleep(0.2)
+    driver.get(f"http://127.0.0.1:{port}/")
+
+
+def _run(driver: webdriver.Chrome, script: str) -> object:
+    return driver.execute_script(script)
+
+
+def _wait(driver: webdriver.Chrome, expression: str, seconds: float = 30.0) -> None:
+    end_s = time.monotonic() + seconds
+    while not _run(driver, f"return Boolean({expression})"):
+        if time.monotonic() > end_s:
+            raise TimeoutError(expression)
+        time.sleep(0.1)
