@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
 import signal
+from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 import pytest
 from harness.line_process import LineProcess
@@ -244,3 +246,76 @@ def test_the_statuses_of_all_robots_are_served_on_one_port(robot_health: Start, 
         await watched.close()
 
     run()
+
+
+def test_robots_that_misbehave_do_not_affect_another_one(robot_health: Start, tmp_path: Path) -> None:
+    """They flood, send huge messages, lie about types, never answer, and close every connection."""
+    from harness.rosbridge_client import ForeignServer, scenario, until
+
+    thresholds = tmp_path / "watch.yaml"
+    thresholds.write_text(
+        "alert_system: {ros__parameters: {signals: {battery_level: {type: std_msgs/Float32, warn_below: 20.0, "
+        "stale_after_s: 5.0, startup_grace_s: 20.0}}}}\n"
+    )
+    small = json.dumps({"op": "publish", "topic": "/battery_level", "msg": {"data": 50.0}})
+    huge = json.dumps({"op": "publish", "topic": "/battery_level", "msg": {"data": 50.0, "padding": "A" * 3_000_000}})
+    lie = json.dumps({"op": "publish", "topic": "/battery_level", "msg": {"data": {"data": ["x"] * 1000}}})
+
+    @scenario
+    async def run() -> None:
+        sent = {"flood": 0, "huge": 0, "lie": 0}
+
+        def sending(name: str, text: str) -> Any:
+            async def send(socket: Any) -> None:
+                async def repeat() -> None:
+                    while not socket.closed:
+                        await socket.send_str(text)
+                        sent[name] += 1
+                        await asyncio.sleep(0)
+
+                tasks.append(asyncio.ensure_future(repeat()))
+
+            return send
+
+        async def close(socket: Any) -> None:
+            await socket.close()
+
+        tasks: List[Any] = []
+        servers = {name: ForeignServer() for name in ("flood", "huge", "lie", "closes", "good")}
+        servers["flood"].on_connect = sending("flood", small)
+        servers["huge"].on_connect = sending("huge", huge)
+        servers["lie"].on_connect = sending("lie", lie)
+        servers["closes"].on_connect = close
+        mute = await asyncio.start_server(lambda reader, writer: None, "127.0.0.1", 0)
+        urls = [f"{name}={await server.start()}" for name, server in servers.items()]
+        urls.append(f"mute=ws://127.0.0.1:{mute.sockets[0].getsockname()[1]}")
+        watcher = robot_health("connect", *urls, "--thresholds", thresholds, "--json")
+        good = servers["good"]
+        await until(lambda: any(fields.get("topic") == "/battery_level" for fields in good.received))
+        await until(lambda: all(count > 5 for count in sent.values()))
+
+        loop = asyncio.get_event_loop()
+        for value, level in ((15.0, "WARN"), (50.0, "OK")):
+            await good.publish("/battery_level", {"data": value})
+            wanted = partial(_contains, ('"robot": "good"', f'"to_level": "{level}"'))
+            await loop.run_in_executor(None, watcher.wait_for_line, wanted)
+        assert len(good.requests) == 1
+        watcher.signal()
+        assert await loop.run_in_executor(None, watcher.wait) == 0
+        events = [json.loads(line.text) for line in watcher.lines if line.stream == "out"]
+        assert [(event["signal"], event["to_level"]) for event in events if event["robot"] == "good"] == [
+            ("battery_level", "WARN"),
+            ("battery_level", "OK"),
+        ]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        mute.close()
+        for server in servers.values():
+            await server.close()
+
+    run()
+
+
+def _contains(words: Sequence[str], line: str) -> bool:
+    return all(word in line for word in words)
