@@ -33,7 +33,7 @@ LATEST_TICK_S = 6.0
 _READ_TIMEOUT_S = 5.0
 _ROBOTS_AT_ONCE = 10
 """Robots that are read without a pause for others in the same loop."""
-_KEPT_S = 0.5
+_KEPT_S = 0.2
 """How long an answer of `/api/state` serves further requests, in s."""
 
 Result = TypeVar("Result")
@@ -151,7 +151,10 @@ class WebInterface:
     def _changing_route(self, handler: Callable[[Json], Awaitable[object]]) -> Handler:
         async def handle(request: web.Request) -> web.StreamResponse:
             check_same_origin(request)
-            return json_response(await handler(await read_object(request)))
+            answer = await handler(await read_object(request))
+            self._answers.clear()
+            self.updates.note_change()
+            return json_response(answer)
 
         return self._reading_route(handle)
 
@@ -201,7 +204,8 @@ class WebInterface:
             answer = self._answers[key] = asyncio.ensure_future(self._encode_state(robot, window))
 
             def forget() -> None:
-                self._answers.pop(key, None)
+                if self._answers.get(key) is answer:
+                    del self._answers[key]
 
             loop = asyncio.get_event_loop()
             answer.add_done_callback(lambda done: loop.call_later(_KEPT_S, forget))
@@ -288,14 +292,11 @@ class WebInterface:
 
     async def _add_silence(self, body: Json) -> object:
         silences = self._require_silences()
-        silence = await self._worker.run(lambda: new_silence(silences, body))
-        self.updates.note_change()
-        return {"silence": silence_json(silence)}
+        return {"silence": silence_json(await self._worker.run(lambda: new_silence(silences, body)))}
 
     async def _expire_silence(self, body: Json) -> object:
         silences = self._require_silences()
         await self._worker.run(lambda: expire_silence(silences, body))
-        self.updates.note_change()
         return {"ok": True}
 
     def _require_silences(self) -> SilenceSource:
@@ -305,9 +306,7 @@ class WebInterface:
 
     async def _reset(self, body: Json) -> object:
         alert_system = self._robot(body.get("robot"))
-        message = await self._read(alert_system.reset)
-        self.updates.note_change()
-        return {"message": message}
+        return {"message": await self._read(alert_system.reset)}
 
     # Metrics and health
 

@@ -98,6 +98,7 @@ def test_requests_at_the_same_time_share_one_answer(monkeypatch: pytest.MonkeyPa
             return await read(robot, window)
 
         monkeypatch.setattr(site.web, "_read_state", count)
+        monkeypatch.setattr("robot_health_monitor.ops.web.interface._KEPT_S", 60.0)
         answers = await asyncio.gather(*(site.get("/api/state") for _ in range(100)))
         assert {status for status, _ in answers} == {200}
         assert readings == [""]
@@ -219,8 +220,10 @@ def test_without_a_token_a_name_that_is_not_loopback_is_refused() -> None:
 def test_reset_clears_latched_alerts() -> None:
     async def use(site: Site) -> None:
         site.robots.observe(50.0)
+        assert (await site.get("/api/state"))[1]["worst"] == "WARN"
         assert await site.post("/api/reset", {"robot": "atlas"}) == (200, {"message": "reset: battery_level"})
         assert site.robots.all[0].monitor.report(101.0).overall is Level.OK
+        assert (await site.get("/api/state"))[1]["worst"] == "OK"
         assert await site.post("/api/reset", {"robot": "spot"}) == (404, {"error": "there is no robot spot"})
         assert (await site.post("/api/reset", {}))[0] == 404
         assert (await site.post("/api/reset", {"robot": ["atlas"]}))[0] == 404
