@@ -14,7 +14,12 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 pytest.importorskip("selenium", reason="selenium, which drives the browser, is not installed")
 
 from selenium import webdriver
-from selenium.common.exceptions import StaleElementReferenceException
+from selenium.common.exceptions import (
+    ElementClickInterceptedException,
+    ElementNotInteractableException,
+    NoSuchElementException,
+    StaleElementReferenceException,
+)
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
@@ -97,7 +102,12 @@ class Browser:
             element.click()
             return True
 
-        ignored = [StaleElementReferenceException]
+        ignored = [
+            ElementClickInterceptedException,
+            ElementNotInteractableException,
+            NoSuchElementException,
+            StaleElementReferenceException,
+        ]
         WebDriverWait(self.driver, WAIT_S, 0.05, ignored).until(click)
 
     def type(self, selector: str, text: str) -> None:
