@@ -16,6 +16,8 @@ from harness.line_process import LineProcess
 
 pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
 
+from robot_health_monitor.ops.history.reader import HistoryReader
+
 Start = Callable[..., LineProcess]
 
 THRESHOLDS = """
@@ -319,3 +321,18 @@ def test_robots_that_misbehave_do_not_affect_another_one(robot_health: Start, tm
 
 def _contains(words: Sequence[str], line: str) -> bool:
     return all(word in line for word in words)
+
+
+def test_with_an_ops_yaml_the_robots_share_one_history(robot_health: Start, tmp_path: Path, free_port: int) -> None:
+    (tmp_path / "ops.yaml").write_text("history: {file: history.db}\nserver: {port: 0}\n")
+    addresses = [f"{name}=ws://127.0.0.1:{free_port}" for name in ("a", "b")]
+    process = robot_health("connect", *addresses, "--ops", tmp_path / "ops.yaml")
+    process.wait_for_text(f"connect: operations: history in {tmp_path}/history.db; server")
+    process.wait_for_text("serving on ws://127.0.0.1:")
+    for _ in addresses:
+        process.wait_for_text(": link ERROR: ")
+    process.signal()
+    assert process.wait() == 0
+    with HistoryReader(tmp_path / "history.db") as reader:
+        found = [(each.robot, each.signal, each.to_level.name) for each in reader.transitions()]
+    assert sorted(found) == [("a", "link", "ERROR"), ("b", "link", "ERROR")]
