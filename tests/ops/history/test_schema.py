@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sqlite3
+from pathlib import Path
 
 import pytest
+from harness.histories import opened
 
 from robot_health_monitor.ops.history import schema
 
@@ -31,3 +33,58 @@ def test_another_database_is_refused() -> None:
     connection.execute("CREATE TABLE songs (title)")
     with pytest.raises(schema.UnknownSchemaError, match="an SQLite database, but not a history"):
         schema.prepare(connection)
+
+
+def older(connection: sqlite3.Connection) -> None:
+    """Makes a history of the version before the current one: without the column `robot` of resets."""
+    schema.prepare(connection)
+    connection.execute("INSERT INTO resets (wall_s, robot) VALUES (5.0, 'r1')")
+    connection.execute("ALTER TABLE resets RENAME TO new_resets")
+    connection.execute("CREATE TABLE resets (id INTEGER PRIMARY KEY AUTOINCREMENT, wall_s REAL NOT NULL)")
+    connection.execute("INSERT INTO resets SELECT id, wall_s FROM new_resets")
+    connection.execute("DROP TABLE new_resets")
+
+
+def add_robot(connection: sqlite3.Connection) -> None:
+    """Migrates what `older` makes."""
+    connection.execute("ALTER TABLE resets ADD COLUMN robot TEXT NOT NULL DEFAULT ''")
+
+
+def test_an_older_version_is_migrated_once_and_keeps_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "history.db"
+    connection = sqlite3.connect(path, isolation_level=None)
+    older(connection)
+    connection.close()
+    monkeypatch.setattr(schema, "SCHEMA_VERSION", schema.SCHEMA_VERSION + 1)
+    monkeypatch.setattr(schema, "_MIGRATIONS", {schema.SCHEMA_VERSION - 1: add_robot})
+    connection = sqlite3.connect(path, isolation_level=None)
+    with pytest.raises(schema.UnknownSchemaError, match="an older version of the monitor, which has to open it once"):
+        schema.require_known(connection)
+    connection.close()
+    for _ in range(2):
+        history = opened(path)
+        assert history.run(lambda database: database.execute("SELECT wall_s, robot FROM resets").fetchall()) == [
+            (5.0, "")
+        ]
+        history.close()
+    connection = sqlite3.connect(path)
+    assert connection.execute("PRAGMA user_version").fetchone() == (schema.SCHEMA_VERSION,)
+    connection.close()
+
+
+def test_a_migration_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    connection = sqlite3.connect(tmp_path / "history.db", isolation_level=None)
+    older(connection)
+    version = schema.SCHEMA_VERSION
+    before = connection.execute("SELECT sql FROM sqlite_master ORDER BY name").fetchall()
+
+    def fail(database: sqlite3.Connection) -> None:
+        add_robot(database)
+        database.execute("INSERT INTO missing VALUES (1)")
+
+    monkeypatch.setattr(schema, "SCHEMA_VERSION", version + 1)
+    monkeypatch.setattr(schema, "_MIGRATIONS", {version: fail})
+    with pytest.raises(sqlite3.Error, match="no such table: missing"):
+        schema.prepare(connection)
+    assert connection.execute("SELECT sql FROM sqlite_master ORDER BY name").fetchall() == before
+    assert connection.execute("PRAGMA user_version").fetchone() == (version,)
