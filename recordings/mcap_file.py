@@ -70,7 +70,9 @@ class McapFile(ChunkedFile):
             self._check_summary(file)
             file.seek(0)
             summary = make_reader(file).get_summary()
-        except (*self.DAMAGE, MemoryError):
+        except MemoryError:
+            return "its summary is damaged"
+        except self.DAMAGE:
             return "its summary is damaged"
         statistics = summary and summary.statistics
         if not summary or not statistics or len(summary.channels) != statistics.channel_count:

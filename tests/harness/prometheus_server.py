@@ -31,7 +31,7 @@ class PrometheusServer:
 
         Args:
             folder: for its files.
-            target: `host:port` to scrape, every 0.2 s, at /metrics.
+            target: `host:port` to scrape, every 0.5 s, at /metrics.
             rules: a rule file, evaluated every 0.2 s.
             authorization: bearer token to present to the target.
         """
@@ -44,7 +44,7 @@ class PrometheusServer:
         if authorization is not None:
             job["authorization"] = {"credentials": authorization}
         config = {
-            "global": {"scrape_interval": "200ms", "scrape_timeout": "200ms", "evaluation_interval": "200ms"},
+            "global": {"scrape_interval": "500ms", "scrape_timeout": "500ms", "evaluation_interval": "200ms"},
             "rule_files": ["rules.yaml"],
             "scrape_configs": [job],
         }
