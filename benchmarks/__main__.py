@@ -2,7 +2,7 @@
 
     make bench                     everything that can run here
     make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
-                                   recordings, notifications, web, fleet
+                                   recordings, history, notifications, web, fleet
 
 Exit code 1 when a requirement is missed.
 """
@@ -60,6 +60,13 @@ def recordings() -> Iterator[Row]:
     yield from recordings_cost.rows()
 
 
+def history() -> Iterator[Row]:
+    """Time and memory of a long history."""
+    from benchmarks import history_cost
+
+    yield from history_cost.rows()
+
+
 def notifications() -> Iterator[Row]:
     """Time from a sample to its alert, with history and notifications."""
     from benchmarks import notifications_cost
@@ -72,6 +79,13 @@ def web() -> Iterator[Row]:
     from benchmarks import web_cost
 
     yield from web_cost.rows()
+
+
+def fleet() -> Iterator[Row]:
+    """CPU time and memory of 200 robots that are watched by one process."""
+    from benchmarks import fleet_cost
+
+    yield from fleet_cost.rows()
 
 
 def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
@@ -90,13 +104,6 @@ def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> I
             yield Row(f"{name}, {what}", "", remark=str(problem))
 
 
-def fleet() -> Iterator[Row]:
-    """CPU time and memory of 200 robots that are watched by one process."""
-    from benchmarks import fleet_cost
-
-    yield from fleet_cost.rows()
-
-
 PARTS = {
     "observe": observe,
     "messages": messages,
@@ -104,6 +111,7 @@ PARTS = {
     "footprint": footprint,
     "rosbridge": rosbridge,
     "recordings": recordings,
+    "history": history,
     "notifications": notifications,
     "web": web,
     "fleet": fleet,
