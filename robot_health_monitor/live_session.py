@@ -127,8 +127,9 @@ async def _show(
     end_s = float("inf") if duration_s is None else loop.time() + duration_s
     while not output.reader_is_gone:
         output.show(watched)
-        # One robot's failure must not restart the monitors of the others.
-        service_manager.alive(min((system.tick_age_s for system in watched.alert_systems), default=0.0))
+        if service_manager.watchdog_period_s is not None:
+            # One robot's failure must not restart the monitors of the others.
+            service_manager.alive(min((system.tick_age_s for system in watched.alert_systems), default=0.0))
         _report_problem(output, watched.faults)
         if loop.time() >= end_s:
             return True

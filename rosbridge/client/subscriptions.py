@@ -114,7 +114,9 @@ class Subscriptions:
         """Asks the server for the types of topics subscribed to without one. Runs until it is cancelled."""
         while True:
             await asyncio.sleep(_TYPE_PERIOD_S)
-            await asyncio.gather(*(self._find_type(topic) for topic in tuple(self._untyped)), return_exceptions=True)
+            if self._untyped:
+                topics = tuple(self._untyped)
+                await asyncio.gather(*(self._find_type(topic) for topic in topics), return_exceptions=True)
 
     def _send_subscribe(self, topic: str) -> None:
         type_name = self._types[topic]
