@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from importlib import metadata
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -23,6 +22,8 @@ def package_version() -> str:
             continue
         if found:
             return found.strip()
+    from importlib import metadata  # takes 0.7 MB, and package.xml is installed nearly everywhere
+
     try:
         return metadata.version(_NAME)
     except metadata.PackageNotFoundError:

@@ -165,13 +165,18 @@ def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts,
         KeyboardInterrupt: a signal has come.
     """
     from robot_health_monitor.core.errors import ConfigError
-    from robot_health_monitor.core.nodes import Aggregator, BatterySensor
+    from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 
     def start_alert_system(middleware: Middleware) -> Any:
-        from .operations import configured_ops, open_operations
+        parameters = middleware.given_parameters()
+        if parameters.get("ops") or parameters.get("rosbridge_port"):
+            # Imported only where they are used: they take a megabyte of a small robot's memory.
+            from .operations import configured_ops, open_operations
 
-        running.operations = open_operations(configured_ops(middleware.given_parameters()))
-        running.alert_system = running.operations.start_only(middleware)
+            running.operations = open_operations(configured_ops(parameters))
+            running.alert_system = running.operations.start_only(middleware)
+        else:
+            running.alert_system = AlertSystem(middleware)
         return running.alert_system
 
     starts: Dict[str, Callable[[Middleware], Any]] = {
@@ -188,8 +193,9 @@ def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts,
             node = starts[name](middleware)
         except ConfigError as error:
             raise (error if error.file else process.locate(error, middleware)) from None
-        if name == "alert_system" and (running.operations.server or node.monitor.config.rosbridge_port):
-            running.server = _serve(process, node, middleware, running.operations)
+        operations = running.operations if name == "alert_system" else None
+        if operations is not None and (operations.server or node.monitor.config.rosbridge_port):
+            running.server = _serve(process, node, middleware, operations)
 
 
 def _keep_alive(middleware: Middleware, alert_system: Optional[Any], service_manager: ServiceManager) -> None:

@@ -7,7 +7,6 @@ Elsewhere, nothing is sent.
 from __future__ import annotations
 
 import os
-import socket
 import time
 from typing import Callable, MutableMapping, Optional
 
@@ -62,6 +61,8 @@ class ServiceManager:
     def _send(self, state: str) -> None:
         if not self._address:
             return
+        import socket  # takes 0.3 MB, and most processes are not started by systemd
+
         # "@name" is a name in Linux's abstract namespace, which begins with a zero byte.
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
         try:
