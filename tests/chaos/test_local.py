@@ -62,7 +62,7 @@ class Hostile:
                         connection.settimeout(0.2)
                         connection.recv(100)
             except OSError:
-                time.sleep(0.01)
+                self._ended.wait(0.01)
 
 
 def garbage(chance: random.Random) -> bytes:

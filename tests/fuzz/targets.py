@@ -8,6 +8,7 @@ import json
 import math
 import random
 import tempfile
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, Dict, List, Sequence, Tuple, Type
 
@@ -43,7 +44,7 @@ FILES = [file.read_bytes() for file in sorted((ROOT / "config").glob("*.yaml"))]
 TREES = [yaml.safe_load(data) for data in FILES]
 
 
-class Target:
+class Target(ABC):
     """One thing to fuzz."""
 
     name = ""
@@ -51,20 +52,20 @@ class Target:
     """What it may raise."""
     longest_error = 600
 
+    @abstractmethod
     def make(self, chance: random.Random) -> Any:
         """Makes the input of a case."""
-        raise NotImplementedError
 
+    @abstractmethod
     def use(self, data: Any) -> None:
         """Uses the input. It fails if an error other than `errors` leaves it."""
-        raise NotImplementedError
 
     def allowed(self, data: Any) -> Work:
         """Returns the allowed work for the input."""
         size = size_of(data)
         return Work(5_000 + 300 * size, 1_000_000 + 1_000 * size)
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most targets open nothing
         """Ends what it has opened."""
 
 
