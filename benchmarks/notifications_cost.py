@@ -136,7 +136,7 @@ class _Process:
 
 
 class _AlertSystem:
-    """An alert_system alone on a bus of its own."""
+    """An alert_system alone on a separate bus."""
 
     def __init__(self, make_history: Optional[Callable[[str, Faults], Any]] = None) -> None:
         self._log_s = self._alert_s = self._now_s = 0.0

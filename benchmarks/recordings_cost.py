@@ -1,6 +1,6 @@
 """CPU time and memory of a replay, compared with rosbags reading the same recordings.
 
-Every contestant runs in a process of its own, one after the other. Parts of the table:
+Every contestant runs in a separate process, one after the other. Parts of the table:
 
 - a million Float32 samples on three topics: `robot-health replay`, judging included, against rosbags' AnyReader
   deserializing the same messages; and the memory of a replay of a tenth of them;

@@ -1,6 +1,6 @@
 """CPU per delivered message and loss of the rosbridge server, compared with a bare aiohttp broadcast.
 
-Both servers live all the time, each with clients of its own that only count, and send in turn, a slice each, round
+Both servers live all the time, each with separate clients that only count, and send in turn, a slice each, round
 after round. What is compared is the CPU time of the whole server process within a slice, pacing included, divided by
 the messages that were to be delivered.
 """

@@ -17,7 +17,7 @@ _Result = TypeVar("_Result")
 
 
 async def run_in_daemon_thread(function: Callable[[], _Result]) -> _Result:
-    """Returns the result of a function that is called in a thread of its own.
+    """Returns the result of a function that is called in a separate thread.
 
     Cancelling the wait abandons the thread.
 

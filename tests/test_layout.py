@@ -20,7 +20,7 @@ TESTED_ELSEWHERE = {
     "robot_health_monitor/ros1_executables.py": "needs ROS 1: tests/ros1/test_executables.py",
     "robot_health_monitor/ros2_executables.py": "needs ROS 2: tests/ros2/test_executables.py",
 }
-"""Modules without a test file of their own, with the reason."""
+"""Modules without a test file, with the reason."""
 
 
 def modules() -> List[Path]:

@@ -191,7 +191,7 @@ class _Rules:
         lines = _alert(
             self._signal.name, "ERROR", f"{self._metric('data_valid')} == 0", "invalid data", self._signal.invalid_for_s
         )
-        # Without a label of its own it would be the alert of the bound: Prometheus keeps one per set of labels.
+        # A further label: Prometheus keeps one alert per set of labels, and the bound has the others.
         return [line.replace("severity:", 'cause: "invalid data", severity:') for line in lines]
 
     def _stale(self) -> List[str]:

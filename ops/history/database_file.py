@@ -146,7 +146,7 @@ def require_regular_file(path: str) -> None:
 
 
 def _require_history_or_nothing(path: str) -> None:
-    """Protects files that somebody named by mistake: a damaged history is renamed, other files must not be.
+    """Protects files that were named by mistake: a damaged history is renamed, other files must not be.
 
     Raises:
         NotAHistoryError: it is another file.
@@ -196,7 +196,7 @@ def _identity(path: str) -> object:
 
 
 class _Sync:
-    """The thread that flushes the log to the disk, with a connection of its own."""
+    """The thread that flushes the log to the disk, with its own connection."""
 
     def __init__(self, path: str) -> None:
         self._path = path

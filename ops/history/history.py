@@ -81,7 +81,7 @@ class History:
         return RobotHistory(self, robot, faults)
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a function in the writer's thread, in a transaction of its own. Not for the path of an alert.
+        """Runs a function in the writer's thread, in a separate transaction. Not for the path of an alert.
 
         Args:
             function: receives the connection; must not keep it.
@@ -94,7 +94,7 @@ class History:
         return self._writer.run(function, timeout_s)
 
     def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a query: on a connection of its own for a file, else in the writer's thread.
+        """Runs a query: on a separate connection for a file, else in the writer's thread.
 
         Raises:
             ServiceError: the database failed, or did not answer in time.

@@ -30,7 +30,7 @@ class Job(Generic[Result]):
 
         Args:
             function: what to run. It runs again if the database has to be replaced.
-            is_foreign: a function of another module: in a transaction of its own, and its mistakes are its own.
+            is_foreign: a function of another module: in a separate transaction; its errors go to the caller.
         """
         self.function = function
         self.is_foreign = is_foreign
@@ -84,7 +84,7 @@ class Writer:
             job.done.wait(timeout_s)
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float) -> Result:
-        """Runs a function in a transaction of its own and returns its result.
+        """Runs a function in a separate transaction and returns its result.
 
         Raises:
             ServiceError: it failed in the database, or did not end in time.

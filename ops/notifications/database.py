@@ -17,7 +17,7 @@ class Database(Protocol):
     """`ops.history.History`, as far as it is used here."""
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
-        """Runs a function in the writer thread, in a transaction of its own.
+        """Runs a function in the writer thread, in a separate transaction.
 
         Raises:
             ServiceError: the database failed, or did not answer in time.

@@ -1,6 +1,6 @@
 """What a browser sees of the monitor: the web page, the HTTP API behind it (docs/api.md), metrics and health check.
 
-Only `aiohttp` routes: whoever has a server serves them.
+Only `aiohttp` routes: the caller serves them.
 """
 
 from .interface import WebInterface

@@ -26,7 +26,7 @@ _GAP = 2
 _WIDEST_ROBOT, _WIDEST_SIGNAL = 20, 24
 _NARROW_NAME, _NARROWEST_NAME = 14, 10
 _MIN_REASON = 28
-"""Narrowest column for the reason, in cells; in less room it has lines of its own."""
+"""Narrowest column for the reason, in cells; in less room it has separate lines."""
 _MOST_REASON_LINES = 6
 _INDENT = "  "
 _DAY_S = 86_400.0

@@ -19,7 +19,7 @@ __all__ = ["HostLookup"]
 
 
 class HostLookup(AbstractResolver):
-    """The look-ups of one connection: one at a time, each in a thread of its own."""
+    """The look-ups of one connection: one at a time, each in a separate thread."""
 
     def __init__(self) -> None:
         """Starts without a look-up."""
