@@ -265,7 +265,7 @@ class AlertSystem:
         self._self_monitor.note_tick(now_s)
         self._announce(self.monitor.tick(now_s), now_s)
         if self._continuity is not None:
-            self._continuity.save(now_s)
+            self._middleware.faults.guard("storing the state", self._continuity.save, now_s)
 
     def _check(self, now_s: float) -> None:
         """Runs on steady time."""
@@ -289,8 +289,8 @@ class AlertSystem:
         for text in changes.notices:
             self.outlets.emit(Notice(now_s, Severity.INFO, text))
         for transition in changes:
-            if self._continuity is not None:
-                self._continuity.record(transition)
+            if self._continuity is not None:  # no failure of a history may keep an alert from the outlets
+                self._middleware.faults.guard("storing an alert", self._continuity.record, transition)
             self.outlets.emit(transition)
 
     def _log(self, event: Event) -> None:

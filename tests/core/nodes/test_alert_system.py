@@ -444,3 +444,36 @@ def test_a_silenced_signal_says_so_and_is_counted(stage: Stage) -> None:
     stage.bus.call_service("/alert_system/reset")
     stage.bus.run_until(2.0)
     assert values_of(status(arrays[-1], "alert_system: monitor"))["silenced"] == "0"
+
+
+class FailingHistory:
+    """A history whose every write raises."""
+
+    is_kept = True
+
+    def wall_s(self) -> float:
+        return 1000.0
+
+    def restore(self) -> Mapping[str, Any]:
+        return {}
+
+    def record_configuration(self, text: str) -> None:
+        pass
+
+    def record(self, *_: object) -> None:
+        raise OSError("no space left")
+
+    save = record_reset = record
+
+
+def test_a_history_that_raises_keeps_no_alert_from_the_outlets_and_stops_no_tick() -> None:
+    bus = LocalBus()
+    seen: List[Event] = []
+    parameters = {"signals": {"battery_level": {"warn_below": 20.0, "stale_after_s": 5.0}}}
+    node = bus.node("alert_system", parameters=parameters)
+    alert_system = AlertSystem(node, {"seen": seen.append}, history=FailingHistory())
+    alert_system.observe(Sample("battery_level", 15.0, 0.0))
+    bus.run_until(7.0)
+
+    assert [event.to_level for event in seen if isinstance(event, Transition)] == [Level.WARN, Level.STALE]
+    assert "OSError: no space left" in {fault.text for fault in node.faults.current().values()}
