@@ -15,7 +15,7 @@ from robot_health_monitor.core.transition_json import json_line
 
 from .output.events import Entry
 from .output.plain import plain_line
-from .replay_table import plain_table, rich_table
+from .replay_table import plain_table, rich_tables
 
 _STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "magenta"}
 _REFRESH_S = 0.1
@@ -45,7 +45,15 @@ class ReplayOutput:
             from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
             columns = (TextColumn("judging"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-            self._progress = Progress(*columns, console=self._console, transient=True, auto_refresh=False)
+            # Redirecting would send the alerts to this terminal even if stdout is a file or a pipe.
+            self._progress = Progress(
+                *columns,
+                console=self._console,
+                transient=True,
+                auto_refresh=False,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
             self._task = self._progress.add_task("judging", total=1.0)
             self._progress.start()
         return self
@@ -88,8 +96,8 @@ class ReplayOutput:
 
     def warn(self, text: str) -> None:
         """Writes a line to stderr."""
-        if self._progress is not None and self._stdout_is_terminal and _is_terminal(sys.stderr):
-            self._print(text, "yellow")  # the progress bar is on the same terminal
+        if self._progress is not None and _is_terminal(sys.stderr):
+            self._print(text, "yellow")  # above the progress bar, which is on this terminal
             return
         sys.stdout.flush()
         sys.stderr.write(f"{printable(text)}\n")
@@ -98,8 +106,9 @@ class ReplayOutput:
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], last_line: str) -> None:
         """Writes the table, with a line below it."""
         if self._stdout_is_terminal and self._console is not None and not self._as_json:
-            self._console.print()
-            self._console.print(rich_table(head, rows))
+            for table in rich_tables(head, rows, self._console.width):
+                self._console.print()
+                self._console.print(table)
             self._print(last_line, "bold")
             return
         stream = sys.stderr if self._as_json else sys.stdout

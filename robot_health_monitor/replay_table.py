@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, List, Optional, Sequence
+from typing import TYPE_CHECKING, Iterator, List, Sequence
 
 from robot_health_monitor.core.formatting import duration_text, number_text, printable, with_unit
 from robot_health_monitor.core.model import Level
@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from robot_health_monitor.recordings.judging import SignalSummary
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
+_NOT_RECORDED = "not recorded"
+_GAP = 2
+"""Blanks between columns."""
 _NUMBERS = ("samples", "bad", *(level.name for level in _LEVELS), "alerts", "min", "mean", "max", "longest gap")
 
 
@@ -27,7 +30,7 @@ def row(summary: SignalSummary, several_files: bool) -> List[str]:
     """Returns the cells of one signal, in the order of `header`."""
     names = [summary.config.name, *([summary.file] if several_files else [])]
     if not summary.recorded:
-        return [*names, "not recorded", *[""] * (len(_NUMBERS) - 1)]
+        return [*names, _NOT_RECORDED, *[""] * (len(_NUMBERS) - 1)]
     statistics = summary.statistics
     shares = [_share_text(summary.shares.get(level, 0.0)) if summary.shares else "-" for level in _LEVELS]
     range_texts = [
@@ -52,19 +55,46 @@ def plain_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]
     return ["  ".join(cells).rstrip() for cells in aligned]
 
 
-def rich_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> object:
-    """Returns a table for rich."""
+def rich_tables(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> List[object]:
+    """Returns the table for rich, in several parts if it is wider than the terminal; each begins with the texts.
+
+    Args:
+        head: heads of the columns.
+        rows: cells of each row.
+        width: columns of the terminal.
+    """
+    from rich.cells import cell_len
     from rich.table import Table
     from rich.text import Text
 
+    lines = [[printable(cell) for cell in line] for line in (head, *rows)]
+    widths = [_GAP + max(cell_len(line[at]) for line in lines) for at in range(len(head))]
     texts = len(head) - len(_NUMBERS)
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
-    for at, name in enumerate(head):
-        table.add_column(name, justify="left" if at < texts else "right")
-    for cells in rows:
-        style: Optional[str] = "dim" if "not recorded" in cells else None
-        table.add_row(*(Text(printable(cell)) for cell in cells), style=style)
-    return table
+    parts: List[object] = []
+    for numbers in _parts(widths[texts:], width - sum(widths[:texts])):
+        table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
+        for name in lines[0][:texts]:
+            table.add_column(name, overflow="fold")
+        for name in lines[0][texts:][numbers]:
+            table.add_column(name, justify="right", no_wrap=True)
+        for line in lines[1:]:
+            cells = line[texts:][numbers]
+            if any(cells):
+                style = "dim" if _NOT_RECORDED in cells else None
+                table.add_row(*map(Text, line[:texts] + cells), style=style)
+        parts.append(table)
+    return parts
+
+
+def _parts(widths: Sequence[int], room: int) -> Iterator[slice]:
+    """Yields successive columns that fit into a width, at least one at a time."""
+    start = used = 0
+    for at, width in enumerate(widths):
+        if used and used + width - _GAP > room:
+            yield slice(start, at)
+            start, used = at, 0
+        used += width
+    yield slice(start, len(widths))
 
 
 def _share_text(share: float) -> str:

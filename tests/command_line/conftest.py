@@ -6,7 +6,7 @@ import os
 import socket
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Dict, Iterator, List, Optional
 
 import pytest
 from harness.line_process import LineProcess
@@ -77,14 +77,27 @@ def robot_health(command: List[str], environment: Dict[str, str]) -> Iterator[Ca
 
 @pytest.fixture
 def on_terminal(command: List[str], environment: Dict[str, str]) -> Iterator[Callable[..., Any]]:
-    """Returns a function that starts `robot-health` on a terminal: (arguments, columns, lines, full, variables)."""
+    """Returns a function that starts `robot-health` on a terminal.
+
+    Its arguments: those of the program; `columns`, `lines` and `full` of the terminal; `stdout`, a file that gets the
+    output instead; and variables.
+    """
     pytest.importorskip("pyte", reason="pyte, which keeps the screen, is not installed")
     from harness import terminal_process
 
     started: List[Any] = []
 
-    def start(*arguments: object, columns: int = 80, lines: int = 24, full: bool = False, **variables: str) -> Any:
+    def start(
+        *arguments: object,
+        columns: int = 80,
+        lines: int = 24,
+        full: bool = False,
+        stdout: Optional[Path] = None,
+        **variables: str,
+    ) -> Any:
         words = [*command, *(str(argument) for argument in arguments)]
+        if stdout is not None:
+            words = ["sh", "-c", 'exec "$@" > "$0"', str(stdout), *words]
         options: Any = {"columns": columns, "lines": lines, "full": full}
         started.append(terminal_process.TerminalProcess(words, {**environment, **variables}, **options))
         return started[-1]

@@ -53,3 +53,30 @@ def test_json_on_a_terminal_is_one_line_per_object(tmp_path: Path, on_terminal: 
     (line,) = [line for line in program.bytes.decode().splitlines() if '"signal"' in line]
     assert '"to_level": "WARN"' in line
     assert line.rstrip().endswith("}")
+
+
+def test_alerts_go_to_the_file_of_stdout_while_the_progress_bar_is_on_the_terminal(
+    tmp_path: Path, on_terminal: Callable[..., Any]
+) -> None:
+    alerts = tmp_path / "alerts.txt"
+    program = on_terminal(*replay(tmp_path, [50.0] * 20 + [10.0]), stdout=alerts, TZ="UTC")
+    assert program.wait() == 1
+    assert alerts.read_text(encoding="utf-8").splitlines()[0] == (
+        "2023-11-14 22:13:22 battery WARN: 10 % is below 20 % (was OK for 2 s)"
+    )
+    assert b"judging" in program.bytes
+    assert b"WARN" not in program.bytes
+
+
+def test_a_narrow_terminal_gets_the_table_in_parts(tmp_path: Path, on_terminal: Callable[..., Any]) -> None:
+    program = on_terminal(*replay(tmp_path, [50.0] * 20 + [10.0] * 20), columns=64, TZ="UTC")
+    assert program.wait() == 1
+    assert program.rows[-7:] == [
+        "signal        samples  bad      OK    WARN  ERROR  STALE  alerts",
+        "battery            40    0  51.3 %  48.7 %    0 %    0 %       1",
+        "gps      not recorded",
+        "",
+        "signal    min  mean   max  longest gap",
+        "battery  10 %  30 %  50 %        0.1 s",
+        "1 alert",
+    ]
