@@ -40,7 +40,7 @@ def rows(target: Target, measure_s: float = MEASURE_S) -> Iterator[Row]:
         resident_mb = {name: process.resident_mb() for name, process in processes.items()}
         own_mb = {name: process.own_mb() for name, process in processes.items()}
 
-    for what, found in (("resident memory", resident_mb), ("private memory (USS)", own_mb)):
+    for what, found in (("resident memory", resident_mb), ("private memory", own_mb)):
         for name, megabytes in found.items():
             ratio = megabytes / found[EMPTY]
             required = MEMORY_AT_MOST if name == COMPOSED else None

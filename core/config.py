@@ -6,7 +6,6 @@ for a file, file and line.
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 import re
@@ -374,6 +373,8 @@ def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
     below = tree.get(node)
     if not isinstance(below, Mapping) or _has_sections(below, 1):
         return
+    import difflib  # only for mistakes: it takes memory in every node
+
     for key in list(below)[:100]:
         if difflib.get_close_matches(str(key)[:60], ["ros__parameters"]):
             raise ConfigError("unknown key; did you mean ros__parameters, with two underscores?", (node, str(key)))

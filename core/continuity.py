@@ -6,7 +6,6 @@ restart".
 
 from __future__ import annotations
 
-import json
 from typing import Any, Dict, Mapping, Protocol, Sequence, Tuple
 
 from .model import Changes, Transition
@@ -58,8 +57,12 @@ class SignalHistory(Protocol):
     def record_reset(self) -> None:
         """Stores that latches were cleared; returns at once."""
 
-    def record_configuration(self, text: str) -> None:
-        """Stores the configuration in force, as JSON; returns at once."""
+    def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
+        """Stores the configuration in force; returns at once.
+
+        Args:
+            configuration: the given settings of each signal by its name, those of the node under the empty name.
+        """
 
 
 class Continuity:
@@ -139,11 +142,12 @@ class Continuity:
         Args:
             sections: the settings of each signal by its name, those of the node under the empty name.
         """
-        given = {
-            name: {key: value for key, value in section.items() if value is not None}
-            for name, section in sections.items()
-        }
-        self._history.record_configuration(json.dumps(given, default=str))
+        self._history.record_configuration(
+            {
+                name: {key: value for key, value in section.items() if value is not None}
+                for name, section in sections.items()
+            }
+        )
 
     def _note(self, name: str, saved: SavedSignal) -> None:
         if saved:

@@ -7,7 +7,6 @@ of it against a table and returns plain values. Every mistake is a ConfigError w
 from __future__ import annotations
 
 import datetime
-import difflib
 import math
 import reprlib
 from dataclasses import dataclass, replace
@@ -172,6 +171,8 @@ def require_mapping(found: object, path: Path = ()) -> Mapping[str, Any]:
 
 def unknown_key(key: str, allowed: Sequence[str], path: Path = ()) -> ConfigError:
     """Returns the error for a key of the mapping at `path` that is not one of `allowed`."""
+    import difflib  # only for mistakes: it takes memory in every node
+
     close = difflib.get_close_matches(key[:60], allowed, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return ConfigError(f"unknown key; {hint}expected one of {', '.join(allowed)}", (*path, key))

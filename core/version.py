@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import re
 from pathlib import Path
-from xml.etree import ElementTree
 
 _NAME = "robot_health_monitor"
 
@@ -16,12 +17,11 @@ def package_version() -> str:
     here = Path(__file__).resolve()
     places = [here.parents[1], *(above / "share" / _NAME for above in here.parents)]
     for place in places:
-        try:
-            found = ElementTree.parse(place / "package.xml").findtext("version")
-        except (OSError, ElementTree.ParseError):
-            continue
-        if found:
-            return found.strip()
+        # Not with an XML parser, which takes 0.5 MB of memory in every node.
+        with contextlib.suppress(OSError, ValueError):
+            found = re.search(r"<version>\s*(\S+)\s*</version>", (place / "package.xml").read_text("utf-8"))
+            if found:
+                return found.group(1)
     from importlib import metadata  # takes 0.7 MB, and package.xml is installed nearly everywhere
 
     try:

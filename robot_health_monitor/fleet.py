@@ -7,7 +7,6 @@ publish stays in this process, on `Fleet.bus`, from where a server can serve it;
 from __future__ import annotations
 
 import asyncio
-import platform
 import re
 import time
 from typing import Callable, Collection, Dict, Iterable, List, Mapping, Optional, Protocol, Sequence
@@ -20,6 +19,7 @@ from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
@@ -256,7 +256,7 @@ class Fleet:
         self._tasks: Dict[Robot, asyncio.Future[None]] = {}
         self._reload_requested: Optional[asyncio.Event] = None
         emit = outlet(NODE)
-        self._self_monitor = SelfMonitor(self._node, platform.node(), CHECK_PERIOD_S, lambda event: emit(event))
+        self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, lambda event: emit(event))
         self.self_report = self._self_monitor.reports
         """Key-values of the status of the process: a function per key. A server adds `clients`, for instance."""
         self.self_report["robots"] = lambda: str(len(self.robots))

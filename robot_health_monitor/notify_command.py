@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import platform
 import sys
 import threading
 from typing import Dict, Iterator, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import TargetSettings, read_ops
 from robot_health_monitor.ops.notifications.trial import Trial, try_target
@@ -44,7 +44,7 @@ def notify(file: str) -> bool:
 
 
 def _try_all(targets: Sequence[TargetSettings]) -> Iterator[Trial]:
-    robot = platform.node() or "robot"
+    robot = host_name() or "robot"
     trials: Dict[str, Trial] = {}
 
     def run(target: TargetSettings) -> None:

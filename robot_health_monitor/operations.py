@@ -6,7 +6,6 @@ ops.yaml.
 
 from __future__ import annotations
 
-import platform
 import threading
 import time
 from types import MappingProxyType
@@ -17,6 +16,7 @@ from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
+from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions, read_ops
@@ -246,7 +246,7 @@ def configured_ops(parameters: Mapping[str, object]) -> str:
 
 def robot_name(middleware: Middleware) -> str:
     """Returns the name of the robot that a node's parameters give it, as `AlertSystem` does."""
-    return str(middleware.given_parameters().get("robot_name") or platform.node())
+    return str(middleware.given_parameters().get("robot_name") or host_name())
 
 
 class _Forwarded(Faults):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-import platform
 import ssl
 from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, NamedTuple, Optional, Protocol, Sequence
 
@@ -14,6 +13,7 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, Severity
 from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.outlets import Event
 
 from .tokens import find_token
@@ -261,7 +261,7 @@ def report_web(web: WebInterface, log: Callable[[Severity, str], None], settings
 
 def page_address(address: str, port: int, scheme: str = "http") -> str:
     """Returns the address to open in a browser: of all addresses of this machine, its name."""
-    host = platform.node() if address in ("0.0.0.0", "::", "") else address
+    host = host_name() if address in ("0.0.0.0", "::", "") else address
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/"
 
 

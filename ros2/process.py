@@ -29,6 +29,11 @@ from .parameter_files import ParameterFiles
 if TYPE_CHECKING:
     from robot_health_monitor.interrupts import Interrupts
 
+_DEFAULTS = ("--ros-args", "-p", "start_type_description_service:=false", "--")
+"""Arguments before those of the user, which override them.
+
+Every ROS 2 knows the types of these nodes. Without the service that describes them, a node takes 0.2 MB less.
+"""
 _PROBE_TOPIC = "~/_executor_probe"
 _PROBE_S = 2.0
 """How long the EventsExecutor may take to deliver its first message, in s."""
@@ -63,7 +68,7 @@ class Ros2Process:
                 self._log_problem = log_folder_problem()
                 if self._log_problem:  # rcl would refuse to start
                     arguments = [*arguments, "--ros-args", "--disable-external-lib-logs"]
-                rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+                rclpy.init(args=[*_DEFAULTS, *arguments], signal_handler_options=SignalHandlerOptions.NO)
         except (RuntimeError, ValueError) as error:
             raise self._files.explained(str(error)) from None
         finally:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import platform
 import re
 from typing import Any, Callable, Dict, Mapping, Tuple
 
@@ -17,7 +16,7 @@ from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
 from ..score import health_score
 from .changes import describe_changes
-from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, refuse_change
+from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, host_name, refuse_change
 
 AGGREGATOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -52,9 +51,7 @@ class Aggregator:
         self._values = _read_values(middleware.given_parameters())
         self._inputs = _signal_names(self._values["inputs"])
         self._thresholds = _read_thresholds(self._values, self._inputs)
-        self._monitor = Monitor(
-            _window_config(self._values, self._inputs), self._values["robot_name"] or platform.node()
-        )
+        self._monitor = Monitor(_window_config(self._values, self._inputs), self._values["robot_name"] or host_name())
         self._subscriptions: Dict[str, Subscription] = {}
         middleware.declare_parameters(AGGREGATOR_PARAMETERS, self._reconfigure)
         middleware.advertise("system_health", FLOAT_TYPE)

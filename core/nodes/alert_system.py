@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from dataclasses import fields, replace
 from types import MappingProxyType
 from typing import Any, Callable, Dict, Mapping, Optional, Set, Tuple
@@ -17,7 +16,7 @@ from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets
 from .changes import Sections, describe_changes
-from .identity import DIAGNOSTICS, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, refuse_change
+from .identity import DIAGNOSTICS, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_change
 from .self_monitor import CHECK_PERIOD_S, SelfMonitor
 
 TRIGGER_TYPE = "std_srvs/Trigger"
@@ -71,7 +70,7 @@ class AlertSystem:
         config = _read_monitor_config(given)
         self._config = config
         self._unavailable: Set[str] = set()
-        self.monitor = Monitor(config, config.robot_name or platform.node())
+        self.monitor = Monitor(config, config.robot_name or host_name())
         """Judges the signals; read it to show their state."""
         self.outlets = Outlets(middleware.faults)
         """Receives every transition and notice; more outlets may be added at any time."""

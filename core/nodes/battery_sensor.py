@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from typing import Any, Dict, List, Mapping, Set, Tuple
 
 from ..config import NODE_PARAMETERS
@@ -16,7 +15,7 @@ from ..sensors import configuration
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
 from ..sensors.sysfs import HOST_PATHS, HostPaths
 from .changes import Sections, describe_changes
-from .identity import DIAGNOSTICS, FLOAT_TYPE, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, refuse_change
+from .identity import DIAGNOSTICS, FLOAT_TYPE, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_change
 
 SENSOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -49,7 +48,7 @@ class BatterySensor:
         self._paths = paths
         self._tree = middleware.given_parameters()
         self._values, self._sources = _read_sensor(self._tree, paths)
-        self._robot = self._values["robot_name"] or platform.node()
+        self._robot = self._values["robot_name"] or host_name()
         self._failed: Dict[str, SensorError] = {}
         self._seen: Set[str] = set()
         declared = SENSOR_PARAMETERS + configuration.declared_parameters(self._tree)

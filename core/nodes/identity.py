@@ -1,6 +1,8 @@
-"""Code shared by the nodes: topic names and types, base names, parameters that are fixed at the start."""
+"""Code shared by the nodes: topic names and types, names of hosts and nodes, parameters that are fixed at the start."""
 
 from __future__ import annotations
+
+import os
 
 from ..errors import ConfigError
 from ..middleware import Middleware
@@ -13,6 +15,11 @@ UNAVAILABLE_SENSORS = "unavailable_sensors"
 
 alert_system does not wait for their samples: a desktop without a battery is not a robot whose battery fell silent.
 """
+
+
+def host_name() -> str:
+    """Returns the name of this host: the name of a robot that has none."""
+    return os.uname().nodename  # as platform.node(), whose module takes memory in every node
 
 
 def base_name(middleware: Middleware) -> str:

@@ -250,12 +250,13 @@ class RobotHistory:
             lambda connection: connection.execute("INSERT INTO resets (wall_s, robot) VALUES (?, ?)", row)
         )
 
-    def record_configuration(self, text: str) -> None:
-        """Stores the configuration in force; returns at once. The same text is stored only once.
+    def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
+        """Stores the configuration in force as JSON; returns at once. The same configuration is stored only once.
 
         Args:
-            text: the configuration, for instance in JSON.
+            configuration: the settings of each signal by its name, those of the node under the empty name.
         """
+        text = json.dumps(configuration, default=str)
         key = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
         row = (self.wall_s(), self._robot, key)
 

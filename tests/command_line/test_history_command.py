@@ -41,7 +41,7 @@ def file(tmp_path: Path) -> Path:
     history = History(HistorySettings(str(tmp_path / "history.db")), lambda: now_s[0])
     robot = history.of_robot("r1", Faults())
     robot.restore()
-    robot.record_configuration("{}")
+    robot.record_configuration({})
     statistics = {"last": 15.0}
     for second, each, samples in (
         (20.0, transition(1, Level.WARN, statistics=statistics), [(START_S + n, 35.0 - n) for n in range(21)]),

@@ -44,8 +44,8 @@ class KeptHistory:
     def record_reset(self) -> None:
         self.events.append("reset")
 
-    def record_configuration(self, text: str) -> None:
-        self.configurations.append(json.loads(text))
+    def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
+        self.configurations.append(configuration)
 
     def _keep(self, states: Mapping[str, SavedSignal]) -> None:
         for name, state in json.loads(json.dumps(states, allow_nan=False)).items():

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Dict, Iterator, List, Sequence
 
 import pytest
 
@@ -127,6 +127,13 @@ def test_composed_without_sensors_there_is_no_battery_sensor(start: Any, ros: An
     assert not any(name.startswith("/battery_sensor/") for name in ros.services())
     process.signal()
     assert process.wait(10.0) == 0
+
+
+@pytest.mark.parametrize("arguments", [(), ("--ros-args", "-p", "start_type_description_service:=true")])
+def test_the_nodes_describe_their_types_only_on_request(start: Any, ros: Any, arguments: Sequence[str]) -> None:
+    start("alert_system", *arguments)
+    ros.wait_until(lambda: "/alert_system/reset" in ros.services())  # created last
+    assert ("/alert_system/get_type_description" in ros.services()) is bool(arguments)
 
 
 class TestExecutor:

@@ -457,7 +457,7 @@ class FailingHistory:
     def restore(self) -> Mapping[str, Any]:
         return {}
 
-    def record_configuration(self, text: str) -> None:
+    def record_configuration(self, configuration: Mapping[str, Any]) -> None:
         pass
 
     def record(self, *_: object) -> None:
