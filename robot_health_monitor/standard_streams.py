@@ -12,6 +12,7 @@ import os
 import select
 import sys
 import threading
+import time
 from typing import Callable, List
 
 _CHUNK_BYTES = 4096
@@ -20,6 +21,8 @@ _PIPE_BYTES = 1_000_000
 _F_SETPIPE_SZ = 1031
 _SILENT_READER_S = 5.0
 _DRAIN_S = 1.0
+_BUSY_S = 5.0
+"""Longest wait for a thread that gets no processor time on a busy machine."""
 
 OnChange = Callable[[str, str], None]
 """Called with the name of a stream and what is wrong with it, empty: it works again. From a thread."""
@@ -43,7 +46,7 @@ class StandardStreams:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Restores both streams; waits up to 1 s for what has been written to get through."""
+        """Restores both streams; what has been written gets through, unless a stream is not read for 1 s."""
         for copy in self._copies:
             copy.close()
 
@@ -81,7 +84,7 @@ class _Copy:
             pass  # what does not fit into the pipe is lost
         setattr(sys, self._name, self._python_stream)
         os.dup2(self._original, self._number)  # closes the pipe: the thread reads to its end
-        self._thread.join(_DRAIN_S)
+        join_unless_blocked(self._thread, self._original, _DRAIN_S)
 
     def _run(self) -> None:
         while True:
@@ -129,6 +132,22 @@ class _Stream(io.TextIOWrapper):
             return super().write(text)
         except OSError:  # the pipe is full, because the original is not being read
             return len(text)
+
+
+def join_unless_blocked(thread: threading.Thread, file: int, patience_s: float) -> None:
+    """Waits until a thread that writes has ended; gives up if the file takes no data, or after 5 s.
+
+    Args:
+        thread: writes what is left to `file` and ends.
+        file: the file descriptor.
+        patience_s: the file may take no data for this long.
+    """
+    thread.join(patience_s)
+    poll = select.poll()
+    poll.register(file, select.POLLOUT)
+    end_s = time.monotonic() + _BUSY_S
+    while thread.is_alive() and poll.poll(0) and time.monotonic() < end_s:
+        thread.join(0.05)
 
 
 def _enlarge(pipe: int) -> None:

@@ -38,7 +38,7 @@ class Shown(Protocol):
 
 
 class Output(Protocol):
-    """Shows monitors. Writing has its own thread: no method waits for a reader, except `close`, for at most 1 s."""
+    """Shows monitors. Writing has its own thread: no method waits for a reader, except `close`, for 1 s."""
 
     @property
     def reader_is_gone(self) -> bool:

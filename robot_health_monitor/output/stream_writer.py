@@ -17,6 +17,8 @@ import threading
 from collections import deque
 from typing import Callable, Deque, Generic, List, Optional, Sequence, TextIO, TypeVar
 
+from robot_health_monitor.standard_streams import join_unless_blocked
+
 Item = TypeVar("Item")
 
 MOST_ITEMS = 2_000
@@ -100,18 +102,24 @@ class StreamWriter(Generic[Item]):
             return self._changed.wait_for(lambda: not (self._items or self._woken or self._busy), timeout_s)
 
     def close(self) -> bool:
-        """Writes what is left; returns False if the stream was not read within a second."""
+        """Writes what is left; returns False if the stream is not read."""
         if self._thread is None:
             return True
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        self._thread.join(_CLOSE_S)
+        self._join(self._thread)
         if self._thread.is_alive() and self._stream.isatty():
             self._resume_terminal()
-            self._thread.join(_CLOSE_S)
+            self._join(self._thread)
         self._abandoned = self._thread.is_alive()
         return not self._abandoned
+
+    def _join(self, thread: threading.Thread) -> None:
+        if self._file is None:
+            thread.join(_CLOSE_S)
+        else:
+            join_unless_blocked(thread, self._file, _CLOSE_S)
 
     def _run(self) -> None:
         self._write(self._first)

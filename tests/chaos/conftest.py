@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Sequence
@@ -11,6 +10,7 @@ from typing import Any, Callable, Dict, Iterator, List, Sequence
 import pytest
 from harness.chaos import PEERS, THRESHOLDS, Robot, new_seed
 from harness.line_process import LineProcess
+from harness.reserved import free_port
 from harness.separate_network import SeparateNetwork
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,9 +35,7 @@ def thresholds(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
+    return free_port()
 
 
 @pytest.fixture

@@ -9,13 +9,14 @@ import socket
 import subprocess
 import sys
 import threading
-import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import cbor2
 import pytest
-from harness.chaos import START_S, Robot, Trial, check_stderr, end
+from harness.chaos import DEADLINE_S, Robot, check_stderr, end, kill, trial_of
+from harness.unread import fill
 
 ROUNDS = 4
 HANDSHAKE = (
@@ -98,9 +99,7 @@ ATTACKS = (garbage, bomb, huge, nested, unread, lambda chance: b"", lambda chanc
 def test_hostile_clients_cost_no_alert(robot_health: Any, robot: Any, thresholds: Path, port: int, seed: int) -> None:
     process = robot_health(*options(port, thresholds))
     process.wait_for_text("serving on")
-    peer: Robot = robot("rosbridge_peer", f"http://127.0.0.1:{port}/")
-    peer.wait_until_connected()
-    trial = Trial(seed, peer.alerts, peer.publish)
+    trial = trial_of(robot("rosbridge_peer", f"http://127.0.0.1:{port}/"), seed)
     with Hostile(port, seed):
         for _ in range(ROUNDS * 3):
             trial.change(trial.pause)
@@ -114,23 +113,13 @@ def test_a_monitor_that_is_killed_or_stopped_recovers(
     process = robot_health(*options(port, thresholds))
     process.wait_for_text("serving on")
     peer: Robot = robot("rosbridge_peer", f"http://127.0.0.1:{port}/")
-    peer.wait_until_connected()
-    trial = Trial(seed, peer.alerts, peer.publish)
-
-    def stop() -> None:
-        trial.pause()
-        process.signal(signal.SIGSTOP)
-        time.sleep(trial.chance.random() * 0.4)  # shorter than the peer's heartbeat: nothing is lost
-        process.signal(signal.SIGCONT)
-
+    trial = trial_of(peer, seed)
     for _ in range(ROUNDS):
         trial.change(trial.pause)
-        trial.change(stop)
+        trial.change(partial(trial.stop, process, 0.4))  # shorter than the peer's heartbeat: nothing is lost
         trial.pause()
-        process.signal(signal.SIGKILL)
-        process.wait()
-        check_stderr(process.errors)
-        time.sleep(0.1)  # what it has sent arrives
+        kill(process)
+        peer.wait_for_arrivals()
         trial.restarted()
         process = robot_health(*options(port, thresholds))
         process.wait_for_text("serving on")
@@ -164,22 +153,15 @@ def test_an_output_that_cannot_be_written_costs_no_alert(
         opened = [os.open("/dev/full", os.O_WRONLY)] * 2
     else:
         opened = list(os.openpty() if "terminal" in stdout else os.pipe())
-        os.set_blocking(opened[1], False)
-        try:
-            while True:
-                os.write(opened[1], b"x" * 4096)
-        except BlockingIOError:
-            os.set_blocking(opened[1], True)
+        fill(opened[1])
     with open(tmp_path / "stderr", "w+") as errors:
         process = start_with(options(port, thresholds), stdout=opened[1], stderr=errors)
-        peer: Robot = robot("rosbridge_peer", f"http://127.0.0.1:{port}/")
-        peer.wait_until_connected()
-        trial = Trial(seed, peer.alerts, peer.publish)
+        trial = trial_of(robot("rosbridge_peer", f"http://127.0.0.1:{port}/"), seed)
         for _ in range(ROUNDS * 2):
             trial.change(trial.pause)
         trial.finish()
         process.send_signal(signal.SIGTERM)
-        assert process.wait(START_S) == 0
+        assert process.wait(DEADLINE_S) == 0
         errors.seek(0)
         check_stderr(errors.read().splitlines())
     for file in set(opened):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
-from harness.chaos import SIGNALS, START_S, Robot, Trial, check_stderr, end
+from harness.chaos import DEADLINE_S, SIGNALS, Robot, check_stderr, cut_network, end, kill_and_stop, trial_of
 from harness.line_process import LineProcess
 from harness.separate_network import SeparateNetwork
 
@@ -44,7 +44,7 @@ class Roscore:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        give_up_s = time.monotonic() + START_S
+        give_up_s = time.monotonic() + DEADLINE_S
         while True:
             try:
                 rosgraph.Master("/tests", self.uri).setParam("/alert_system/ros__parameters", {"signals": SIGNALS})
@@ -96,40 +96,13 @@ def alert_system(environment: Dict[str, str]) -> Iterator[Callable[..., LineProc
 
 
 def test_a_node_that_is_killed_or_stopped_recovers(alert_system: Any, robot: Any, seed: int) -> None:
-    process = alert_system()
-    peer: Robot = robot("ros1_peer")
-    peer.wait_until_connected()
-    trial = Trial(seed, peer.alerts, peer.publish)
-
-    def stop() -> None:
-        trial.pause()
-        process.signal(signal.SIGSTOP)
-        time.sleep(trial.chance.uniform(0.2, 3.0))
-        process.signal(signal.SIGCONT)
-
-    for _ in range(ROUNDS):
-        trial.change(trial.pause)
-        trial.change(stop)
-        trial.pause()
-        process.signal(signal.SIGKILL)
-        process.wait()
-        check_stderr(process.errors)
-        time.sleep(0.2)  # what it has sent arrives
-        # The robot must not feed the new node before it is connected with `alerts`, which is not latched.
-        trial.change_to_ok_unseen()
-        process = alert_system()
-        peer.wait_until_connected()
-        trial.restarted()
-        trial.change()
-    trial.finish()
-    end(process)
+    kill_and_stop(alert_system, lambda: robot("ros1_peer"), seed, ROUNDS)
 
 
 def test_a_master_that_hangs_or_dies_costs_no_alert(alert_system: Any, robot: Any, master: Roscore, seed: int) -> None:
     process = alert_system()
     peer: Robot = robot("ros1_peer")
-    peer.wait_until_connected()
-    trial = Trial(seed, peer.alerts, peer.publish)
+    trial = trial_of(peer, seed)
 
     def hang() -> None:
         master.signal(signal.SIGSTOP)
@@ -153,8 +126,7 @@ def test_a_master_that_is_restarted_ends_the_node_and_a_new_one_works(
 ) -> None:
     process = alert_system()
     peer: Robot = robot("ros1_peer")
-    peer.wait_until_connected()
-    trial = Trial(seed, peer.alerts, peer.publish)
+    trial = trial_of(peer, seed)
     trial.change(trial.pause)
     master.kill()
     trial.change(trial.pause)  # without a master, what is connected stays connected
@@ -164,9 +136,7 @@ def test_a_master_that_is_restarted_ends_the_node_and_a_new_one_works(
     check_stderr(process.errors)
     peer.end()
     process = alert_system()
-    peer = robot("ros1_peer")
-    peer.wait_until_connected()
-    trial = Trial(seed, peer.alerts, peer.publish)
+    trial = trial_of(robot("ros1_peer"), seed)
     trial.change(trial.pause)
     trial.finish()
     end(process)
@@ -179,10 +149,5 @@ def test_the_loss_of_the_network_costs_no_alert(
     master.start(network.here)  # another machine cannot reach it on loopback
     process = alert_system(ROS_MASTER_URI=master.uri, ROS_IP=network.here)
     peer: Robot = robot("ros1_peer", prefix=network.command, ROS_MASTER_URI=master.uri, ROS_IP=network.there)
-    peer.wait_until_connected()
-    trial = Trial(seed, peer.alerts, peer.publish)
-    for _ in range(ROUNDS):
-        trial.change(trial.pause)
-        trial.change(lambda: trial.lose(network))
-    trial.finish()
+    cut_network(trial_of(peer, seed), network, ROUNDS)
     end(process)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import signal
-import time
 from pathlib import Path
 from typing import Any, Iterator
 
 import pytest
-from harness.chaos import AlertsOfOutput, Robot, Trial, check_stderr, end
+from harness.chaos import AlertsOfOutput, Robot, Trial, end, kill
 from harness.tcp_proxy import TcpProxy
 
 ROUNDS = 2
@@ -67,34 +66,28 @@ class World:
         self.trial.pause()
         self.proxy.refusing = True
         self.proxy.cut()
-        time.sleep(self.trial.chance.uniform(0.5, 2.0))
+        self.trial.pause(2.0, shortest_s=0.5)
         self.proxy.refusing = False
 
     def pull_the_cable(self) -> None:
         self.trial.pause()
         self.proxy.silent = True
-        time.sleep(self.trial.chance.uniform(0.5, 6.0))
+        self.trial.pause(6.0, shortest_s=0.5)
         self.proxy.silent = False
 
     def kill_the_server(self) -> None:
         self.trial.pause()
-        self.server.signal(signal.SIGKILL)
-        self.server.wait()
-        check_stderr(self.server.errors)
+        kill(self.server)
         self.trial.pause(1.0)
         self.start_server()
 
     def stop_the_server(self) -> None:
-        self.trial.pause()
-        self.server.signal(signal.SIGSTOP)
-        time.sleep(self.trial.chance.uniform(0.5, 4.0))
-        self.server.signal(signal.SIGCONT)
+        self.trial.stop(self.server, 4.0, shortest_s=0.5)
 
     def kill_the_monitor(self) -> None:
         self.trial.pause()
         self.monitor.signal(signal.SIGKILL)
-        self.monitor.wait()
-        time.sleep(0.2)  # the thread takes what it has written
+        self.output.wait_for_end()
         self.trial.restarted()
         self.start_monitor()
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import socket
 import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Optional
 
 import pytest
+from harness import reserved
 from harness.line_process import LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -110,9 +110,7 @@ def on_terminal(command: List[str], environment: Dict[str, str]) -> Iterator[Cal
 @pytest.fixture
 def free_port() -> int:
     """Returns a port that no process listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    return reserved.free_port()
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from typing import Any, Callable, Dict, List
 
 import pytest
 from harness.line_process import LineProcess
+from harness.unread import fill
 
 from robot_health_monitor.core import Transition
 
@@ -230,12 +231,7 @@ def test_a_pipe_that_is_not_read_stops_neither_the_monitoring_nor_the_end(
     command: List[str], environment: Dict[str, str], robot_health: Start, restless: Path, free_port: int
 ) -> None:
     reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    try:
-        while True:
-            os.write(writer, b"x" * 4096)
-    except BlockingIOError:
-        os.set_blocking(writer, True)
+    fill(writer)
     run = [*command, "run", "--thresholds", str(restless), "--port", str(free_port)]
     with subprocess.Popen(run, stdout=writer, stderr=subprocess.PIPE, env=environment) as process:
         os.close(writer)

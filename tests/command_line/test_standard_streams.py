@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
 import os, sys, threading
+from robot_health_monitor import standard_streams
 from robot_health_monitor.standard_streams import StandardStreams
 result = open(sys.argv[1], "w", buffering=1)
 problems = threading.Event()
@@ -46,6 +47,16 @@ os.write(2, b"from C\\n")
     assert process.returncode == 0
 
 
+def test_the_end_waits_for_lines_that_are_being_read(tmp_path: Path) -> None:
+    body = """
+standard_streams._DRAIN_S = 0.0
+standard_streams._CHUNK_BYTES = 1  # slow
+for number in range(2000): print("line", number)
+"""
+    process = run(tmp_path, body, stdout=subprocess.PIPE)
+    assert process.communicate(timeout=60)[0].decode().splitlines() == [f"line {number}" for number in range(2000)]
+
+
 def test_a_reader_that_is_gone_is_a_problem_that_is_reported(tmp_path: Path) -> None:
     read_end, write_end = os.pipe()
     os.close(read_end)
@@ -71,6 +82,7 @@ def test_a_full_disk_is_a_problem_that_is_reported(tmp_path: Path) -> None:
 def test_a_reader_that_hangs_stops_nothing(tmp_path: Path) -> None:
     """A pipe holds 64 KB; so much is written that a blocking write would wait forever."""
     body = """
+standard_streams._SILENT_READER_S = 0.1
 for number in range(50_000): print("x" * 100)
 problems.wait(30)
 """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import socket
 import subprocess
 import time
 import urllib.request
@@ -13,6 +12,8 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List
 
 import pytest
+
+from harness.reserved import free_port
 
 EXECUTABLE = shutil.which("prometheus-alertmanager") or shutil.which("alertmanager")
 
@@ -63,9 +64,7 @@ def running_alertmanager(folder: Path) -> Iterator[RunningAlertmanager]:
     """Runs Alertmanager with its data in `folder`."""
     assert EXECUTABLE is not None
     (folder / "alertmanager.yml").write_text("route: {receiver: none}\nreceivers: [{name: none}]\n")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    address = f"127.0.0.1:{free_port()}"
     process = subprocess.Popen(
         [
             EXECUTABLE,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +16,7 @@ from xml.etree import ElementTree
 import pytest
 
 from harness.requirements import package_folders
+from harness.reserved import free_port, ros2_domain
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "robot_health_monitor"
@@ -40,15 +40,12 @@ def clean_environment(folder: Path) -> Dict[str, str]:
     """Returns the variables of a user who has sourced nothing; ROS keeps its files in `folder`."""
     ours = ("ROS_", "AMENT_", "COLCON_", "CMAKE_PREFIX_PATH", "PYTHON", "VIRTUAL_ENV", "PYTEST_")
     variables = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     return {
         **variables,
         "PATH": "/usr/local/bin:/usr/bin:/bin",
-        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
+        "ROS_MASTER_URI": f"http://127.0.0.1:{free_port()}",
         "ROS_IP": "127.0.0.1",
-        "ROS_DOMAIN_ID": str(1 + port % 100),
+        "ROS_DOMAIN_ID": str(ros2_domain("packaging")),
         "ROS_LOCALHOST_ONLY": "1",
         "ROS_HOME": str(folder / "ros"),
         "ROS_LOG_DIR": str(folder / "ros" / "log"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import socket
 import subprocess
 import time
 import urllib.error
@@ -15,12 +14,15 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, TypeVar
 
 import pytest
 
+from harness.reserved import free_port
+
 PROMETHEUS = shutil.which("prometheus")
 
 needs_prometheus = pytest.mark.skipif(PROMETHEUS is None, reason="Debian's package prometheus is not installed")
 
 T = TypeVar("T")
 _LIMIT_S = 30.0
+_DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 
 
 class PrometheusServer:
@@ -36,9 +38,7 @@ class PrometheusServer:
             authorization: bearer token to present to the target.
         """
         assert PROMETHEUS is not None
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = int(probe.getsockname()[1])
+        self.port = free_port()
         (folder / "rules.yaml").write_text(rules or "groups: []")
         job: Dict[str, Any] = {"job_name": "robot_health", "static_configs": [{"targets": [target]}]}
         if authorization is not None:
@@ -65,7 +65,7 @@ class PrometheusServer:
     def query(self, expression: str) -> List[Dict[str, Any]]:
         """Returns the result of an instant query: a list of `metric` and `value`."""
         address = f"http://127.0.0.1:{self.port}/api/v1/query?{urllib.parse.urlencode({'query': expression})}"
-        with urllib.request.urlopen(address, timeout=5.0) as answer:
+        with _DIRECT.open(address, timeout=5.0) as answer:
             result: List[Dict[str, Any]] = json.load(answer)["data"]["result"]
         return result
 

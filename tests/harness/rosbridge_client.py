@@ -9,6 +9,7 @@ from typing import Any, Awaitable, Callable, Dict, List, Optional
 import aiohttp
 from aiohttp import web
 
+from harness.reserved import free_port
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
 
@@ -89,7 +90,7 @@ class ForeignServer:
         application.router.add_get("/", self._accept)
         self._runner = web.AppRunner(application, access_log=None)
         await self._runner.setup()
-        await web.TCPSite(self._runner, "127.0.0.1", port).start()
+        await web.TCPSite(self._runner, "127.0.0.1", port or free_port()).start()
         self.port = self._runner.addresses[0][1]
         return f"ws://127.0.0.1:{self.port}"
 

@@ -15,6 +15,8 @@ from typing import Callable, List, Mapping, Sequence
 
 import pyte
 
+from harness.unread import fill
+
 DEADLINE_S = 30.0
 
 _TAKE_TERMINAL = (
@@ -51,7 +53,7 @@ class TerminalProcess:
         self._terminal, inside = pty.openpty()
         _set_size(inside, columns, lines)
         if full:
-            _fill(inside)
+            fill(inside)
         self._process = subprocess.Popen(
             [sys.executable, "-c", _TAKE_TERMINAL, *command],
             env=dict(environment),
@@ -133,17 +135,6 @@ class TerminalProcess:
         self.bytes += data
         self._stream.feed(data)
         return bool(data)
-
-
-def _fill(terminal: int) -> None:
-    file = os.open(os.ttyname(terminal), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
-    try:
-        while True:
-            os.write(file, b"x" * 4096)
-    except BlockingIOError:
-        pass
-    finally:
-        os.close(file)
 
 
 def _set_size(terminal: int, columns: int, lines: int) -> None:

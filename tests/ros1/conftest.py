@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 import pytest
+from harness import reserved
 from harness.line_process import LineProcess
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,7 +88,7 @@ class Master:
 
 @pytest.fixture(scope="session")
 def master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Master]:
-    master = Master(tmp_path_factory.mktemp("ros1"), _free_port())
+    master = Master(tmp_path_factory.mktemp("ros1"), reserved.free_port())
     try:
         yield master
     finally:
@@ -97,7 +97,7 @@ def master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Master]:
 
 @pytest.fixture
 def free_port() -> int:
-    return _free_port()
+    return reserved.free_port()
 
 
 @pytest.fixture
@@ -112,12 +112,6 @@ def start_master(tmp_path: Path) -> Iterator[Callable[[int], Master]]:
     yield start_on
     for master in masters:
         master.end()
-
-
-def _free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
+from harness.unread import fill
 
 ROOT = Path(__file__).resolve().parents[2]
 FLOAT32 = "std_msgs/Float32"
@@ -90,12 +91,7 @@ def test_a_full_disk_costs_no_alert(ros: Any, start_with: Any, parameters: Any) 
 def test_a_reader_of_the_log_that_hangs_costs_no_alert(ros: Any, start_with: Any, parameters: Any) -> None:
     parameters("/alert_system/signals/battery_level", {"warn_below": 20.0, "error_below": 10.0})
     read_end, write_end = os.pipe()
-    os.set_blocking(write_end, False)
-    try:
-        while True:
-            os.write(write_end, b"x" * 4096)
-    except BlockingIOError:
-        os.set_blocking(write_end, True)  # full
+    fill(write_end)
     process = start_with(stdout=write_end, stderr=write_end)
     wait_until_running(ros)
     assert [alert["level"] for alert in alerts_of(ros)] == [1, 2, 0]

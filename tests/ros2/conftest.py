@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import sys
-import tempfile
 from pathlib import Path
-from typing import IO, Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 import pytest
 from harness.line_process import LineProcess
+from harness.reserved import ros2_domain
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,8 +28,7 @@ def pytest_collection_modifyitems(items: Any) -> None:
 def ros_environment() -> Iterator[Dict[str, str]]:
     """Variables that isolate these tests and their processes from other ROS 2 processes."""
     before = dict(os.environ)
-    domain_id, lock = _free_domain()
-    os.environ["ROS_DOMAIN_ID"] = str(domain_id)
+    os.environ["ROS_DOMAIN_ID"] = str(ros2_domain("tests"))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["PYTHONUNBUFFERED"] = "1"
     for name in ("ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "RCUTILS_CONSOLE_OUTPUT_FORMAT"):
@@ -40,19 +38,6 @@ def ros_environment() -> Iterator[Dict[str, str]]:
     finally:
         os.environ.clear()
         os.environ.update(before)
-        lock.close()
-
-
-def _free_domain() -> Tuple[int, IO[str]]:
-    """Returns a domain that no other run of these tests uses, and the file whose lock reserves it."""
-    for domain_id in range(1, 102):  # larger ones use ports of Linux's ephemeral range
-        lock = open(os.path.join(tempfile.gettempdir(), f"robot_health_monitor_domain_{domain_id}.lock"), "a")
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return domain_id, lock
-        except OSError:
-            lock.close()
-    raise AssertionError("every ROS 2 domain is in use")
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from harness.bridged_executable import check_served, look_at, settings
+from harness.reserved import free_port
 from harness.served_conformance import ServedConformance
 
 
@@ -30,9 +31,7 @@ class TestRos2Served(ServedConformance):
 
 
 def test_the_executable_serves_when_rosbridge_port_is_set(start: Any, tmp_path: Any) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = int(free.getsockname()[1])
+    port = free_port()
     file = tmp_path / "thresholds.yaml"
     file.write_text(settings(tmp_path, port, "s3cret"))
     process = start("health_monitor", "--ros-args", "--params-file", str(file))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Sequence
 
 import pytest
+from harness.unread import fill
 
 ROOT = Path(__file__).resolve().parents[2]
 FLOAT32 = "std_msgs/Float32"
@@ -87,12 +88,7 @@ def test_a_full_disk_costs_no_alert(ros: Any, start_with: Any) -> None:
 def test_a_reader_of_the_log_that_hangs_costs_no_alert(ros: Any, start_with: Any) -> None:
     """rclpy writes to stderr in C while it holds the GIL: a write that blocks would stop every thread."""
     read_end, write_end = os.pipe()
-    os.set_blocking(write_end, False)
-    try:
-        while True:
-            os.write(write_end, b"x" * 4096)
-    except BlockingIOError:
-        os.set_blocking(write_end, True)  # full
+    fill(write_end)
     process = start_with(stdout=write_end, stderr=write_end)
     assert alerts_of(ros) == [b"\x01", b"\x02", b"\x00"]
     process.send_signal(signal.SIGINT)

@@ -10,6 +10,7 @@ import threading
 from typing import Iterator, List, Sequence, TextIO, Tuple
 
 import pytest
+from harness.unread import fill
 
 from robot_health_monitor.output.stream_writer import MOST_ITEMS, StreamWriter
 
@@ -45,10 +46,22 @@ def wait_for(predicate: threading.Event) -> None:
     assert predicate.wait(DEADLINE_S)
 
 
-def wait_until_blocked(writer: StreamWriter[str]) -> None:
-    """Fills the stream until a whole item waits."""
-    while writer.drain(0.2):
-        writer.put("x" * 65536)
+@pytest.fixture
+def blocked(pipe: Tuple[int, TextIO]) -> Tuple[int, StreamWriter[str]]:
+    """The reading end of a full pipe, and a writer whose thread waits for it with one item."""
+    reader, stream = pipe
+    fill(stream.fileno())
+    taken = threading.Event()
+
+    def render_and_note(items: Sequence[str], dropped: int) -> str:
+        taken.set()
+        return render(items, dropped)
+
+    writer = StreamWriter(stream, render_and_note)
+    writer.start()
+    writer.put("line 0.")
+    wait_for(taken)
+    return reader, writer
 
 
 def test_items_are_written_in_order_between_the_first_and_the_last_text(pipe: Tuple[int, TextIO]) -> None:
@@ -62,29 +75,41 @@ def test_items_are_written_in_order_between_the_first_and_the_last_text(pipe: Tu
     assert read_until(reader, "end\n") == "begin\nbefore the start\none\ntwo é\nend\n"
 
 
-def test_a_reader_that_does_not_read_costs_the_oldest_items_and_no_time(pipe: Tuple[int, TextIO]) -> None:
-    reader, stream = pipe
-    writer = StreamWriter(stream, render)
-    writer.start()
-    wait_until_blocked(writer)
-    for number in range(MOST_ITEMS + 100):
+def test_a_reader_that_does_not_read_costs_the_oldest_items_and_no_time(blocked: Tuple[int, StreamWriter]) -> None:
+    reader, writer = blocked
+    for number in range(1, MOST_ITEMS + 101):
         writer.put(f"line {number}.")
     assert writer.problem == "the output is not read: the oldest lines are dropped"
-    text = read_until(reader, f"line {MOST_ITEMS + 99}.\n")
-    dropped = int(text.partition("(")[2].partition(" dropped")[0])
-    assert 0 < dropped <= 101
-    assert f"line {MOST_ITEMS + 99 - MOST_ITEMS // 2}.\n" in text
+    text = read_until(reader, f"line {MOST_ITEMS + 100}.\n")
+    kept = [f"line {number}." for number in range(101, MOST_ITEMS + 101)]
+    assert text.lstrip("x").splitlines() == ["line 0.", "(100 dropped)", *kept]
     assert writer.drain(DEADLINE_S) and writer.problem == ""
     assert writer.close()
 
 
-def test_the_end_does_not_wait_for_a_reader_that_does_not_read(pipe: Tuple[int, TextIO]) -> None:
-    _, stream = pipe
-    writer = StreamWriter(stream, render)
-    writer.start()
-    wait_until_blocked(writer)
+def test_the_end_does_not_wait_for_a_reader_that_does_not_read(blocked: Tuple[int, StreamWriter]) -> None:
+    _, writer = blocked
     assert not writer.close()
     assert writer.problem
+
+
+def test_the_end_waits_for_a_thread_that_has_no_processor_time_while_the_stream_is_read(
+    pipe: Tuple[int, TextIO], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reader, stream = pipe
+    monkeypatch.setattr("robot_health_monitor.output.stream_writer._CLOSE_S", 0.0)
+    scheduled = threading.Event()
+
+    def render_late(items: Sequence[str], dropped: int) -> str:
+        wait_for(scheduled)
+        return render(items, dropped)
+
+    writer = StreamWriter(stream, render_late)
+    writer.start()
+    writer.put("one")
+    threading.Timer(0.2, scheduled.set).start()
+    assert writer.close() and writer.problem == ""
+    assert read_until(reader, "\n") == "one\n"
 
 
 def test_a_reader_that_has_left_is_noticed_at_the_next_write(pipe: Tuple[int, TextIO]) -> None:

@@ -1,32 +1,21 @@
-"""A robot that is a rosbridge client: publishes the latest number of its stdin, and prints alerts.
-
-Argument: the URL.
-"""
+"""A robot that is a rosbridge client. Argument: the URL."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import sys
-import threading
 
 import aiohttp
+from battery import PERIOD_S, Battery, write_alert, write_period
 
-LEVELS = ("OK", "WARN", "ERROR", "STALE")
-PERIOD_S = 0.05
-value = 50.0
-
-
-def read_stdin() -> None:
-    global value
-    for line in sys.stdin:
-        value = float(line)
+battery = Battery()
 
 
 async def publish(socket: aiohttp.ClientWebSocketResponse) -> None:
     await socket.send_json({"op": "advertise", "topic": "/battery_level", "type": "std_msgs/Float32"})
     while True:
-        await socket.send_json({"op": "publish", "topic": "/battery_level", "msg": {"data": value}})
+        await socket.send_json({"op": "publish", "topic": "/battery_level", "msg": {"data": battery.level}})
         await socket.send_json({"op": "call_service", "service": "/rosapi/get_time", "args": {}})
         await asyncio.sleep(PERIOD_S)
 
@@ -41,9 +30,9 @@ async def talk(url: str) -> None:
                     break  # the heartbeat was not answered
                 fields = json.loads(message.data)
                 if fields["op"] == "service_response":
-                    print("connected", flush=True)
-                elif fields["op"] == "publish" and fields["msg"]["name"].endswith(": battery_level"):
-                    print(f"alert {LEVELS[fields['msg']['level']]}", flush=True)
+                    write_period(True)
+                elif fields["op"] == "publish":
+                    write_alert(fields["msg"]["name"], fields["msg"]["level"])
         finally:
             publishing.cancel()
 
@@ -54,8 +43,8 @@ async def main(url: str) -> None:
             await talk(url)
         except (aiohttp.ClientError, OSError):
             pass
+        write_period(False)
         await asyncio.sleep(PERIOD_S)
 
 
-threading.Thread(target=read_stdin, daemon=True).start()
 asyncio.run(main(sys.argv[1]))

@@ -22,6 +22,7 @@ from harness.http_server import (
     redirecting_to_itself,
     responding,
 )
+from harness.reserved import free_port
 
 from robot_health_monitor.ops.notifications.http_request import request
 from robot_health_monitor.ops.notifications.sender import DeliveryError
@@ -84,11 +85,8 @@ def test_a_response_that_is_none_is_a_failure(server: HttpServer, behaviour: Beh
 
 
 def test_a_refused_connection_certainly_did_not_deliver() -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
     with pytest.raises(DeliveryError, match=r"^connection refused$") as caught:
-        request(f"http://127.0.0.1:{port}", b"{}", TIMEOUT_S)
+        request(f"http://127.0.0.1:{free_port()}", b"{}", TIMEOUT_S)
     assert not caught.value.may_have_arrived
 
 
