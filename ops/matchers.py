@@ -72,7 +72,8 @@ def matchers_text(matchers: Sequence[Matcher]) -> str:
     """Returns matchers as `parse_matchers` reads them."""
 
     def quoted(pattern: str) -> str:
-        return f'"{pattern}"' if "," in pattern or pattern != pattern.strip() else pattern
+        # A ~ after the operator would look like a regular expression.
+        return f'"{pattern}"' if "," in pattern or pattern.startswith("~") else pattern
 
     return ",".join(f"{each.label}{'=' if each.equal else '!='}{quoted(each.pattern)}" for each in matchers)
 

@@ -51,7 +51,7 @@ CREATE TABLE transitions (
 );
 CREATE INDEX transitions_by_time ON transitions(wall_s);
 CREATE INDEX transitions_by_signal ON transitions(robot, signal, id);
--- The samples of the window at the time of a transition; see evidence.py.
+-- The samples of the window at the time of a transition; see rows.py.
 CREATE TABLE evidence (
     transition_id INTEGER PRIMARY KEY REFERENCES transitions(id),
     samples BLOB NOT NULL

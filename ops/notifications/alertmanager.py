@@ -18,7 +18,7 @@ from robot_health_monitor.core.model import Level
 from ..configuration import TargetSettings
 from .http_target import HttpTarget
 from .notification import Notification, Notified, utc_text
-from .sender import DeliveryError
+from .sender import DeliveryError, Sender
 
 SEVERITIES = {Level.WARN: "warning", Level.ERROR: "critical", Level.STALE: "warning"}
 """The label `severity` of each level; the exported Prometheus rules have the same."""
@@ -31,10 +31,10 @@ _BATCH = 200  # alerts per request
 _TOLERATED_S = 30.0
 
 
-class Alertmanager:
+class Alertmanager(HttpTarget, Sender):
     """Posts alerts, and repeats those that are open."""
 
-    repeat_every_s: Optional[float] = REPEAT_EVERY_S
+    repeat_every_s = REPEAT_EVERY_S
 
     def __init__(self, settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> None:
         """Connects only when something is sent.
@@ -43,19 +43,9 @@ class Alertmanager:
             settings: the target.
             wall_time_s: seconds since 1970.
         """
-        self._target = HttpTarget(settings)
+        super().__init__(settings)
         self._wall_time_s = wall_time_s
         self._ahead_s = 0.0
-
-    @property
-    def place(self) -> str:
-        """Scheme and host."""
-        return self._target.place
-
-    @property
-    def warning(self) -> str:
-        """One line if other users may read the address."""
-        return self._target.warning
 
     def send(self, notification: Notification) -> str:
         """Posts the end of the alert that is open there, if it changes, and the new one.
@@ -83,9 +73,6 @@ class Alertmanager:
         for first in range(0, len(alerts), _BATCH):
             self._post([self._alert(alert, alert.text) for alert in alerts[first : first + _BATCH]])
 
-    def close(self) -> None:
-        """Does nothing: the request ends with its timeout."""
-
     def _alert(self, alert: Notified, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
         labels = {
             "alertname": "RobotHealth",
@@ -100,7 +87,7 @@ class Alertmanager:
         return {"labels": labels, "annotations": {"summary": text}, **times}
 
     def _post(self, alerts: Sequence[Dict[str, Any]]) -> str:
-        answer = self._target.call(json.dumps(alerts), _PATH)
+        answer = self.call(json.dumps(alerts), _PATH)
         if answer.date_s is not None:
             # Alertmanager refuses an alert that begins far in the future, and would end one only in the future.
             ahead_s = self._wall_time_s() - answer.date_s
@@ -110,5 +97,5 @@ class Alertmanager:
             if found_wrong and answer.status == 400:
                 text = f"this clock and the server's differ by {duration_text(abs(ahead_s))}; corrected"
                 raise DeliveryError(text, is_corrected=True)
-        self._target.require_success(answer)
+        self.require_success(answer)
         return answer.title

@@ -4,31 +4,32 @@ from __future__ import annotations
 
 import importlib
 import logging
-from typing import Any, Optional, Sequence
+from typing import Any, Dict, List, Set
 
 from robot_health_monitor.core.model import Level
 
 from ..configuration import TargetSettings
 from .address import Address
-from .notification import Notification, Notified
-from .sender import DeliveryError
+from .notification import Notification
+from .sender import DeliveryError, Sender
 
 MISSING = "apprise is not installed: pip install apprise"
 
+_MOST_REMEMBERED = 1_000  # notifications
 _TYPES = {Level.OK: "info", Level.WARN: "warning", Level.STALE: "warning", Level.ERROR: "failure"}
 
 
-class AppriseTarget:
+class AppriseTarget(Sender):
     """Sends the alert line to one or several addresses of Apprise, one per line of `url_file`.
 
     Apprise's own timeouts apply; `?rto=` and `?cto=` in an address change them.
     """
 
-    repeat_every_s: Optional[float] = None
-
     def __init__(self, settings: TargetSettings) -> None:
         """Imports nothing yet: the library is large."""
         self._address = Address(settings)
+        self._accepted: Dict[str, Set[str]] = {}
+        """The addresses that have accepted a notification which others have not: those are not sent it again."""
 
     @property
     def place(self) -> str:
@@ -41,32 +42,36 @@ class AppriseTarget:
         return self._address.warning
 
     def send(self, notification: Notification) -> str:
-        """Sends a notification.
+        """Sends a notification to every address that has not accepted it before.
 
         Raises:
             DeliveryError: the library is missing, does not know an address, or a service did not accept it.
         """
         library = self._library()
-        service = library.Apprise()
-        for number, url in enumerate(self._address.lines(), start=1):
-            if not service.add(url):
-                raise DeliveryError(f"Apprise does not accept address {number}", may_have_arrived=False)
         state = "resolved" if notification.is_resolved else notification.level.name
         title = f"{'TEST ' if notification.is_test else ''}{notification.robot}: {notification.signal} {state}"
         kind = "success" if notification.is_resolved else _TYPES[notification.level]
-        try:
-            delivered = service.notify(body=notification.text, title=title, notify_type=kind)
-        except Exception as error:  # its text may contain the address
-            raise DeliveryError(f"Apprise failed ({type(error).__name__})") from None
-        if not delivered:
-            raise DeliveryError("Apprise could not deliver it")
+        key = notification.as_json()
+        accepted = self._accepted.pop(key, set())
+        errors: List[DeliveryError] = []
+        for number, url in enumerate(self._address.lines(), start=1):
+            if url not in accepted:
+                try:
+                    _deliver(library, url, number, body=notification.text, title=title, notify_type=kind)
+                    accepted.add(url)
+                except DeliveryError as error:
+                    errors.append(error)
+        if errors:
+            self._remember(key, accepted)
+            may_have_arrived = bool(accepted) or any(error.may_have_arrived for error in errors)
+            raise DeliveryError(str(errors[0]), may_have_arrived=may_have_arrived)
         return "delivered"
 
-    def repeat(self, alerts: Sequence[Notified]) -> None:
-        """Does nothing: a message is sent once."""
-
-    def close(self) -> None:
-        """Does nothing: the request ends with Apprise's timeout."""
+    def _remember(self, key: str, accepted: Set[str]) -> None:
+        if len(self._accepted) >= _MOST_REMEMBERED:
+            del self._accepted[next(iter(self._accepted))]
+        if accepted:
+            self._accepted[key] = accepted
 
     @staticmethod
     def _library() -> Any:
@@ -76,3 +81,16 @@ class AppriseTarget:
             raise DeliveryError(MISSING, may_have_arrived=False) from None
         logging.getLogger("apprise").disabled = True  # its lines contain addresses
         return library
+
+
+def _deliver(library: Any, url: str, number: int, **message: str) -> None:
+    """Sends a message to one address, which errors show by its number."""
+    service = library.Apprise()
+    if not service.add(url):
+        raise DeliveryError(f"Apprise does not accept address {number}", may_have_arrived=False)
+    try:
+        is_delivered = service.notify(**message)
+    except Exception as error:  # its text may contain the address
+        raise DeliveryError(f"Apprise failed for address {number} ({type(error).__name__})") from None
+    if not is_delivered:
+        raise DeliveryError(f"Apprise could not deliver it to address {number}")

@@ -9,13 +9,13 @@ import subprocess
 import tempfile
 import threading
 import time
-from typing import Optional, Sequence
+from typing import Optional
 
 from robot_health_monitor.core.formatting import printable
 
 from ..configuration import TargetSettings
-from .notification import Notification, Notified
-from .sender import DeliveryError
+from .notification import Notification
+from .sender import DeliveryError, Sender
 
 _NOT_INHERITED = ("ROBOT_HEALTH_TOKEN", "NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC")
 """Variables that are for the monitor only: a secret, and systemd's supervision."""
@@ -24,11 +24,8 @@ _MOST_SHOWN = 200  # characters of stderr
 _POLL_S = 0.05
 
 
-class Command:
+class Command(Sender):
     """Runs a program, without a shell. It must end with code 0 within the timeout, else it is run again later."""
-
-    repeat_every_s: Optional[float] = None
-    warning = ""
 
     def __init__(self, settings: TargetSettings) -> None:
         """Runs nothing yet."""
@@ -65,9 +62,6 @@ class Command:
             raise DeliveryError(f"{end}: {text}" if text else end)
         return "ended with code 0"
 
-    def repeat(self, alerts: Sequence[Notified]) -> None:
-        """Does nothing: each notification is one run."""
-
     def close(self) -> None:
         """Kills the program if it runs."""
         with self._lock:
@@ -97,20 +91,22 @@ class Command:
     def _follow(self, process: subprocess.Popen[bytes], stderr: int) -> str:
         """Waits for the end of a program; returns the beginning of its stderr, all of which is read."""
         deadline_s = time.monotonic() + self._timeout_s
+        poll = select.poll()  # not `select`: it cannot handle file descriptors above 1023
+        poll.register(stderr, select.POLLIN)
         text, is_open = b"", True
         while process.poll() is None:
             if time.monotonic() > deadline_s:
                 _kill(process)
                 process.wait()
                 raise DeliveryError(f"killed after {self._timeout_s:g} s")
-            if is_open and select.select([stderr], [], [], _POLL_S)[0]:
+            if is_open and poll.poll(_POLL_S * 1000.0):
                 data = os.read(stderr, 65536)
                 is_open = bool(data)
                 text = (text + data)[: 4 * _MOST_SHOWN]
             elif not is_open:
                 time.sleep(_POLL_S)
         # A process that it left running may keep stderr open: only what is there already is read.
-        while is_open and len(text) < _MOST_SHOWN and select.select([stderr], [], [], 0.0)[0]:
+        while is_open and len(text) < _MOST_SHOWN and poll.poll(0):
             data = os.read(stderr, 65536)
             is_open = bool(data)
             text += data

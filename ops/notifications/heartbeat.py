@@ -19,7 +19,7 @@ _FIRST_RETRY_S = 1.0
 _CHECK_PERIOD_S = 1.0
 
 
-class Heartbeat:
+class Heartbeat(HttpTarget):
     """Calls the address every `every_s` (GET), as long as ticks come."""
 
     def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float] = time.monotonic) -> None:
@@ -30,7 +30,7 @@ class Heartbeat:
             faults: receives failures, as `notify <name>`.
             clock: monotonic seconds.
         """
-        self._target = HttpTarget(settings)
+        super().__init__(settings)
         self._every_s = settings.every_s
         self._part = f"notify {settings.name}"
         self._faults = faults
@@ -56,34 +56,16 @@ class Heartbeat:
             return _CHECK_PERIOD_S
         self._due_s = now_s + self._every_s
         try:
-            self.call()
+            self.deliver(None)
         except DeliveryError as error:
-            self._faults.report(self._part, f"{self._target.place}: {error}", Level.WARN)
+            self._faults.report(self._part, f"{self.place}: {error}", Level.WARN)
             self._due_s = min(self._due_s, self._clock() + self._retry_s)
             self._retry_s = min(2.0 * self._retry_s, self._every_s)
         else:
             self._faults.clear(self._part)
             self._retry_s = _FIRST_RETRY_S
-        if self._target.warning:
-            self._faults.report(f"{self._part}: url_file", self._target.warning, Level.WARN)
+        if self.warning:
+            self._faults.report(f"{self._part}: url_file", self.warning, Level.WARN)
         else:
             self._faults.clear(f"{self._part}: url_file")
         return max(0.0, self._due_s - self._clock())
-
-    def call(self) -> str:
-        """Calls the address now, and returns the status of the response.
-
-        Raises:
-            DeliveryError: no response, or another one than success.
-        """
-        return self._target.deliver(None)
-
-    @property
-    def place(self) -> str:
-        """Scheme and host."""
-        return self._target.place
-
-    @property
-    def warning(self) -> str:
-        """One line if other users may read the address."""
-        return self._target.warning

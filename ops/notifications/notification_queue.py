@@ -18,13 +18,13 @@ import json
 import sqlite3
 import threading
 from collections import Counter
-from fnmatch import fnmatchcase
 from typing import Callable, Collection, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.transition_json import json_line
 
 from ..configuration import TargetSettings
+from ..matchers import matches_pattern
 from .notification import Notification, Notified
 
 MOST_WAITING = 1_000
@@ -310,7 +310,7 @@ def _wants(target: TargetSettings, robot: str, signal: str, level: Level) -> boo
 
 
 def _matches(patterns: Sequence[str], name: str) -> bool:
-    return not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)
+    return not patterns or any(matches_pattern(name, pattern) for pattern in patterns)
 
 
 def _notified(level: int, since_s: float, line: str) -> Notified:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Optional, Protocol, Sequence
+from abc import ABC, abstractmethod
+from typing import Optional, Sequence
 
 from .notification import Notification, Notified
 
@@ -35,20 +36,23 @@ class DeliveryError(Exception):
         self.is_corrected = is_corrected
 
 
-class Sender(Protocol):
+class Sender(ABC):
     """Delivers notifications to one target; used by one thread. A call may block until the target's timeout."""
 
-    repeat_every_s: Optional[float]
-    """Period at which open alerts are to be repeated, in s; None: they are sent once."""
+    repeat_every_s: Optional[float] = None
+    """Period at which open alerts are repeated, in s; None: they are sent once."""
 
     @property
+    @abstractmethod
     def place(self) -> str:
         """Where the target is, without secrets."""
 
     @property
     def warning(self) -> str:
         """One line about the target that is no failure, such as an unprotected secret; empty: none."""
+        return ""
 
+    @abstractmethod
     def send(self, notification: Notification) -> str:
         """Delivers a notification and returns how the target responded.
 
@@ -56,12 +60,12 @@ class Sender(Protocol):
             DeliveryError: it failed.
         """
 
-    def repeat(self, alerts: Sequence[Notified]) -> None:
+    def repeat(self, alerts: Sequence[Notified]) -> None:  # noqa: B027 - optional
         """Repeats open alerts; called only with `repeat_every_s`.
 
         Raises:
             DeliveryError: it failed.
         """
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - optional
         """Ends a call of `send` in another thread early, where that is possible."""

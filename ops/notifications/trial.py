@@ -38,7 +38,7 @@ def try_target(settings: TargetSettings, robot: str, wall_time_s: Callable[[], f
     target = Heartbeat(settings, Faults()) if settings.type == "heartbeat" else make_sender(settings, wall_time_s)
     try:
         if isinstance(target, Heartbeat):
-            response = target.call()
+            response = target.deliver(None)
         else:
             begin_s = wall_time_s()
             firing = Notification(_transition(robot, Level.OK, settings.min_level), False, begin_s, is_test=True)

@@ -18,6 +18,7 @@ from robot_health_monitor.ops.matchers import Matcher, matchers_text, matches_pa
         ("robot=r3,signal=battery*", (Matcher("robot", True, "r3"), Matcher("signal", True, "battery*"))),
         (" robot = r3 , signal != link ", (Matcher("robot", True, "r3"), Matcher("signal", False, "link"))),
         ('robot="r3, left"', (Matcher("robot", True, "r3, left"),)),
+        ('robot="~r3"', (Matcher("robot", True, "~r3"),)),
         ("signal!=a,signal!=b", (Matcher("signal", False, "a"), Matcher("signal", False, "b"))),
     ],
 )
@@ -48,7 +49,10 @@ def test_matchers_of_another_form_are_refused(text: str, problem: str) -> None:
     assert str(caught.value) == problem
 
 
-@given(st.text(max_size=40))
+PARTS = ("robot", "signal", "=", "!=", "~", ",", '"', "a", " ", "*")
+
+
+@given(st.text(max_size=40) | st.lists(st.sampled_from(PARTS), max_size=12).map("".join))
 def test_any_text_is_read_or_refused_and_what_is_read_can_be_written(text: str) -> None:
     try:
         matchers = parse_matchers(text)

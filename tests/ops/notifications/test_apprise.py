@@ -51,11 +51,29 @@ def test_a_failure_shows_and_logs_no_secret(
 ) -> None:
     caplog.set_level(logging.DEBUG)
     server.behave = responding(500)
-    with pytest.raises(DeliveryError, match=r"^Apprise could not deliver it$"):
+    with pytest.raises(DeliveryError, match=r"^Apprise could not deliver it to address 1$"):
         target(tmp_path, server.url.replace("http://", "json://alice:s3cret@")).send(Notification(FIELDS, False, 0.0))
-    with pytest.raises(DeliveryError, match=r"^Apprise does not accept address 1$"):
+    with pytest.raises(DeliveryError, match=r"^Apprise does not accept address 1$") as caught:
         target(tmp_path, "unknown-service://s3cret").send(Notification(FIELDS, False, 0.0))
+    assert not caught.value.may_have_arrived
     assert "s3cret" not in caplog.text
+
+
+@needs_apprise
+def test_only_the_addresses_that_failed_are_sent_a_notification_again(server: HttpServer, tmp_path: Path) -> None:
+    is_down = True
+    server.behave = lambda handler: handler.respond(500 if is_down and handler.path == "/two" else 200)
+    url = server.url.replace("http://", "json://")
+    mail = target(tmp_path, f"{url}/one", f"{url}/two", "unknown-service://x", f"{url}/four")
+    for alert in (FIELDS, {**FIELDS, "signal": "temperature"}):  # a failed notification waits behind other alerts
+        with pytest.raises(DeliveryError, match=r"^Apprise could not deliver it to address 2$") as caught:
+            mail.send(Notification(alert, False, 0.0))
+        assert caught.value.may_have_arrived
+        assert [request.path for request in server.all()] == ["/one", "/two", "/four"]
+    is_down = False
+    with pytest.raises(DeliveryError, match=r"^Apprise does not accept address 3$"):
+        mail.send(Notification(FIELDS, False, 0.0))
+    assert [request.path for request in server.all()] == ["/two"]
 
 
 def test_a_missing_library_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import resource
 import sys
 import threading
 from pathlib import Path
@@ -57,6 +60,19 @@ def test_a_program_that_does_not_exist_is_a_failure() -> None:
 def test_any_amount_of_output_is_read() -> None:
     with pytest.raises(DeliveryError, match=r"^ended with code 1: x{200}$"):
         shell("head -c 3000000 /dev/zero | tr '\\0' x >&2; exit 1").send(NOTIFICATION)
+
+
+def test_a_process_with_thousands_of_open_files_runs_programs() -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(2_048, limits[1]), limits[1]))
+    try:
+        with contextlib.ExitStack() as files:
+            while files.enter_context(open(os.devnull)).fileno() < 1_100:
+                pass
+            with pytest.raises(DeliveryError, match=r"^ended with code 7: no sound card$"):
+                shell("echo no sound card >&2; exit 7").send(NOTIFICATION)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
 def test_a_program_that_hangs_is_killed_with_the_processes_that_it_started(tmp_path: Path) -> None:

@@ -103,10 +103,17 @@ def test_below_min_level_nothing_is_sent_except_the_end_of_what_was_sent(min_lev
 
 
 def test_patterns_choose_robots_and_signals() -> None:
-    bench = Bench(TargetSettings("chat", "webhook", robots=("r?", "husky*"), signals=("batt*",)))
-    for robot, signal in (("r3", "battery"), ("r33", "battery2"), ("husky1", "batt"), ("r3", "cpu"), ("R3", "batt_")):
+    bench = Bench(TargetSettings("chat", "webhook", robots=("r?", "husky*", "arm[1]"), signals=("batt*",)))
+    for robot, signal in (
+        ("r3", "battery"),
+        ("r33", "battery2"),
+        ("husky1", "batt"),
+        ("r3", "cpu"),
+        ("R3", "batt_"),
+        ("arm[1]", "batt1"),
+    ):
         bench.change("WARN", signal=signal, robot=robot)
-    assert [signal for signal, _, _ in bench.deliver()] == ["battery", "batt"]
+    assert [signal for signal, _, _ in bench.deliver()] == ["battery", "batt", "batt1"]
 
 
 def test_a_repetition_is_sent_again_except_to_alertmanager() -> None:
