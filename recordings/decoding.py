@@ -7,6 +7,7 @@ rosbags parses the definitions and deserializes. A number that only numbers, fix
 from __future__ import annotations
 
 import functools
+import itertools
 import struct
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
@@ -34,6 +35,10 @@ _IDL_SEPARATOR = "=" * 80 + "\n"
 _CDR_HEADER = 4
 """Bytes before a CDR message; the second is its byte order."""
 _STRING = "s"
+_MOST_FIELDS = 4096
+"""Plain fields of a type that are looked at."""
+_DEEPEST = 32
+"""Types that a plain field may be in; a damaged definition may contain itself."""
 _LONGEST_PROBLEM = 300
 """Characters of an error of rosbags' parser."""
 
@@ -122,7 +127,7 @@ class Types:
             ConfigError: the definition lacks a type.
         """
         try:
-            places = list(self._places(self._native_name, "", 0))
+            places = list(self._places())
         except KeyError as error:
             raise self._unusable(error) from None
         return [(path, place[0]) for path, place in places if place and place[0] != _STRING and path[-2:] != "[]"]
@@ -170,7 +175,7 @@ class Types:
     def _number_getter(self, field: str) -> Optional[Getter]:
         """Returns a getter that reads a number from the bytes; None if something of variable size precedes it."""
         before: List[_Place] = []
-        for path, place in self._places(self._native_name, "", 0):
+        for path, place in self._places():
             if place is None:
                 return None
             if path == field:
@@ -179,15 +184,19 @@ class Types:
             before.append(place)
         return None
 
-    def _places(self, name: str, prefix: str, depth: int) -> Iterator[Tuple[str, Optional[_Place]]]:
+    def _places(self) -> Iterator[Tuple[str, Optional[_Place]]]:
         """Yields path and place of each plain field, in their order; None where neither is supported here."""
+        return itertools.islice(self._places_in(self._native_name, "", 0), _MOST_FIELDS)
+
+    def _places_in(self, name: str, prefix: str, depth: int) -> Iterator[Tuple[str, Optional[_Place]]]:
         fields = self._fields(name)
-        if depth > 32 or not fields:
+        if depth > _DEEPEST or not fields:
             yield "", None
+            return
         for field, (kind, what) in fields:
             path = f"{prefix}{field}"
             if int(kind) == _NAME:
-                yield from self._places(what, f"{path}.", depth + 1)
+                yield from self._places_in(what, f"{path}.", depth + 1)
             elif int(kind) == _BASE:
                 yield path, self._place(what, 1)
             elif int(kind) == _ARRAY and int(what[0][0]) == _BASE and what[1]:

@@ -8,6 +8,7 @@ silence. Everything runs in the thread that calls `play`.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
@@ -173,8 +174,8 @@ class Player:
         """Log time of the current message, in seconds since 1970."""
         self.late = 0
         """Messages that came out of the order of their log times and were delivered late."""
-        self.undecodable: Dict[str, int] = {}
-        """Per topic, the messages that did not match its type."""
+        self._undecodable: Counter[Tuple[str, Optional[str]]] = Counter()
+        """Per topic and field, the messages from which it could not be read."""
         self._outside = 0
         self._skipped_s = 0.0
         self.on_log: Callable[[LogLine], None] = on_log or _ignore
@@ -200,7 +201,10 @@ class Player:
     def problems(self) -> List[str]:
         """One line for each thing that was not read, or not as it was recorded, until now."""
         lines = self._recordings.problems
-        for topic, number in sorted(self.undecodable.items()):
+        undecodable: Dict[str, int] = {}
+        for (topic, _), number in self._undecodable.items():
+            undecodable[topic] = max(number, undecodable.get(topic, 0))  # a message lacks several fields at once
+        for topic, number in sorted(undecodable.items()):
             lines.append(f"{topic}: {_messages(number)} could not be decoded and {_were(number)} left out")
         if self._outside:
             lines.append(f"{_messages(self._outside)} outside of the time span {_were(self._outside)} left out")
@@ -303,13 +307,10 @@ class Player:
         """Notes a new timer of a node."""
         self._due_s = min(self._due_s, timer.due_s)
 
-    def _note_undecodable(self, topic: str) -> None:
-        self.undecodable[topic] = self.undecodable.get(topic, 0) + 1
-
     def _reader(self, channel: Channel, field: Optional[str]) -> _Reader:
         readers = self._readers.setdefault(channel, {})
         if field not in readers:
-            readers[field] = _Reader(channel, field, self._note_undecodable)
+            readers[field] = _Reader(channel, field, lambda topic: self._undecodable.update([(topic, field)]))
         return readers[field]
 
     def _follow_clock(self) -> None:

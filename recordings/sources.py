@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import re
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Set, Tuple
 
 from robot_health_monitor.core.config import LINK
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.formatting import printable
 
 from .decoding import types_of
 from .recording import Channel
 
 MOST_SIGNALS = 300
 """Most signals that are looked at."""
+MOST_FIELDS = 100
+"""Most numbers of one topic that are looked at; the standard messages have at most 10."""
 
+_LONGEST_NAME = 200
+"""Letters of a signal's name; YAML allows 1,024 in a key."""
 _PACKAGES = ("std_msgs", "sensor_msgs")
-_TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")
-"""Topics of the middleware itself."""
+_TOPICS = ("/", "/clock", "/rosout", "/rosout_agg", "/parameter_events")
+"""Topics of the middleware itself, and one without a name."""
 _NUMBERS = "bBhHiIqQfd"
 """struct's letters of numbers."""
 _TIMES = ("sec", "nanosec", "secs", "nsecs")
@@ -66,10 +71,14 @@ def list_sources(channels: Iterable[Channel]) -> Tuple[List[Source], List[str]]:
     """
     found: List[Source] = []
     problems: List[str] = []
-    names: Dict[str, int] = {}
+    left_out: List[str] = []
+    names: Set[str] = set()
     seen: Dict[str, str] = {}
     for channel in sorted(channels, key=lambda each: each.topic):
         if channel.topic in _TOPICS or channel.type_name.partition("/")[0] not in _PACKAGES:
+            continue
+        if printable(channel.topic) != channel.topic:
+            problems.append(f"{channel.topic}: left out, expected a name of printable letters")
             continue
         if channel.topic in seen:
             if seen[channel.topic] != channel.type_name:
@@ -81,15 +90,21 @@ def list_sources(channels: Iterable[Channel]) -> Tuple[List[Source], List[str]]:
             problems.append(error.problem)
             continue
         seen[channel.topic] = channel.type_name
-        for field in fields if len(fields) == 1 else [*fields, ""]:
-            if len(found) == MOST_SIGNALS:
-                problems.append(f"further fields left out: expected at most {MOST_SIGNALS}")
-                return found, problems
+        if len(fields) > MOST_FIELDS:
+            problems.append(f"{channel.topic}: expected at most {MOST_FIELDS} numbers, got more: the rest is left out")
+        fields = fields if len(fields) == 1 else [*fields[:MOST_FIELDS], ""]
+        if len(found) + len(fields) > MOST_SIGNALS:
+            left_out.append(channel.topic)
+            continue
+        for field in fields:
             settings: Dict[str, Any] = {"type": channel.type_name, "field": field}
             unit = _UNITS.get((channel.type_name, field), "")
             if unit:
                 settings["unit"] = unit
             found.append(Source(_name(channel.topic, field, names), channel.topic, settings))
+    if left_out:
+        shown = ", ".join(left_out[:10] + (["..."] if len(left_out) > 10 else []))
+        problems.append(f"topics left out, because there are more than {MOST_SIGNALS} signals: {shown}")
     return found, problems
 
 
@@ -106,11 +121,15 @@ def _fields(channel: Channel) -> List[str]:
     return fields
 
 
-def _name(topic: str, field: str, names: Dict[str, int]) -> str:
-    """Returns a name of letters, digits and _, unlike all of `names`."""
+def _name(topic: str, field: str, names: Set[str]) -> str:
+    """Returns a name of letters, digits and _, unlike all of `names`, and adds it to them."""
     words = topic.strip("/") if field in ("", "data") else f"{topic.strip('/')}_{field}"
-    name = re.sub(r"[^A-Za-z0-9_]", "_", words)
+    name = re.sub(r"[^A-Za-z0-9_]", "_", words[:_LONGEST_NAME])
     if not name or name[0].isdigit() or name == LINK:
         name = f"_{name}"
-    names[name] = names.get(name, 0) + 1
-    return name if names[name] == 1 else _name(f"{name}_{names[name]}", "", names)
+    unique, number = name, 1
+    while unique in names:
+        number += 1
+        unique = f"{name}_{number}"
+    names.add(unique)
+    return unique

@@ -20,6 +20,8 @@ LEAST_SAMPLES = 100
 """Valid samples below which no bound is suggested."""
 LEAST_DURATION_S = 30.0
 """Time of samples, in s, below which no bound is suggested."""
+LEAST_GAPS = 10
+"""Gaps between samples below which no `stale_after_s` is suggested."""
 MOST_CODES = 10
 """A signal with at most this many different values, all whole numbers, is taken for a code."""
 TAIL = 0.001
@@ -74,6 +76,7 @@ class Measured:
         """Times between neighbouring samples, in s."""
         self.duration_s = 0.0
         """Time from the first to the last sample, summed over the recordings, in s."""
+        self.samples = 0
         self.bad_samples = 0
         self.only_rises = True
         """Whether no value is smaller than the one before."""
@@ -92,6 +95,7 @@ class Measured:
         """Adds samples in the order of their times; NaN for those without a valid value."""
         if not len(times_s):
             return
+        self.samples += len(times_s)
         gaps = np.diff(np.concatenate([[self._last_s], times_s]))
         gaps = gaps[np.isfinite(gaps)]
         self.gaps.add(np.maximum(gaps, 0.0))
@@ -194,11 +198,9 @@ def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Sett
         if beyond:
             left_out.append(f"no {key}: {measured.text(bound)} {beyond}")
             continue
-        if from_extreme:
-            evidence = f"{outermost} {measured.text(extreme)}"
-        else:
-            evidence = f"{TAIL * 100.0:g} % of the samples are {side} {measured.text(quantile)}, {outermost} "
-            evidence += measured.text(extreme)
+        evidence = f"{outermost} {measured.text(extreme)}"
+        if quantile != extreme:
+            evidence = f"{TAIL * 100.0:g} % of the samples are {side} {measured.text(quantile)}, {evidence}"
         settings[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
 
 
@@ -235,10 +237,8 @@ def _add_hysteresis(measured: Measured, settings: Dict[str, Setting]) -> None:
 
 def _add_staleness(measured: Measured, settings: Dict[str, Setting]) -> None:
     gaps = measured.gaps
-    if gaps.count < 10:
-        evidence = f"0: never; {_count(gaps.count + 1 if gaps.count else 0, 'sample')} do not show a rate"
-        if not gaps.count:
-            evidence = "0: never; fewer than two samples in a recording do not show a rate"
+    if gaps.count < LEAST_GAPS:
+        evidence = f"0: never; {_count(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
         settings["stale_after_s"] = Setting(0.0, evidence)
         return
     median = gaps.quantile(0.5)

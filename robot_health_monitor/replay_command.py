@@ -228,7 +228,7 @@ class _Replay:
 
     def _verdict(self) -> str:
         if self._several:
-            return f"{_count(self._transitions, 'alert')} {'differs' if self._transitions == 1 else 'differ'}"
+            return _count(self._transitions, "difference")  # OK included: an alert may end at another time
         return _count(self._alerts, "alert")
 
     def _problems(self, summaries: List[SignalSummary]) -> List[str]:

@@ -245,9 +245,7 @@ class _Study:
             except ConfigError as error:
                 raise self._located(error) from None
             judge.run()
-            for problem in [*recordings.problems, *_undecodable(player)]:
-                if problem not in problems:
-                    problems.append(problem)
+            problems += (problem for problem in player.problems if problem not in problems)
             return player.wall_s
 
     def _placed(self, signals: Mapping[str, Mapping[str, Any]]) -> Dict[str, Dict[str, Any]]:
@@ -314,9 +312,9 @@ class _Study:
         self, name: str, settings: Mapping[str, Any], suggestion: Suggestion, alerts: _Alerts, hours: str
     ) -> List[str]:
         measured = self._measured[name]
-        samples = f"{_count(measured.gaps.count + 1 if measured.gaps.count else measured.values.count, 'sample')}"
         invalid = f", {measured.bad_samples:,} of them invalid" if measured.bad_samples else ""
-        lines = [f"      {name}:", f"        # {samples} in {duration_text(measured.duration_s)}{invalid}"]
+        samples = f"{_count(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
+        lines = [f"      {name}:", f"        # {samples}"]
         if name in self._notes:
             lines.append(f"        # {self._notes[name]}")
         lines += [f"        {key}: {_yaml(value)}" for key, value in settings.items()]
@@ -335,13 +333,6 @@ class _Study:
         if is_last and topic in self._notes:
             lines += [f"      # {topic}, {note}" for note in self._notes[topic].splitlines()]
         return lines
-
-
-def _undecodable(player: Player) -> List[str]:
-    return [
-        f"{topic}: {_count(number, 'message')} could not be decoded and left out"
-        for topic, number in sorted(player.undecodable.items())
-    ]
 
 
 def _yaml(value: Any) -> str:

@@ -114,7 +114,7 @@ def test_against_shows_only_what_differs(tmp_path: Path, thresholds: str, capsys
     assert main(command) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == (f"2023-11-14 22:13:23 {other}: battery ERROR: 15 % is below 18 % (was WARN for 2 s)")
-    assert lines[-1] == "3 alerts differ"
+    assert lines[-1] == "3 differences"
     assert [line.split()[:2] for line in lines[-5:-1]] == [
         ["battery", thresholds],
         ["battery", str(other)],
@@ -131,7 +131,7 @@ def test_against_the_same_rules_nothing_differs(
     assert main(["replay", recording, "--thresholds", thresholds, "--against", thresholds]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("\nsignal ")
-    assert printed.endswith("no alerts differ\n")
+    assert printed.endswith("no differences\n")
 
 
 def test_from_and_to_are_seconds_since_the_start(

@@ -60,8 +60,7 @@ def test_a_file_with_evidence_that_check_accepts(robot_health: Start, tmp_path: 
         "        topic: battery",
         "        type: std_msgs/Float64",
         "        field: data",
-        "        warn_below: 39.0            # 0 alerts in 16 min 39 s; 0.1 % of the samples are below 40, lowest 40; "
-        "margin 0.998",
+        "        warn_below: 39.0            # 0 alerts in 16 min 39 s; lowest 40; margin 0.998",
         "        warn_above: 51.0            # 0 alerts in 16 min 39 s; 0.1 % of the samples are above 49.98, "
         "highest 50; margin 0.998",
         "        hysteresis: 0.02            # 95 % of the steps between samples are at most 0.02",
@@ -106,7 +105,7 @@ def test_recordings_of_several_days_are_no_silence(robot_health: Start, tmp_path
     process = robot_health("suggest", second, first)
     assert process.wait() == 0, process.text
     assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 0 alerts."
-    assert "        # 1,999 samples in 33 min 18 s" in out(process)
+    assert "        # 2,000 samples in 33 min 18 s" in out(process)
 
 
 def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Path) -> None:
@@ -184,3 +183,18 @@ def test_a_missing_library_is_one_line_with_the_command_that_installs_it(robot_h
     assert [line.text for line in process.lines] == [
         "robot-health: reading this recording needs the library rosbags: pip install 'robot_health_monitor[recordings]'"
     ]
+
+
+def test_messages_that_are_out_of_order_are_named(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "a.bag"
+    with Writer(file) as writer:
+        writer.chunk_threshold = 64
+        connection = writer.add_connection("/battery", "std_msgs/msg/Float64", typestore=STORE)
+        for number in range(200, 0, -1):
+            data = STORE.serialize_ros1(STORE.types["std_msgs/msg/Float64"](number), "std_msgs/msg/Float64")
+            writer.write(connection, number * 1_000_000_000, bytes(data))
+    process = robot_health("suggest", file)
+    assert process.wait() == 0, process.text
+    (warning,) = [line.text for line in process.lines if line.stream == "err"]
+    assert warning.startswith("WARN: ")
+    assert warning.endswith(" messages out of order, judged late")

@@ -185,3 +185,15 @@ def test_a_definition_that_is_missing_or_wrong_is_one_line(text: str, form: str,
 def test_a_field_that_does_not_exist_is_refused_with_those_that_do() -> None:
     with pytest.raises(ConfigError, match="data"):
         Types(channel("cdr", "std_msgs/Float32", "float32 data")).field_getter("value")
+
+
+@pytest.mark.parametrize("ends_at", [0, 1000], ids=["contains itself", "is very deep"])
+def test_the_numbers_of_a_nested_definition_are_limited(ends_at: int) -> None:
+    """Each level contains the next one twice: 2 ** 1000 numbers."""
+    parts = [f"L{level + 1} a\nL{level + 1} b\nfloat32 data" for level in range(ends_at)] + ["L0 a\nfloat32 data"]
+    first, *others = (f"{text}\n" for text in parts)
+    text = first + "".join(f"{'=' * 80}\nMSG: L{level}\n{part}" for level, part in enumerate(others, 1))
+    types = Types(Channel("/x", "odd/L0", "cdr", text.replace("L", "odd/L"), "msg"))
+    assert len(types.numbers()) < 5000
+    with pytest.raises(ValueError, match="not a odd/L0"):
+        types.field_getter("data")(b"\0\1\0\0")

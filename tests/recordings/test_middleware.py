@@ -216,7 +216,8 @@ def test_a_message_that_does_not_match_its_type_is_counted(tmp_path: Path) -> No
         tmp_path / "a.mcap", values("/x", [1, 2]), definitions={"std_msgs/msg/Float32": ("ros2msg", "float64 data")}
     )
     player = Player(Recordings([path]))
-    player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: None, field="data")
+    for field in ("data", ""):
+        player.node("node", {}).subscribe("x", FLOAT32, lambda value, now_s: None, field=field)
     player.play()
     assert player.problems == ["/x: 2 messages could not be decoded and were left out"]
 

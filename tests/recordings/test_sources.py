@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("rosbags")
 
 from robot_health_monitor.recordings.recording import Channel
-from robot_health_monitor.recordings.sources import list_sources
+from robot_health_monitor.recordings.sources import MOST_FIELDS, list_sources
 
 
 def channel(topic: str, type_name: str) -> Channel:
@@ -53,12 +53,30 @@ def test_topics_of_the_middleware_and_other_packages_are_left_out() -> None:
 
 
 def test_names_are_valid_and_unique() -> None:
-    topics = ["/a/b", "/a_b", "/link", "/2d", "/a_b_2"]
+    topics = ["/a/b", "/a_b", "/link", "/2d", "/a_b_2", f"/{'q' * 5000}"]
     found, _ = list_sources([channel(topic, "std_msgs/Float32") for topic in topics])
-    assert [source.name for source in found] == ["_2d", "a_b", "a_b_2", "a_b_2_2", "_link"]
+    assert [source.name for source in found] == ["_2d", "a_b", "a_b_2", "a_b_2_2", "_link", "q" * 200]
 
 
 def test_a_topic_with_two_types_is_a_problem() -> None:
     found, problems = list_sources([channel("/a", "std_msgs/Float32"), channel("/a", "std_msgs/Float64")])
     assert [source.settings["type"] for source in found] == ["std_msgs/Float32"]
     assert problems == ["/a: std_msgs/Float64 left out, it also has std_msgs/Float32"]
+
+
+def test_topics_that_cannot_be_configured_are_left_out() -> None:
+    assert list_sources([channel("/", "std_msgs/Float32")]) == ([], [])
+    problem = "/\x1b[31m: left out, expected a name of printable letters"
+    assert list_sources([channel("/\x1b[31m", "std_msgs/Float32")]) == ([], [problem])
+
+
+def test_numbers_and_signals_are_limited_and_the_rest_is_named() -> None:
+    definition = "\n".join(f"float32 x{number}" for number in range(MOST_FIELDS + 1))
+    wide = [Channel(f"/{name}", "std_msgs/Wide", "ros1", definition, "msg") for name in "abc"]
+    found, problems = list_sources([*wide, channel("/d", "std_msgs/Float32")])
+    assert [source.topic for source in found] == ["/a"] * (MOST_FIELDS + 1) + ["/b"] * (MOST_FIELDS + 1) + ["/d"]
+    assert [found[at].settings["field"] for at in (0, 99, 100)] == ["x0", "x99", ""]
+    assert problems == [
+        *(f"/{name}: expected at most 100 numbers, got more: the rest is left out" for name in "abc"),
+        "topics left out, because there are more than 300 signals: /c",
+    ]
