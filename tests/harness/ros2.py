@@ -38,14 +38,20 @@ class Participant:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain_id)
         self.executor = executor_class(context=self.context)
+        # Cyclone DDS does not watch the graph while a context has no node, and never forgets what left meanwhile.
+        self._first_node = self._create_node("participant")
 
     def node(self, name: str) -> Node:
-        node = Node(name, context=self.context, start_parameter_services=False, enable_rosout=False)
+        node = self._create_node(name)
         self.executor.add_node(node)
         return node
 
     def close(self) -> None:
+        self._first_node.destroy_node()
         rclpy.shutdown(context=self.context)
+
+    def _create_node(self, name: str) -> Node:
+        return Node(name, context=self.context, start_parameter_services=False, enable_rosout=False)
 
 
 class Spinner:

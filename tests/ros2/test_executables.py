@@ -286,18 +286,20 @@ def test_services_and_parameters_are_there_for_every_node(start: Any, ros: Any) 
 
 
 def test_after_kill_9_an_open_alert_continues_and_is_not_announced_again(start: Any, ros: Any, tmp_path: Path) -> None:
+    """In a namespace: until a timeout, the killed process is still in the graph, and later tests would meet it."""
     (tmp_path / "ops.yaml").write_text("history: {file: history.db}\n", encoding="utf-8")
-    reports = ros.listen("/diagnostics", ARRAY)
+    reports = ros.listen("/killed/diagnostics", ARRAY)
     file = parameter_file(  # never stale, however long the start takes
         tmp_path,
         f"alert_system: {{ros__parameters: {{ops: {tmp_path / 'ops.yaml'},"
         " signals: {battery_level: {warn_below: 20.0, stale_after_s: 0.0}}}}\n",
     )
-    arguments = ("--ros-args", "--params-file", file)
+    names = ("-r", "__ns:=/killed", "-r", "/diagnostics:=/killed/diagnostics")
+    arguments = ("--ros-args", "--params-file", file, *names)
 
     def publish_until_shown(value: float, level: bytes) -> None:
         def is_shown() -> bool:
-            ros.publish_to_process("/battery_level", FLOAT32, {"data": value})
+            ros.publish_to_process("/killed/battery_level", FLOAT32, {"data": value})
             shown = [(status["name"], status["level"]) for report in tuple(reports) for status in report["status"]]
             return ("alert_system: battery_level", level) in shown
 
