@@ -52,7 +52,7 @@ def parse_matchers(text: str) -> Tuple[Matcher, ...]:
     while position <= len(text):
         found = _MATCHER.match(text, position)
         part = text[position:].partition(",")[0].strip()
-        value = "" if found is None else (found["quoted"] if found["quoted"] is not None else found["plain"]).strip()
+        value = "" if found is None else found["quoted"] or (found["plain"] or "").strip()
         if found is None or found["rest"] or not found["label"] or not found["operator"] or not value:
             raise ConfigError(f"expected matchers such as robot=r3,signal=battery*, got {part[:60]!r}")
         if found["operator"] in ("=~", "!~"):
@@ -72,8 +72,9 @@ def matchers_text(matchers: Sequence[Matcher]) -> str:
     """Returns matchers as `parse_matchers` reads them."""
 
     def quoted(pattern: str) -> str:
-        # A ~ after the operator would look like a regular expression.
-        return f'"{pattern}"' if "," in pattern or pattern.startswith("~") else pattern
+        # Spaces at the ends would be stripped, and a ~ after the operator would look like a regular expression.
+        needs_quotes = "," in pattern or pattern != pattern.strip() or pattern.startswith("~")
+        return f'"{pattern}"' if needs_quotes else pattern
 
     return ",".join(f"{each.label}{'=' if each.equal else '!='}{quoted(each.pattern)}" for each in matchers)
 

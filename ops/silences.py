@@ -323,7 +323,8 @@ def add_silence(
         author: who; one line of at most 200 characters.
 
     Raises:
-        ConfigError: no end is given, no open alert matches, a text is too long, or there are too many silences.
+        ConfigError: no end is given, no open alert matches, a text is too long or a pattern has a double quote, or
+            there are too many silences.
     """
     if for_s is None and not until_resolved:
         raise ConfigError("expected a duration, or until resolved; got neither")
@@ -334,6 +335,7 @@ def add_silence(
             raise ConfigError(f"expected a {name} of one line, at most {MOST_TEXT} characters, got {ascii(text)[:60]}")
     if not matchers:
         raise ConfigError("expected matchers such as robot=r3,signal=battery*, got none")
+    text = _stored_text(matchers)
     if len(read_silences(connection, active_at_s=now_s)) >= MOST_ACTIVE:
         raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
     alerts: Optional[FrozenSet[Alert]] = None
@@ -341,11 +343,11 @@ def add_silence(
         candidate = Silence(0, tuple(matchers), reason, author, now_s, None, None, None)
         alerts = frozenset(alert for alert in open_alerts(connection) if candidate.matches(*alert))
         if not alerts:
-            raise ConfigError(f"no open alert matches {matchers_text(matchers)}")
+            raise ConfigError(f"no open alert matches {text}")
     until_s = None if for_s is None else now_s + for_s
     number = connection.execute(
         "INSERT INTO silences (matchers, reason, author, created_s, until_s, until_resolved) VALUES (?, ?, ?, ?, ?, ?)",
-        (matchers_text(matchers), reason, author, now_s, until_s, int(until_resolved)),
+        (text, reason, author, now_s, until_s, int(until_resolved)),
     ).lastrowid
     assert number is not None
     connection.executemany(
@@ -360,6 +362,18 @@ def add_silence(
     )
     connection.execute(f"DELETE FROM silences WHERE {ended}", (oldest, now_s))
     return Silence(number, tuple(matchers), reason, author, now_s, until_s, alerts, None)
+
+
+def _stored_text(matchers: Sequence[Matcher]) -> str:
+    """Returns matchers as they are stored.
+
+    Raises:
+        ConfigError: reading them would not give the same matchers.
+    """
+    text = matchers_text(matchers)
+    if parse_matchers(text) != tuple(matchers):
+        raise ConfigError(f"expected patterns without double quotes, got {ascii(text)[:60]}")
+    return text
 
 
 def expire_silence(connection: sqlite3.Connection, number: int, now_s: float) -> Silence:

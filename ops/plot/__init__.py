@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pkgutil
+import sys
 from typing import Any, Dict, List
 
 from robot_health_monitor.core.config import SignalConfig
@@ -24,6 +25,7 @@ def plot_bounds(config: SignalConfig) -> List[Dict[str, Any]]:
     for name, bound in config.bounds.items():
         level, _, side = name.partition("_")
         clears = bound + config.hysteresis if side == "below" else bound - config.hysteresis
+        clears = min(max(clears, -sys.float_info.max), sys.float_info.max)  # JSON has no infinity
         found.append({"level": level.upper(), "side": side, "value": bound, "clears": clears})
     return found
 

@@ -6,6 +6,7 @@ import sqlite3
 from datetime import datetime, timezone
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Protocol, Tuple, TypeVar
 
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.model import Level
 
 from ..history import queries
@@ -101,7 +102,7 @@ class PastAlerts:
                 ],
             }
 
-        return self._history.read(read)
+        return self._read(read)
 
     def alert(self, number: int) -> Optional[Tuple[Json, List[Tuple[float, Optional[float]]]]]:
         """Returns an alert and its samples (time in s since 1970, value); None if there is none. May block."""
@@ -114,7 +115,13 @@ class PastAlerts:
             finite = [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
             return _alert(transition), finite
 
-        return self._history.read(read)
+        return self._read(read)
+
+    def _read(self, function: Callable[[sqlite3.Connection], Result]) -> Result:
+        try:
+            return self._history.read(function)
+        except ConfigError as error:  # the file was replaced or damaged: not the fault of the request
+            raise ServiceError(error.problem) from None
 
 
 def _alert(transition: StoredTransition) -> Json:

@@ -19,7 +19,7 @@ from robot_health_monitor.core.version import package_version
 from ..metrics import METRICS_LIBRARY, Metrics
 from .history import HistorySource, PastAlerts, query_of
 from .page_files import PageFiles
-from .requests import API_HEADERS, ApiError, check_same_origin, json_bytes, json_response, read_object
+from .requests import API_HEADERS, ApiError, check_same_origin, json_bytes, json_response, read_object, read_text
 from .sessions import SESSION_S, LoginLimit, Sessions, TooManyLoginsError
 from .silencing import SilenceSource, expire_silence, new_silence, silence_json
 from .state import RobotReader, Samples, iso_time
@@ -96,9 +96,9 @@ class WebInterface:
     def routes(self) -> List[web.RouteDef]:
         """Returns the routes."""
         get, post = web.get, web.post
-        return [
+        api = [
             get("/api/state", self._reading_route(self._get_state)),
-            get("/api/events", self._reading_route(self.updates.serve)),
+            get("/api/events", self._reading_route(self.updates.serve), allow_head=False),
             get("/api/history", self._reading_route(self._get_history)),
             get("/api/history/{id}", self._reading_route(self._get_past_alert)),
             post("/api/login", self._route(self._login)),
@@ -106,6 +106,11 @@ class WebInterface:
             post("/api/silence", self._changing_route(self._add_silence)),
             post("/api/silence/expire", self._changing_route(self._expire_silence)),
             post("/api/reset", self._changing_route(self._reset)),
+        ]
+        methods = {route.path: route.method for route in api}
+        return [
+            *api,
+            *(web.route("*", path, self._route(_method_refusal(method))) for path, method in methods.items()),
             web.route("*", "/api/{path:.*}", self._route(_refuse_path)),
             get("/metrics", self._reading_route(self._get_metrics)),
             get("/healthz", self._route(self._get_health)),
@@ -257,7 +262,7 @@ class WebInterface:
         """Reads robots: in a thread if that may wait."""
         return function() if self._reading is None else await self._reading.run(function)
 
-    def _robot(self, name: object) -> AlertSystem:
+    def _robot(self, name: str) -> AlertSystem:
         for alert_system in self._robots():
             if alert_system.robot == name:
                 return alert_system
@@ -271,7 +276,7 @@ class WebInterface:
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
         history, text = self._require_history(), request.match_info["id"]
-        number = int(text) if text.isdigit() and len(text) < 19 else -1
+        number = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
         found = await self._worker.run(lambda: history.alert(number))
         if found is None:
             raise ApiError(404, f"there is no alert {text}")
@@ -305,7 +310,7 @@ class WebInterface:
         return self._silences
 
     async def _reset(self, body: Json) -> object:
-        alert_system = self._robot(body.get("robot"))
+        alert_system = self._robot(read_text(body, "robot"))
         return {"message": await self._read(alert_system.reset)}
 
     # Metrics and health
@@ -333,4 +338,11 @@ class WebInterface:
 
 
 async def _refuse_path(request: web.Request) -> web.StreamResponse:
-    raise ApiError(404, "there is no such path, or it does not take this method")
+    raise ApiError(404, f"there is no path {request.path}")
+
+
+def _method_refusal(method: str) -> Handler:
+    async def refuse(request: web.Request) -> web.StreamResponse:
+        raise ApiError(405, f"expected the method {method}", {"Allow": method})
+
+    return refuse

@@ -9,11 +9,12 @@ from urllib.parse import urlsplit
 
 from aiohttp import web
 
-__all__ = ["API_HEADERS", "ApiError", "check_same_origin", "json_bytes", "json_response", "read_object"]
+__all__ = ["API_HEADERS", "ApiError", "check_same_origin", "json_bytes", "json_response", "read_object", "read_text"]
 
 MOST_BODY = 16_384
 """Largest body of a request, in bytes."""
 _BODY_TIMEOUT_S = 10.0
+_MOST_TEXT = 200
 
 SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 API_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
@@ -94,6 +95,20 @@ async def read_object(request: web.Request) -> Dict[str, Any]:
         raise ApiError(400, "expected a JSON object, got something else") from None
     if not isinstance(value, dict):
         raise ApiError(400, "expected a JSON object, got something else")
+    return value
+
+
+def read_text(body: Mapping[str, Any], name: str) -> str:
+    """Returns a text of a request's body; empty if it is left out.
+
+    Raises:
+        ApiError: it is no text, or too long.
+    """
+    value = body.get(name)
+    if value is None:
+        return ""
+    if not isinstance(value, str) or len(value) > _MOST_TEXT:
+        raise ApiError(400, f"{name}: expected a text of at most {_MOST_TEXT} characters")
     return value
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Dict, Mapping, Optional, Protocol, Sequence
 
+from robot_health_monitor.core.errors import ConfigError
+
 from ..matchers import Matcher, matchers_text
 from ..silences import Silence
-from .requests import ApiError
+from .requests import ApiError, read_text
 from .state import iso_time
 
 __all__ = ["SilenceSource", "expire_silence", "new_silence", "silence_json"]
-
-_MOST_TEXT = 200
 
 
 class SilenceSource(Protocol):
@@ -66,7 +66,7 @@ def new_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
         ConfigError: it is not possible.
         ServiceError: the history failed or did not answer.
     """
-    robot, signal = _text(body, "robot"), _text(body, "signal")
+    robot, signal = read_text(body, "robot"), read_text(body, "signal")
     if not robot:
         raise ApiError(400, "robot: expected a name or a pattern, got nothing")
     matchers = [Matcher("robot", True, robot)] + ([Matcher("signal", True, signal)] if signal else [])
@@ -79,8 +79,8 @@ def new_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
         matchers,
         for_s=None if for_s is None else float(for_s),
         until_resolved=body.get("until_resolved") is True,
-        reason=_text(body, "reason"),
-        author=_text(body, "author"),
+        reason=read_text(body, "reason"),
+        author=read_text(body, "author"),
     )
 
 
@@ -88,20 +88,13 @@ def expire_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
     """Ends the silence that a request names. May block.
 
     Raises:
-        ApiError: it is not named.
-        ConfigError: there is no such silence, or it has ended.
+        ApiError: it is not named, there is no such silence, or it has ended.
         ServiceError: the history failed or did not answer.
     """
     text = str(body.get("id", ""))[:20]
     if not (text.isascii() and text.isdigit()):
         raise ApiError(400, "id: expected the id of a silence")
-    return silences.expire(int(text))
-
-
-def _text(body: Mapping[str, Any], name: str) -> str:
-    value = body.get(name)
-    if value is None:
-        return ""
-    if not isinstance(value, str) or len(value) > _MOST_TEXT:
-        raise ApiError(400, f"{name}: expected a text of at most {_MOST_TEXT} characters")
-    return value
+    try:
+        return silences.expire(int(text))
+    except ConfigError as error:
+        raise ApiError(404, error.problem) from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Set
+from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, Set
 
 from aiohttp import web
 
@@ -16,6 +16,8 @@ __all__ = ["MOST_PAGES", "Updates", "changes"]
 
 MOST_PAGES = 200
 """Most pages at a time."""
+MOST_ROBOTS = 10
+"""Most robots whose samples one page gets."""
 MOST_WAITING = 10
 """Events that may wait for a page, about one per second; a page that is slower is disconnected."""
 PERIOD_S = 1.0
@@ -31,17 +33,18 @@ Json = Dict[str, Any]
 class _Page:
     """One open connection."""
 
-    def __init__(self, robot: str) -> None:
-        self.robot = robot
-        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 2)  # `state` and `samples` at the start
-        self.is_slow = asyncio.Event()
+    def __init__(self, robots: Sequence[str]) -> None:
+        self.robots = robots
+        """Those whose samples it gets."""
+        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 1 + MOST_ROBOTS)  # `state`, `samples` first
+        self.ends = asyncio.Event()
 
     def send(self, event: bytes) -> None:
-        """Queues an event; a page that reads too slowly is to be disconnected."""
+        """Queues an event; a page that reads too slowly is disconnected."""
         try:
             self._waiting.put_nowait(event)
         except asyncio.QueueFull:
-            self.is_slow.set()
+            self.ends.set()
 
     async def next(self) -> bytes:
         """Waits for the next event."""
@@ -97,11 +100,14 @@ class Updates:
         """Answers `/api/events` until the page or the server closes the connection.
 
         Raises:
-            ApiError: there are too many pages, or there is no such robot.
+            ApiError: there are too many pages, too many robots are asked for, or there is no such robot.
         """
         if len(self._pages) >= MOST_PAGES or self._closed:
             raise ApiError(503, f"{MOST_PAGES} pages are open")
-        page = _Page(request.query.get("robot", ""))
+        robots = list(dict.fromkeys(filter(None, request.query.getall("robot", []))))
+        if len(robots) > MOST_ROBOTS:
+            raise ApiError(400, f"robot: expected at most {MOST_ROBOTS} names, got {len(robots)}")
+        page = _Page(robots)
         await self._add(page)
         try:
             response = web.StreamResponse(headers=_HEADERS)
@@ -114,20 +120,23 @@ class Updates:
     def close(self) -> None:
         """Disconnects every page. Call in the loop."""
         self._closed = True
-        for page in self._pages:
-            page.is_slow.set()
+        self._disconnect_all()
         if self._task is not None:
             self._task.cancel()
 
+    def _disconnect_all(self) -> None:
+        for page in self._pages:
+            page.ends.set()
+
     async def _write(self, page: _Page, request: web.Request, response: web.StreamResponse) -> None:
-        slow = asyncio.ensure_future(page.is_slow.wait())
+        ending = asyncio.ensure_future(page.ends.wait())
         writing = asyncio.ensure_future(_write_events(page, response))
         try:
-            await asyncio.wait({slow, writing}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({ending, writing}, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for task in (slow, writing):
+            for task in (ending, writing):
                 task.cancel()
-            await asyncio.wait({slow, writing})
+            await asyncio.wait({ending, writing})
             if not writing.cancelled():
                 writing.exception()  # the page has gone: it is retrieved, so that asyncio does not log it
             if request.transport is not None:
@@ -139,26 +148,31 @@ class Updates:
         async with self._reading:
             if self._state is None:
                 self._state = await self._read_state()
-            if page.robot and page.robot not in self._state["robots"]:
-                raise ApiError(404, f"there is no robot {page.robot}")
+            for robot in page.robots:
+                if robot not in self._state["robots"]:
+                    raise ApiError(404, f"there is no robot {robot}")
             page.send(_RETRY + self._state_event())
             self._pages.add(page)
             if self._task is None:
                 self._loop, self._wake = asyncio.get_event_loop(), asyncio.Event()
                 self._task = asyncio.ensure_future(self._run(self._wake))
-            if page.robot:
+            for robot in page.robots:
                 try:
-                    samples = await self._read_samples(page.robot, None)
+                    samples = await self._read_samples(robot, None)
                 except BusyError:
                     samples = None
                 if samples is not None:
-                    self._samples.setdefault(page.robot, samples)
-                    page.send(self._samples_event(page.robot, samples))
+                    self._samples.setdefault(robot, samples)
+                    page.send(self._samples_event(robot, samples))
+
+    def _plotted(self) -> Set[str]:
+        """Returns the robots whose samples are sent."""
+        return {robot for page in self._pages for robot in page.robots}
 
     def _remove(self, page: _Page) -> None:
         self._pages.discard(page)
-        if not any(other.robot == page.robot for other in self._pages):
-            self._samples.pop(page.robot, None)
+        for robot in set(self._samples) - self._plotted():
+            del self._samples[robot]
         if not self._pages:
             self._state = self._encoded_state = None
             if self._task is not None:
@@ -179,25 +193,22 @@ class Updates:
                 await self._update()
             except BusyError:
                 pass  # without events the pages show that they have lost the monitor
+            except Exception:
+                self._disconnect_all()  # they connect again: the first event fails too, and the server logs why
 
     async def _update(self) -> None:
         assert self._reading is not None
         async with self._reading:
-            before, after = self._state, await self._read_state()
-            changed = None if before is None else changes(before, after)
+            after = await self._read_state()
+            samples = {robot: await self._read_samples(robot, self._samples.get(robot)) for robot in self._plotted()}
+            # Nothing is remembered before everything is read: what is not sent now is sent with the next update.
+            changed = None if self._state is None else changes(self._state, after)
             self._state, self._encoded_state = after, None
+            self._samples = {robot: new for robot, new in samples.items() if new is not None}
             event = self._state_event() if changed is None else self._event("change", changed)
-            events = {"": event}  # by the robot that a page shows
-            for robot in sorted({page.robot for page in self._pages} - {""}):
-                samples = await self._read_samples(robot, self._samples.get(robot))
-                if samples is None:
-                    self._samples.pop(robot, None)
-                    events[robot] = event
-                else:
-                    self._samples[robot] = samples
-                    events[robot] = event + self._samples_event(robot, samples)
+            sampled = {robot: self._samples_event(robot, new) for robot, new in self._samples.items()}
             for page in self._pages:
-                page.send(events[page.robot])
+                page.send(event + b"".join(sampled.get(robot, b"") for robot in page.robots))
 
     def _state_event(self) -> bytes:
         if self._encoded_state is None:

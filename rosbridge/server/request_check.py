@@ -23,9 +23,9 @@ class Refusal(NamedTuple):
     """One line for the log, without the token."""
 
     def response(self) -> web.Response:
-        """Returns the HTTP response."""
+        """Returns the HTTP response, in the form of docs/api.md."""
         headers = {"WWW-Authenticate": "Bearer"} if self.status == 401 else {}
-        return web.Response(status=self.status, text=f"{self.text}\n", headers=headers)
+        return web.json_response({"error": self.text}, status=self.status, headers=headers)
 
 
 def check_request(request: web.Request, access: Access, *, check_host: bool) -> Optional[Refusal]:
@@ -45,14 +45,14 @@ def check_request(request: web.Request, access: Access, *, check_host: bool) -> 
     host = request.headers.get("Host", "")
     if check_host and not is_loopback(host):
         log_text = f"refused a request for host {shown(host)}: without a token, only loopback names are served"
-        return Refusal(403, "Without a token, only loopback names are served.", log_text)
+        return Refusal(403, "without a token, only loopback names are served", log_text)
     origin = request.headers.get("Origin", "")
     if not access.origin_allowed(origin, host):
         return Refusal(
             403,
-            "Pages of this origin may not connect.",
+            "pages of this origin may not connect",
             f"refused a web page of {shown(origin, 100)}: origin not allowed",
         )
     if access.credentials(request.headers, request.query) is Credentials.WRONG:
-        return Refusal(401, "Wrong token", f"refused a client at {request.remote}: wrong token")
+        return Refusal(401, "wrong token", f"refused a client at {request.remote}: wrong token")
     return None

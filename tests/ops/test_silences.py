@@ -16,7 +16,7 @@ from robot_health_monitor.core.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.history.reader import HistoryReader
-from robot_health_monitor.ops.matchers import parse_matchers
+from robot_health_monitor.ops.matchers import Matcher, parse_matchers
 from robot_health_monitor.ops.silences import (
     Silence,
     Silences,
@@ -294,6 +294,18 @@ def test_silences_that_are_refused(
         silences.add(parse_matchers("robot=r3"), for_s=for_s, until_resolved=until_resolved, reason=reason)
     assert str(caught.value) == problem
     assert silences.active() == []
+
+
+@pytest.mark.parametrize("pattern", ['a "quoted" name', "two\nlines", "\ud800", ""])
+def test_a_silence_that_could_not_be_read_again_is_refused(silences: Silences, pattern: str) -> None:
+    with pytest.raises(ConfigError, match="expected"):
+        silences.add([Matcher("robot", True, pattern)], for_s=60.0)
+
+
+def test_any_other_pattern_is_stored(silences: Silences) -> None:
+    for number, pattern in enumerate(["~r3", "r3, left", "=r3", " r3", "روبوت", "🤖", "[r]"]):
+        silences.add([Matcher("robot", True, pattern)], for_s=60.0)
+        assert silences.active()[number].matchers == (Matcher("robot", True, pattern),)
 
 
 def test_the_number_of_active_silences_is_limited(history: History, clock: Clock) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Mapping
+import sqlite3
+from typing import Any, Callable, Mapping
 
 import pytest
 
 pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
 
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.ops.web.history import Query, query_of
+from robot_health_monitor.ops.web.history import PastAlerts, Query, query_of
 from robot_health_monitor.ops.web.requests import ApiError
 
 
@@ -40,3 +42,13 @@ def test_every_parameter_is_read() -> None:
 def test_an_invalid_parameter_is_named(given: Mapping[str, str]) -> None:
     with pytest.raises(ApiError, match=f"^{next(iter(given))}: expected"):
         query_of(given)
+
+
+def test_a_file_that_cannot_be_read_is_not_the_fault_of_the_request() -> None:
+    class Damaged:
+        def read(self, function: Callable[[sqlite3.Connection], Any], timeout_s: float = 1.0) -> Any:
+            raise ConfigError("history.db: file is not a database")
+
+    for request in (lambda past: past.alerts(query_of({})), lambda past: past.alert(1)):
+        with pytest.raises(ServiceError, match="file is not a database"):
+            request(PastAlerts(Damaged()))

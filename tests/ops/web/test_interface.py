@@ -18,6 +18,7 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.silences import Silences
 from robot_health_monitor.ops.web.sessions import SESSION_S
+from robot_health_monitor.ops.web.worker import BusyError
 
 BEARER = {"Authorization": "Bearer s3cret"}
 EXPECTED = {
@@ -226,7 +227,7 @@ def test_reset_clears_latched_alerts() -> None:
         assert (await site.get("/api/state"))[1]["worst"] == "OK"
         assert await site.post("/api/reset", {"robot": "spot"}) == (404, {"error": "there is no robot spot"})
         assert (await site.post("/api/reset", {}))[0] == 404
-        assert (await site.post("/api/reset", {"robot": ["atlas"]}))[0] == 404
+        assert (await site.post("/api/reset", {"robot": ["atlas"]}))[0] == 400
 
     with_site(use, low_battery())
 
@@ -246,7 +247,7 @@ def test_changes_need_the_token_and_the_servers_own_page() -> None:
             {"Sec-Fetch-Site": "same-site"},
         ):
             assert (await site.post("/api/reset", body, headers={**BEARER, **foreign}))[0] == 403, foreign
-        assert (await site.get("/api/reset", headers=BEARER))[0] == 404
+        assert (await site.get("/api/reset", headers=BEARER))[0] == 405
 
     with_site(use, token="s3cret")
 
@@ -301,10 +302,20 @@ def test_a_large_body_without_a_length_is_refused() -> None:
 
 def test_unknown_paths_and_methods_are_errors_in_json() -> None:
     async def use(site: Site) -> None:
-        for method, path in (("GET", "/api/nothing"), ("PUT", "/api/state"), ("POST", "/api/state")):
+        for method, path, status, allowed in (
+            ("GET", "/api/nothing", 404, None),
+            ("PUT", "/api/state", 405, "GET"),
+            ("POST", "/api/history/1", 405, "GET"),
+            ("GET", "/api/silence", 405, "POST"),
+        ):
             async with site.session.request(method, site.url + path) as response:
-                assert response.status == 404
+                assert (response.status, response.headers.get("Allow")) == (status, allowed)
                 assert list(await response.json()) == ["error"]
+
+        async with site.session.head(f"{site.url}/api/state") as response:
+            assert response.status == 200
+        async with site.session.head(f"{site.url}/api/events") as response:  # its answer would not end
+            assert response.status == 405
 
     with_site(use)
 
@@ -393,6 +404,85 @@ def test_a_page_gets_the_samples_of_the_robot_that_it_shows() -> None:
     with_site(use, robots)
 
 
+def test_a_page_gets_the_samples_of_several_robots() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site, "?robot=atlas&robot=talos&robot=atlas") as page, open_page(site) as other:
+            received = [await page.next("samples") for _ in range(2)]
+            assert [(samples["robot"], samples["full"]) for _, samples in received] == [
+                ("atlas", True),
+                ("talos", True),
+            ]
+            site.robots.observe(49.0, robot=2)
+            while not samples_of(received[-1], "talos"):
+                received.append(await page.next("samples"))
+            assert samples_of(received[-1], "talos") == [49.0]
+            assert "spot" not in {samples["robot"] for _, samples in received}
+            kinds = [(await other.next())[0] for _ in range(3)]
+            assert "samples" not in kinds
+        while site.web.updates.pages:
+            await asyncio.sleep(0.01)
+        assert site.web.updates._samples == {}
+
+    def samples_of(event: Tuple[str, Dict[str, Any]], robot: str) -> List[float]:
+        _, data = event
+        return [value for _, value in data["signals"].get("battery_level", ())] if data["robot"] == robot else []
+
+    with_site(use, Robots("atlas", "spot", "talos"))
+
+
+def test_an_update_that_fails_loses_no_change() -> None:
+    async def use(site: Site) -> None:
+        async with open_page(site, "?robot=atlas") as page:
+            await page.next("samples")
+            updates = site.web.updates
+            assert updates._task is not None
+            updates._task.cancel()  # the test makes the updates
+            read = updates._read_samples
+
+            async def fail(robot: str, before: Any) -> Any:
+                raise BusyError("busy")
+
+            updates._read_samples = fail
+            site.robots.observe(9.0)
+            with pytest.raises(BusyError):
+                await updates._update()
+            updates._read_samples = read
+            await updates._update()
+            while True:
+                _, change = await page.next("change")
+                if "worst" in change:
+                    break
+            assert change["worst"] == "WARN"
+            assert [value for _, value in (await page.next("samples"))[1]["signals"]["battery_level"]] == [9.0]
+
+    with_site(use)
+
+
+def test_pages_are_disconnected_and_the_cause_is_logged_when_the_state_cannot_be_read() -> None:
+    lines: List[str] = []
+    robots = Robots()
+    robots.bus.on_log = lambda line: lines.append(line.text)
+
+    async def use(site: Site) -> None:
+        async def fail() -> Any:
+            raise RuntimeError("the state is broken")
+
+        async with open_page(site) as page:
+            await page.next("state")
+            site.web.updates._read_state, read = fail, site.web.updates._read_state
+            with pytest.raises((EOFError, aiohttp.ClientError)):
+                await page.next("none of this kind")
+        while site.web.updates.pages:
+            await asyncio.sleep(0.01)
+        assert (await site.get("/api/events"))[0] == 500
+        assert any("RuntimeError" in line for line in lines)
+        site.web.updates._read_state = read
+        async with open_page(site) as page:
+            assert (await page.next())[0] == "state"
+
+    with_site(use, robots)
+
+
 def test_robots_that_come_and_go_are_a_new_state() -> None:
     async def use(site: Site) -> None:
         async with open_page(site) as page:
@@ -445,7 +535,10 @@ def test_without_a_page_nothing_is_read() -> None:
 
 def test_an_unknown_robot_has_no_samples() -> None:
     async def use(site: Site) -> None:
-        assert await site.get("/api/events?robot=talos") == (404, {"error": "there is no robot talos"})
+        for query in ("?robot=talos", "?robot=atlas&robot=talos"):
+            assert await site.get(f"/api/events{query}") == (404, {"error": "there is no robot talos"})
+        many = "&".join(f"robot=r{number}" for number in range(11))
+        assert await site.get(f"/api/events?{many}") == (400, {"error": "robot: expected at most 10 names, got 11"})
         assert site.web.updates.pages == 0
 
     with_site(use)
@@ -535,7 +628,13 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "bounds": [{"level": "WARN", "side": "below", "value": 20.0, "clears": 22.0}],
             "samples": [[1_795_324_000.0, 50.0], [1_795_324_001.0, 19.0]],
         }
-        for path in ("/api/history/999", "/api/history/x", "/api/history/-1", f"/api/history/{'9' * 40}"):
+        for path in (
+            "/api/history/999",
+            "/api/history/x",
+            "/api/history/-1",
+            "/api/history/%C2%B2",
+            f"/api/history/{'9' * 40}",
+        ):
             assert (await site.get(path))[0] == 404
         for query, found in (
             ("robot=atlas&signal=battery_level&level=WARN&since=2026-11-22T05:00:00Z", 1),
@@ -615,11 +714,14 @@ def test_a_silence_is_added_shown_and_expired() -> None:
             {"robot": "atlas", "for_s": 1e12},
             {"robot": "x" * 1000, "for_s": 60},
             {"robot": 3, "for_s": 60},
+            {"robot": "\ud800", "for_s": 60},
+            {"robot": 'a "quoted" name', "for_s": 60},
+            {"robot": "two\nlines", "for_s": 60},
         ):
             assert (await site.post("/api/silence", bad))[0] == 400, bad
         assert await site.post("/api/silence/expire", {"id": "1"}) == (200, {"ok": True})
-        for gone in ("1", "99", "x", "", None, "9" * 30):
-            assert (await site.post("/api/silence/expire", {"id": gone}))[0] in (400, 404), gone
+        for gone, status in (("1", 404), ("99", 404), ("9" * 20, 404), ("x", 400), ("", 400), (None, 400)):
+            assert (await site.post("/api/silence/expire", {"id": gone}))[0] == status, gone
 
     try:
         with_site(use, robots, silences=silences)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from harness.web import Robots
 
 from robot_health_monitor.ops.web.state import MOST_SAMPLES, RobotReader, iso_time
@@ -64,6 +66,12 @@ def test_bounds_apply_to_the_statistic() -> None:
     signal = reader(robots).state(window=False)["signals"]["odom"]
     assert (signal["statistic"], signal["judged"], signal["judged_unit"]) == ("frequency_hz", 1.0, "Hz")
     assert signal["message"] == "rate 1 Hz is below 8 Hz"
+
+
+def test_bounds_are_numbers_that_json_has() -> None:
+    robots = Robots(signals={"x": {"warn_below": 1e308, "hysteresis": 1.7e308}})
+    bounds = reader(robots).state(window=False)["signals"]["x"]["bounds"]
+    assert [bound["clears"] for bound in bounds] == [sys.float_info.max]
 
 
 def test_a_silence_is_shown() -> None:
