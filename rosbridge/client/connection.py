@@ -33,9 +33,11 @@ from robot_health_monitor.core.middleware import Severity
 
 from .. import protocol
 from ..address import host_and_port, http_address, shown_address
+from ..flood_limit import FloodLimit
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError
 from ..protocol.codec import decode
 from ..protocol.definitions import canonical
+from ..turns import Turns, limit_reads
 from .backoff import Backoff
 from .cause import UP, Cause, cause_of_close, cause_of_error
 from .host_lookup import HostLookup
@@ -55,11 +57,10 @@ _Result = TypeVar("_Result")
 
 _CONNECT_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 1.0
-_LONGEST_TURN_S = 0.01
-_WAITED_S = 0.0005
-"""A call of `receive` that took longer has waited for a message."""
 _LONGEST_TEXT = 200
 _TEXT, _BINARY = aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY
+_WITHOUT_CONTENT = (_TEXT, _BINARY, aiohttp.WSMsgType.PING, aiohttp.WSMsgType.PONG)
+_FLOODED = Cause("connection closed: the server floods it with pings or empty messages")
 _TCP_INFO_BYTES = 104
 _LAST_DATA_RECEIVED = 52
 """Offset of `tcpi_last_data_recv`, in ms, in Linux' `struct tcp_info` (linux/tcp.h)."""
@@ -231,7 +232,7 @@ class ServerConnection:
         """
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         has_token = bool(self._token)
-        connector = aiohttp.TCPConnector(resolver=self._lookup, use_dns_cache=False)
+        connector = _Connector(resolver=self._lookup, use_dns_cache=False)
         async with aiohttp.ClientSession(headers=headers, connector=connector) as session:
             try:
                 socket = await _within(_CONNECT_TIMEOUT_S, self._open(session))
@@ -239,6 +240,7 @@ class ServerConnection:
                 self._report(False, cause_of_error(error, has_token))
                 return None
             start_s = asyncio.get_event_loop().time()
+            cause = UP
             try:
                 cause = await self._talk(socket)
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
@@ -247,7 +249,8 @@ class ServerConnection:
                 self.up = False
                 self._cancel_probation()
                 self.calls.fail_all(f"the connection to {self.address} went down")
-                await _close(socket)
+                if cause is not _FLOODED:  # a closing handshake would read the whole flood
+                    await _close(socket)
             self._report(False, cause)
             return asyncio.get_event_loop().time() - start_s
 
@@ -296,27 +299,26 @@ class ServerConnection:
 
     async def _read(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
         clock = asyncio.get_event_loop().time
-        turn_s = called_s = clock()
+        turns, flood = Turns(clock()), FloodLimit()
         while True:
             message = await socket.receive()
             self._received_s = now_s = clock()
+            turns.note_received(now_s)
             kind = message.type
-            if kind is _TEXT or kind is _BINARY:
-                if now_s - called_s > _WAITED_S:
-                    turn_s = now_s  # the loop has served others meanwhile
+            if (kind is _TEXT or kind is _BINARY) and message.data:
                 self._receive(message.data, now_s)
-                called_s = clock()
-                if called_s - turn_s > _LONGEST_TURN_S:
-                    await asyncio.sleep(0)  # `receive` does not yield while messages wait
-                    turn_s = called_s = clock()
-            elif kind is aiohttp.WSMsgType.PING:
-                await socket.pong(message.data)
-            elif kind is not aiohttp.WSMsgType.PONG:
+            elif kind not in _WITHOUT_CONTENT:
                 error = message.data if isinstance(message.data, BaseException) else socket.exception()
                 if error is not None:
                     return cause_of_error(error, bool(self._token))
                 reason = message.extra if isinstance(message.extra, str) else ""
                 return cause_of_close(socket.close_code, reason, bool(self._token))
+            elif flood.is_exceeded(now_s):
+                return _FLOODED
+            elif kind is aiohttp.WSMsgType.PING:
+                await socket.pong(message.data)
+            if turns.is_over(clock()):
+                await asyncio.sleep(0)
 
     async def _watch(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
         """Waits until the server does not answer.
@@ -401,6 +403,16 @@ class ServerConnection:
         except Exception as error:
             text = printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]
             self._on_log(Severity.ERROR, f"a change of the connection to {self.address} was not processed: {text}")
+
+
+class _Connector(aiohttp.TCPConnector):
+    """Opens connections that are read in small pieces."""
+
+    async def connect(self, *arguments: Any, **options: Any) -> aiohttp.connector.Connection:
+        """As in `aiohttp.TCPConnector`."""
+        connection = await super().connect(*arguments, **options)
+        limit_reads(connection.transport)
+        return connection
 
 
 async def _within(timeout_s: float, work: Coroutine[Any, Any, _Result]) -> _Result:

@@ -17,16 +17,18 @@ import ssl
 import time
 from typing import Any, Awaitable, Callable, Mapping, Optional, Sequence, Set
 
-from aiohttp import WSCloseCode, WSMsgType, web
+from aiohttp import WSCloseCode, web
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import ServedMiddleware, Severity
 
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
+from ..turns import limit_reads
 from .access import Access, Credentials, is_loopback
 from .connections import Connections, Stage, connection_limit
 from .graph import ServedGraph
+from .incoming import FloodError, Incoming
 from .log_limit import LogLimit
 from .node_access import NodeAccess
 from .publications import Publications
@@ -277,6 +279,7 @@ class Server:
         socket = web.WebSocketResponse(
             timeout=_CLOSE_S,
             heartbeat=self._heartbeat_s,
+            autoping=False,
             max_msg_size=self._limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
             compress=False,
             protocols=[CBOR_SUBPROTOCOL],
@@ -285,26 +288,33 @@ class Server:
         transport = request.transport
         if transport is None:
             return socket
+        limit_reads(transport)
         session = Session(self._parts, transport, cbor=socket.ws_protocol == CBOR_SUBPROTOCOL)
+        incoming = Incoming(socket)
         self._sockets.add(socket)
         try:
-            if authenticated or await self._authenticate(request, socket, session):
+            if authenticated or await self._authenticate(request, socket, incoming, session):
                 self._connections.set_stage(request.protocol, Stage.ACCEPTED)
                 self._sessions.add(session)
-                await self._receive(request, socket, session)
+                await self._receive(request, incoming, session)
+        except FloodError:
+            self.log(f"disconnected a client at {request.remote}: it floods the server with pings or empty messages")
+            session.abort()
         finally:
             self._sockets.discard(socket)
             self._sessions.discard(session)
             await asyncio.shield(self._end(session))
         return socket
 
-    async def _authenticate(self, request: web.Request, socket: web.WebSocketResponse, session: Session) -> bool:
+    async def _authenticate(
+        self, request: web.Request, socket: web.WebSocketResponse, incoming: Incoming, session: Session
+    ) -> bool:
         """Waits for the operation `auth`; closes the connection if it does not come or does not prove the token."""
         try:
-            message = await socket.receive(timeout=self._auth_timeout_s)
-            if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY):
+            data = await incoming.next(self._auth_timeout_s)
+            if data is None:
                 return False
-            session.authenticate(message.data)
+            session.authenticate(data)
         except (AuthenticationError, asyncio.TimeoutError) as error:
             reason = str(error) or "token required"
             self.log(f"refused a client at {request.remote}: {reason}")
@@ -312,14 +322,13 @@ class Server:
             return False
         return True
 
-    async def _receive(self, request: web.Request, socket: web.WebSocketResponse, session: Session) -> None:
-        is_active = False
-        async for message in socket:
-            if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
-                if not is_active:
-                    is_active = True
-                    self._connections.set_stage(request.protocol, Stage.ACTIVE)
-                await session.receive(message.data)
+    async def _receive(self, request: web.Request, incoming: Incoming, session: Session) -> None:
+        data = await incoming.next()
+        if data is not None:
+            self._connections.set_stage(request.protocol, Stage.ACTIVE)
+        while data is not None:
+            await session.receive(data)
+            data = await incoming.next()
 
     async def _end(self, session: Session) -> None:
         try:

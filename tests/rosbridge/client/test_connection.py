@@ -11,6 +11,7 @@ import socket as sockets
 import ssl
 from typing import Any, AsyncIterator, List
 
+import aiohttp
 import cbor2
 import pytest
 from aiohttp import web
@@ -23,6 +24,7 @@ from robot_health_monitor.rosbridge.client.connection import _within
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
+from robot_health_monitor.rosbridge.turns import READ_BYTES
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 
@@ -167,6 +169,69 @@ async def test_a_server_that_falls_silent_is_noticed_by_its_missing_pongs() -> N
     for connection in (*accepted, listener):
         connection.close()
     assert watched.causes[0] in ("no answer from the host", "connection lost")  # by version of aiohttp
+
+
+@pytest.mark.parametrize("frame", [b"\x89\0", b"\x8a\0", b"\x81\0", b"\x82\0"], ids=["ping", "pong", "text", "binary"])
+def test_a_server_that_floods_the_connection_with_empty_frames_is_disconnected(frame: bytes) -> None:
+    @scenario
+    async def run() -> None:
+        server = ForeignServer()
+
+        async def flood(socket: web.WebSocketResponse) -> None:
+            transport = server.requests[-1].transport
+            assert isinstance(transport, asyncio.WriteTransport)
+            transport.write(101 * frame)
+
+        server.on_connect = flood
+        watched = Watched(await server.start(), probation_s=0.0)
+        await until(lambda: bool(watched.causes))
+        await watched.close()
+        await server.close()
+        assert watched.causes[0] == "connection closed: the server floods it with pings or empty messages"
+
+    run()
+
+
+@scenario
+async def test_a_hundred_pings_in_a_second_are_answered() -> None:
+    server = ForeignServer()
+    pongs: List[bytes] = []
+
+    async def ping(socket: web.WebSocketResponse) -> None:
+        socket._autoping = False  # shows the pongs
+        for number in range(100):
+            await socket.ping(b"%d" % number)
+        while len(pongs) < 100:
+            message = await socket.receive(timeout=20.0)
+            if message.type is aiohttp.WSMsgType.PONG:
+                pongs.append(bytes(message.data))
+
+    server.on_connect = ping
+    watched = Watched(await server.start(), probation_s=0.0)
+    await until(lambda: len(pongs) == 100)
+    await watched.close()
+    await server.close()
+    assert pongs == [b"%d" % number for number in range(100)]
+    assert watched.ups == [True]
+
+
+@scenario
+async def test_a_server_is_read_in_pieces_so_that_a_flood_delays_no_other_robot() -> None:
+    """256 kB at once, asyncio's default, are 130,000 empty frames."""
+    sizes: List[int] = []
+
+    class Measured(aiohttp.client_proto.ResponseHandler):
+        def data_received(self, data: bytes) -> None:
+            sizes.append(len(data))
+            super().data_received(data)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("aiohttp.connector.ResponseHandler", Measured)
+        async with foreign_robot() as (server, watched):
+            await server.sockets[0].send_str(" " * 500_000 + "{}")
+            await watched.settle()
+    assert sum(sizes) > 500_000
+    assert max(sizes) <= READ_BYTES
 
 
 @scenario
