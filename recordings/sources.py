@@ -7,7 +7,6 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Set, Tuple
 
 from robot_health_monitor.core.config import LINK
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import printable
 
 from .decoding import types_of
 from .recording import Channel
@@ -20,8 +19,9 @@ MOST_FIELDS = 100
 _LONGEST_NAME = 200
 """Letters of a signal's name; YAML allows 1,024 in a key."""
 _PACKAGES = ("std_msgs", "sensor_msgs")
-_TOPICS = ("/", "/clock", "/rosout", "/rosout_agg", "/parameter_events")
-"""Topics of the middleware itself, and one without a name."""
+_TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")
+"""Topics of the middleware itself."""
+_NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 _NUMBERS = "bBhHiIqQfd"
 """struct's letters of numbers."""
 _TIMES = ("sec", "nanosec", "secs", "nsecs")
@@ -77,8 +77,8 @@ def list_sources(channels: Iterable[Channel]) -> Tuple[List[Source], List[str]]:
     for channel in sorted(channels, key=lambda each: each.topic):
         if channel.topic in _TOPICS or channel.type_name.partition("/")[0] not in _PACKAGES:
             continue
-        if printable(channel.topic) != channel.topic:
-            problems.append(f"{channel.topic}: left out, expected a name of printable letters")
+        if not _NAME.match(channel.topic):
+            problems.append(f"{channel.topic}: left out, its name is not valid in ROS")
             continue
         if channel.topic in seen:
             if seen[channel.topic] != channel.type_name:

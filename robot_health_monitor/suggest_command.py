@@ -280,7 +280,8 @@ class _Study:
 
     def _relative(self, topic: str) -> str:
         prefix = f"/{self._namespace}/" if self._namespace else "/"
-        return topic[len(prefix) :] if topic.startswith(prefix) else topic
+        relative = topic[len(prefix) :] if topic.startswith(prefix) else topic
+        return topic if relative[0].isdigit() else relative  # `/r1/2d` is a name, `2d` is not
 
     # The text
 
