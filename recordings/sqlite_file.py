@@ -76,7 +76,7 @@ class SqliteFile:
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels; see `recording.RecordedFile`."""
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
-        last_ns = 0
+        last_ns = -1
         database = self._open()
         try:
             if self._missing:
@@ -165,14 +165,10 @@ class SqliteFile:
 
     def _scan(self, database: sqlite3.Connection) -> None:
         """Finds the time span of a file that is damaged, as far as it can be read."""
-        times: List[int] = []
-        try:
-            for (time_ns,) in database.execute("SELECT timestamp FROM messages NOT INDEXED"):
-                if type(time_ns) is int:
-                    times = [min(times[0], time_ns), max(times[1], time_ns)] if times else [time_ns, time_ns]
-        except _DAMAGE as error:
-            self._note_damage(error)
-        self.span_ns = (times[0], times[1]) if times else None
+        for batch in self._remaining(database, self._channels, -1):
+            for time_ns, _, _ in batch:
+                first_ns, last_ns = self.span_ns or (time_ns, time_ns)
+                self.span_ns = min(first_ns, time_ns), max(last_ns, time_ns)
 
 
 def _query(wanted: Mapping[int, Any]) -> str:

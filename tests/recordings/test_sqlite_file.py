@@ -6,7 +6,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from harness.recorded import read, values, write_folder
+from harness.recorded import nanoseconds, read, values, write_folder
 
 from robot_health_monitor.recordings.recording import RecordingError
 from robot_health_monitor.recordings.sqlite_file import SqliteFile
@@ -77,6 +77,9 @@ def test_a_file_that_is_cut_off_anywhere_is_read_as_far_as_possible(tmp_path: Pa
         assert set(found.messages) <= set(MESSAGES), size
         assert found.messages == sorted(found.messages), size
         assert found.problems == [line]
+        if found.messages:
+            times = [nanoseconds(message.time_s) for message in found.messages]
+            assert SqliteFile(str(cut)).span_ns == (times[0], times[-1]), size
         most = max(most, len(found.messages))
     assert most > len(MESSAGES) // 2
 
