@@ -52,7 +52,7 @@ class PlottedSignal:
         self.envelope = Envelope(start_s, span_s, buckets)
         """The values that the bounds apply to."""
         self.levels: List[Tuple[float, str]] = []
-        """Begin of each announced level, in s since 1970; an empty level: the rest is not kept."""
+        """Begin of each announced level, in s since 1970; an empty level: unknown."""
         self._first_s = math.inf
 
     def add_samples(self, times_s: Any, values: Any, bad_times_s: Any) -> None:
@@ -70,8 +70,18 @@ class PlottedSignal:
             wall_s: its time, in s since 1970.
             transition: the change.
         """
+        self._add_level(wall_s, transition.to_level.name)
+
+    def add_gap(self, begin_s: float, end_s: float) -> None:
+        """Adds a time that is not recorded, in s since 1970; samples before it must have been added."""
+        if self.levels or self._first_s < begin_s:
+            level = self.levels[-1][1] if self.levels else Level.OK.name
+            self._add_level(begin_s, "")
+            self._add_level(end_s, level)
+
+    def _add_level(self, wall_s: float, level: str) -> None:
         if len(self.levels) < MOST_LEVELS:
-            self.levels.append((wall_s, transition.to_level.name))
+            self.levels.append((wall_s, level))
         elif self.levels[-1][1]:
             self.levels.append((wall_s, ""))
 

@@ -48,7 +48,7 @@ class SignalSummary(NamedTuple):
     statistics: SignalStatistics
     """Statistics of its samples."""
     shares: Mapping[Level, float]
-    """Share of time per announced level, 0 to 1, since the first sample or alert; empty without either."""
+    """Share of the recorded time per announced level, 0 to 1, since the first sample or alert; empty without either."""
     alerts: int
     """Number of transitions to a level other than OK, without repetitions."""
 
@@ -78,6 +78,7 @@ class Judge:
         self._on_samples = on_samples
         self._tapes: Dict[Tuple[str, str, Optional[str]], _Tape] = {}
         self._signals: Dict[Tuple[str, str], _JudgedSignal] = {}
+        player.on_gap.append(self._skip)
 
     def add(self, file: str, parameters: Mapping[str, Any]) -> None:
         """Adds a configuration.
@@ -127,6 +128,13 @@ class Judge:
     def summaries(self) -> List[SignalSummary]:
         """One per configuration and signal, in the order of the configurations; complete after `run`."""
         return [signal.summary() for signal in self._signals.values()]
+
+    def _skip(self, begin_s: float, end_s: float) -> None:
+        """Leaves a time out of everything that is measured."""
+        for tape in self._tapes.values():
+            tape.flush()
+        for signal in self._signals.values():
+            signal.skip(begin_s, end_s)
 
     def _note(self, file: str, event: Event) -> None:
         if isinstance(event, Transition):
@@ -214,29 +222,43 @@ class _JudgedSignal:
         self.recorded = recorded
         self.statistics = SignalStatistics(config)
         self._alerts = 0
+        self._skipped_s = 0.0
+        # The following times are log times minus the time that was skipped before them.
         self._level = Level.OK
         self._since_s: Optional[float] = None
         self._lasted_s = dict.fromkeys(Level, 0.0)
         self._first_s = math.inf
+        self._sampled_s: Optional[float] = None
+
+    def skip(self, begin_s: float, end_s: float) -> None:
+        self._note_first_sample()
+        self._skipped_s += end_s - begin_s
+        self.statistics.skip(end_s - begin_s)
 
     def note(self, transition: Transition, wall_s: float) -> None:
         if transition.repeat:
             return
+        now_s = wall_s - self._skipped_s
         if self._since_s is None:
-            self._first_s = wall_s
+            self._first_s = now_s
         else:
-            self._lasted_s[self._level] += wall_s - self._since_s
-        self._level, self._since_s = transition.to_level, wall_s
+            self._lasted_s[self._level] += now_s - self._since_s
+        self._level, self._since_s = transition.to_level, now_s
         self._alerts += transition.to_level is not Level.OK
 
-    def finish(self, end_s: float) -> None:
-        sampled_s = self.statistics.first_s
+    def finish(self, wall_s: float) -> None:
+        self._note_first_sample()
+        sampled_s, end_s = self._sampled_s, wall_s - self._skipped_s
         if self._since_s is not None:
             self._lasted_s[self._level] += end_s - self._since_s
             if sampled_s is not None and sampled_s < self._first_s:
                 self._lasted_s[Level.OK] += self._first_s - sampled_s
         elif sampled_s is not None:
             self._lasted_s[Level.OK] += end_s - sampled_s
+
+    def _note_first_sample(self) -> None:
+        if self._sampled_s is None and self.statistics.first_s is not None:
+            self._sampled_s = self.statistics.first_s - self._skipped_s
 
     def summary(self) -> SignalSummary:
         total_s = sum(self._lasted_s.values())

@@ -180,7 +180,7 @@ class Player:
         self._skipped_s = 0.0
         self.on_log: Callable[[LogLine], None] = on_log or _ignore
         self.on_gap: List[Callable[[float, float], None]] = []
-        """Called with begin and end, in seconds, of each time between recordings in which nothing was recorded."""
+        """Called with begin and end, in seconds, of each time that is skipped: timers do not run in it."""
         self._gaps_ns: List[Tuple[int, int]] = []
         self._nodes: List[RecordedMiddleware] = []
         self._due_s = math.inf
@@ -323,9 +323,7 @@ class Player:
         while self._gaps_ns and self._gaps_ns[0][1] <= until_ns:
             begin_ns, end_ns = self._gaps_ns.pop(0)
             self._run_timers(begin_ns / 1e9)
-            begin_s, self.wall_s = begin_ns / 1e9, end_ns / 1e9
-            for callback in self.on_gap:
-                callback(begin_s, self.wall_s)
+            self._skip(begin_ns / 1e9, end_ns / 1e9)
 
     def _run_timers(self, before_s: float) -> None:
         """Runs the timers that are due before a time; those due at that instant come after its samples."""
@@ -333,8 +331,15 @@ class Player:
         while self._due_s < before_s:
             if self._due_s > stop_s:
                 self._skipped_s += before_s - self._due_s
+                if not self._use_sim_time:
+                    self._skip(self._due_s, before_s)
                 self._due_s = before_s
             self._run_due(max(self.wall_s, self._due_s))
+
+    def _skip(self, begin_s: float, end_s: float) -> None:
+        self.wall_s = end_s
+        for callback in self.on_gap:
+            callback(begin_s, end_s)
 
     def _run_due(self, now_s: float) -> None:
         self.wall_s = now_s

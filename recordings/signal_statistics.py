@@ -44,10 +44,14 @@ class SignalStatistics:
         """Mean of the valid values, in the signal's unit."""
         self.first_s: Optional[float] = None
         """Log time of the first sample, in s since 1970; None without samples."""
-        self.last_s: Optional[float] = None
-        """Log time of the last sample."""
         self.longest_gap_s: Optional[float] = None
         """Longest time between two samples in a row, in s; None with fewer than two samples."""
+        self._last_s: Optional[float] = None
+
+    def skip(self, duration_s: float) -> None:
+        """Leaves a time after the last sample, in s, out of the gaps."""
+        if self._last_s is not None:
+            self._last_s += duration_s
 
     def add(self, times_s: Any, values: Any) -> Any:
         """Adds samples.
@@ -89,10 +93,10 @@ class SignalStatistics:
         gaps: List[float] = []
         if len(times_s) > 1:
             gaps.append(float(np.diff(times_s).max()))
-        if self.last_s is None:
+        if self._last_s is None:
             self.first_s = float(times_s[0])
         else:
-            gaps.append(float(times_s[0]) - self.last_s)
-        self.last_s = float(times_s[-1])
+            gaps.append(float(times_s[0]) - self._last_s)
+        self._last_s = float(times_s[-1])
         if gaps:
             self.longest_gap_s = max(0.0, *gaps) if self.longest_gap_s is None else max(self.longest_gap_s, *gaps)

@@ -92,6 +92,7 @@ class _Replay:
         names = [configuration.name for configuration in configurations]
         self._differences = Differences(names, self._show) if self._several else None
         self._judge = Judge(self._player, self._on_event, self._plot if arguments.report else None)
+        self._player.on_gap.append(self._on_gap)
         for configuration in configurations:
             try:
                 self._judge.add(configuration.name, configuration.parameters)
@@ -189,6 +190,10 @@ class _Replay:
             buckets = buckets_of(len(summaries))
             plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
             self._plots[summary.file, summary.config.name] = plot
+
+    def _on_gap(self, begin_s: float, end_s: float) -> None:
+        for plot in self._plots.values():
+            plot.add_gap(begin_s, end_s)
 
     def _plot(self, file: str, config: SignalConfig, times_s: Any, values: Any, bad_times_s: Any) -> None:
         self._plots[file, config.name].add_samples(times_s, values, bad_times_s)

@@ -131,7 +131,8 @@ class AlertSystem:
         self._announce(self.monitor.set_link(up, cause, now_s), now_s)
 
     def skip(self, since_s: float, until_s: float) -> None:
-        """Leaves a time out of durations and silences, as `Monitor.skip`."""
+        """Leaves a time out of durations and silences, as `Monitor.skip`. No ticks were due in it."""
+        self._self_monitor.skip(until_s - since_s)
         self._announce(self.monitor.skip(since_s, until_s), until_s)
 
     @property

@@ -72,6 +72,12 @@ class SelfMonitor:
         self._tick_s = now_s
         self._tick_steady_s = self._middleware.steady_s()
 
+    def skip(self, duration_s: float) -> None:
+        """Leaves a time in which no tick could come, in s, out of the time since the last tick."""
+        if self._tick_s is not None:
+            self._tick_s += duration_s
+            self._tick_steady_s += duration_s
+
     def check(self, samples: int) -> None:
         """Looks for faults that began or ended. Call every `CHECK_PERIOD_S` of steady time.
 

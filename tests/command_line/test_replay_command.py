@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Dict, List
 
 import pytest
-from harness.recorded import Recorded, values, write_bag, write_mcap
+from harness.recorded import START_NS, Recorded, values, write_bag, write_mcap
 
 from robot_health_monitor.__main__ import main
 
@@ -153,6 +153,19 @@ def test_several_recordings_are_one_timeline(
     assert main(["replay", later, earlier, "--thresholds", thresholds, "--json"]) == 1
     levels = [json.loads(line)["to_level"] for line in capsys.readouterr().out.splitlines()]
     assert levels == ["WARN", "OK"]
+
+
+def test_skipped_times_are_no_late_ticks(tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    messages = values("/battery", [50.0] * 10)
+    first = write_bag(tmp_path / "first.bag", messages)
+    second = write_bag(tmp_path / "second.bag", [each._replace(time_s=each.time_s + 1e5 + 0.4) for each in messages])
+    both = write_bag(tmp_path / "both.bag", [*messages, *values("/battery", [50.0] * 10, start_s=1e5)])
+    assert main(["replay", first, second, "--thresholds", thresholds, "--report", str(tmp_path / "a.html")]) == 0
+    assert capsys.readouterr().err == ""
+    start_s, report = START_NS / 1e9, (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert f'"levels":[[{start_s:.1f},"OK"],[{start_s + 9:.1f},""],[{start_s + 100_000.4:.1f},"OK"]]' in report
+    assert main(["replay", both, "--thresholds", thresholds]) == 1
+    assert capsys.readouterr().err == "WARN: no messages for more than 24 h: 13590 s skipped\n"
 
 
 def test_a_namespace_is_where_the_topics_are(tmp_path: Path, thresholds: str) -> None:

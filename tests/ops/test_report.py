@@ -84,6 +84,17 @@ def test_a_signal_is_ok_from_its_first_sample_whichever_chunk_comes_first() -> N
     assert plotted.shown_levels == [(START_S, "OK"), (START_S + 3.0, "WARN")]
 
 
+def test_the_level_of_a_time_that_is_not_recorded_is_unknown() -> None:
+    plotted = PlottedSignal(read_signal("battery", {}), "", START_S, 99.0, 16)
+    plotted.add_gap(START_S - 20.0, START_S - 10.0)
+    plotted.add_samples(np.array([START_S]), np.array([1.0]), np.empty(0))
+    plotted.add_gap(START_S + 10.0, START_S + 20.0)
+    plotted.add_transition(START_S + 25.0, transition())
+    plotted.add_gap(START_S + 30.0, START_S + 40.0)
+    levels = [(0.0, "OK"), (10.0, ""), (20.0, "OK"), (25.0, "WARN"), (30.0, ""), (40.0, "WARN")]
+    assert plotted.shown_levels == [(START_S + at_s, level) for at_s, level in levels]
+
+
 def test_an_upper_bound_clears_below_it() -> None:
     (signal,) = data_of(render(report([battery(warn_above=80.0, hysteresis=5.0)])))["signals"]
     assert signal["bounds"] == [{"level": "WARN", "side": "above", "value": 80.0, "clears": 75.0}]

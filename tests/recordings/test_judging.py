@@ -158,6 +158,18 @@ def test_the_time_between_two_recordings_is_no_silence(tmp_path: Path) -> None:
     second = write_bag(tmp_path / "second.bag", values("/battery", [10.0] * 5 + [50.0] * 3, start_s=40_000.0))
     result = judge_bags([first, second], BATTERY)
     assert result.transitions == [(5.0, "a", "battery", "WARN"), (40_005.0, "a", "battery", "OK")]
+    # 9 s and 7 s are recorded; WARN lasts 4 s of the first and 5 s of the second.
+    summary = result.summaries["a", "battery"]
+    assert (summary.shares[Level.OK], summary.shares[Level.WARN]) == pytest.approx((7 / 16, 9 / 16))
+    assert summary.statistics.longest_gap_s == 1.0
+
+
+def test_time_before_the_first_sample_belongs_to_no_level_in_a_second_recording_either(tmp_path: Path) -> None:
+    first = write_bag(tmp_path / "first.bag", values("/other", [0.0] * 5))
+    second = write_bag(tmp_path / "second.bag", values("/battery", [50.0] * 4 + [10.0] * 5, start_s=40_000.0))
+    third = write_bag(tmp_path / "third.bag", values("/battery", [10.0] * 5, start_s=90_000.0))
+    shares = judge_bags([first, second, third], BATTERY).summaries["a", "battery"].shares
+    assert (shares[Level.OK], shares[Level.WARN]) == pytest.approx((4 / 12, 8 / 12))
 
 
 def test_silence_within_the_second_recording_counts_from_its_start(tmp_path: Path) -> None:

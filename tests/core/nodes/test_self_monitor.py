@@ -73,6 +73,15 @@ def test_a_tick_that_does_not_come_is_late_and_5_s_are_a_fault(watch: Watch) -> 
     assert watch.monitor.status().level is Level.WARN
 
 
+def test_a_tick_that_could_not_come_is_not_late(watch: Watch) -> None:
+    watch.check_at(101.0)
+    watch.bus.run_due(107.5)
+    watch.monitor.skip(6.0)
+    watch.monitor.check(0)
+    assert watch.monitor.status().values["tick_late_s"] == "0.000"
+    assert watch.events == []
+
+
 def test_the_level_is_that_of_the_worst_fault(watch: Watch) -> None:
     assert watch.monitor.status().level is Level.OK
     watch.node.faults.report("clock", "silent", Level.WARN)
