@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping
 
 from benchmarks.table import Row
+from benchmarks.targets import compile_source
 
 SAMPLES = 1_000_000
 DAY_S = 86_400
@@ -103,6 +104,7 @@ def write(path: Path, form: str, counts: Dict[str, int], period_ns: int, image_b
 
 def rows() -> Iterator[Row]:
     """Measures and yields the rows of the table."""
+    compile_source(sys.executable)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for form in FORMATS:

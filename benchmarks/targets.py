@@ -168,12 +168,16 @@ def ros2(python: str, variables: Dict[str, str]) -> Iterator[Target]:
     yield Target("ROS 2", python, variables, "ros2")
 
 
-def _with_source(python: str, variables: Dict[str, str]) -> Dict[str, str]:
-    """Adds this tree to the path, with its bytecode, as every installed package has it.
+def compile_source(python: str) -> None:
+    """Writes the bytecode of this tree, as every installed package has it.
 
-    Else each node would compile it at its start, and keep the memory that this takes.
+    Else each process would compile it at its start, which takes time and memory.
     """
     folders = [str(folder) for folder in ROOT.iterdir() if folder.is_dir() and not folder.name.startswith(".")]
-    subprocess.run([python, "-m", "compileall", "-q", *folders], env=variables, check=True)
+    subprocess.run([python, "-m", "compileall", "-q", *folders], check=True)
+
+
+def _with_source(python: str, variables: Dict[str, str]) -> Dict[str, str]:
+    compile_source(python)
     path = os.pathsep.join(filter(None, [str(ROOT), variables.get("PYTHONPATH", "")]))
     return {**variables, "PYTHONPATH": path}

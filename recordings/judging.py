@@ -167,39 +167,29 @@ class Judge:
     def _start_tape(
         self, node: RecordedMiddleware, judged: _JudgedSignal, read: Optional[Callable[[], Optional[float]]]
     ) -> _Tape:
-        tape = _Tape(node, judged.topic, read)
-        self._player.subscribe(tape, judged.config.type, judged.config.field or None)
+        """Collects, at each message of a signal, the number that `read` returns; None: that of the message."""
+        tape = _Tape()
+        collect = tape.collect if read is None else lambda _, wall_s: tape.collect(read(), wall_s)
+        subscription = Subscription(node, judged.topic, collect)
+        self._player.subscribe(subscription, judged.config.type, judged.config.field or None)
         return tape
 
 
-class _Tape(Subscription):
-    """Collects the values of one field, and passes them on in chunks."""
+class _Tape:
+    """Collects numbers, and passes them on in chunks."""
 
-    def __init__(
-        self,
-        node: RecordedMiddleware,
-        topic: str,
-        read: Optional[Callable[[], Optional[float]]] = None,
-    ) -> None:
-        """Starts empty.
-
-        Args:
-            node: the node in whose name it subscribes.
-            topic: the absolute topic.
-            read: returns the value to collect at each message; None: the value of the message.
-        """
-        super().__init__(node, topic, _ignore)
+    def __init__(self) -> None:
+        """Starts empty."""
         self.consumers: List[Callable[[Any, Any], None]] = []
         """Each gets the times and values of a chunk, as arrays of doubles."""
-        self._read = read
         self._times: List[float] = []
         self._values: List[Any] = []
 
-    def deliver(self, value: Any, wall_s: float) -> None:
-        times = self._times
-        self._values.append(value if self._read is None else self._read())
-        times.append(wall_s)
-        if len(times) >= CHUNK:
+    def collect(self, value: Any, wall_s: float) -> None:
+        """Adds a number, with its log time in seconds since 1970."""
+        self._values.append(value)
+        self._times.append(wall_s)
+        if len(self._times) >= CHUNK:
             self.flush()
 
     def flush(self) -> None:
@@ -264,7 +254,3 @@ class _JudgedSignal:
         total_s = sum(self._lasted_s.values())
         shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()} if total_s > 0.0 else {}
         return SignalSummary(self.file, self.config, self.topic, self.recorded, self.statistics, shares, self._alerts)
-
-
-def _ignore(value: Any, now_s: float) -> None:
-    """Is not called: `_Tape` overrides `deliver`."""

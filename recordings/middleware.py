@@ -38,32 +38,9 @@ class Subscription:
         self.topic = topic
         self.node = node
         self.callback = callback
+        self.receive = callback
+        """Called with the field of each message and its log time, in seconds since 1970, while `active`."""
         self.active = True
-
-    def deliver(self, value: Any, wall_s: float) -> None:
-        """Passes a value to the node, unless the subscription has ended.
-
-        Without simulated time it does what `MappingNode.call_back` does, without locks: this is the cost of a replay.
-
-        Args:
-            value: the field of the message.
-            wall_s: log time of the message, in seconds since 1970.
-        """
-        node = self.node
-        if node.use_sim_time:
-            node.call_back(self, value)
-        elif self.active and not node.closed:
-            try:
-                self.callback(value, wall_s)
-            except Exception as error:
-                node.log_failure(error)
-
-
-class _ClockSubscription(Subscription):
-    """Passes simulated time to a node."""
-
-    def deliver(self, value: Any, wall_s: float) -> None:
-        self.node.take_clock(value)
 
 
 class _Reader:
@@ -78,7 +55,7 @@ class _Reader:
     def bind(self) -> Callable[[bytes, float], None]:
         """Returns a function that passes the field of a serialized message, with its time, to the subscriptions."""
         get, topic, on_undecodable = self._get, self._topic, self._on_undecodable
-        delivers = tuple(subscription.deliver for subscription in self.subscriptions)
+        receivers = tuple((subscription, subscription.receive) for subscription in self.subscriptions)
 
         def deliver(data: bytes, wall_s: float) -> None:
             try:
@@ -87,8 +64,12 @@ class _Reader:
                 on_undecodable(topic)
                 return
             if value is not ABSENT:
-                for each in delivers:
-                    each(value, wall_s)
+                for subscription, receive in receivers:
+                    if subscription.active:
+                        try:
+                            receive(value, wall_s)
+                        except Exception as error:
+                            subscription.node.log_failure(error)
 
         return deliver
 
@@ -104,6 +85,7 @@ class RecordedMiddleware(MappingNode):
         super().__init__(name, parameters, {}, clock=lambda: player.wall_s, use_sim_time=use_sim_time)
         self.player = player
         self.use_sim_time = use_sim_time
+        self._subscriptions: List[Subscription] = []
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
@@ -122,10 +104,18 @@ class RecordedMiddleware(MappingNode):
         return False
 
     def subscribe(self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "") -> Subscription:
-        return self.player.subscribe(Subscription(self, self.resolve(topic), callback), type_name, field)
+        subscription = Subscription(self, self.resolve(topic), callback)
+        if self.use_sim_time:
+            subscription.receive = lambda value, wall_s: self.call_back(subscription, value)
+        self._subscriptions.append(subscription)
+        return self.player.subscribe(subscription, type_name, field)
 
     def unsubscribe(self, subscription: Any) -> None:
         subscription.active = False
+
+    def receive_clock(self, message: Message, wall_s: float) -> None:
+        """Processes a message of /clock."""
+        self.take_clock(message)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         """Does nothing: a recording calls no services."""
@@ -135,6 +125,8 @@ class RecordedMiddleware(MappingNode):
 
     def close(self) -> None:
         self.closed = True
+        for subscription in self._subscriptions:
+            subscription.active = False
         self.cancel_timers()
 
 
@@ -316,7 +308,7 @@ class Player:
     def _follow_clock(self) -> None:
         for channel in self._channels[CLOCK]:
             reader = self._reader(channel, "")
-            reader.subscriptions[:0] = [_ClockSubscription(node, CLOCK, _ignore_value) for node in self._nodes]
+            reader.subscriptions[:0] = [Subscription(node, CLOCK, node.receive_clock) for node in self._nodes]
 
     def _cross_gaps(self, until_ns: int) -> None:
         """Goes from the end of a recording to the start of the next one, without the timers in between."""
@@ -359,10 +351,6 @@ def _were(number: int) -> str:
 
 def _arrival(data: bytes) -> float:
     return 1.0
-
-
-def _ignore_value(value: Any, now_s: float) -> None:
-    """Is not called."""
 
 
 def _ignore(nothing: object) -> None:

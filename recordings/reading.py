@@ -9,7 +9,7 @@ import shutil
 import tempfile
 from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from .recording import Channel, RawMessage, RecordedFile, RecordingError, Target, libraries
+from .recording import Channel, RawMessage, RecordedFile, RecordingError, Target, libraries, log_time
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
@@ -95,7 +95,7 @@ class Recordings:
             targets: the channels, each with what to yield with its messages.
         """
         streams = [file.messages(targets) for file in self._files if any(key in targets for key in file.channels)]
-        return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=_log_time)
+        return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=log_time)
 
     @property
     def _files(self) -> List[RecordedFile]:
@@ -239,10 +239,6 @@ class _PackedMessages:
 def _span(files: Sequence[RecordedFile]) -> Optional[Tuple[int, int]]:
     spans = [file.span_ns for file in files if file.span_ns is not None]
     return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
-
-
-def _log_time(message: RawMessage[Any]) -> int:
-    return message[0]
 
 
 def _natural(name: str) -> List[Tuple[int, str]]:

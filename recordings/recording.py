@@ -7,6 +7,7 @@ early or is damaged is read as far as possible; `problem` then says how far.
 from __future__ import annotations
 
 import contextlib
+from operator import itemgetter
 from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
 
@@ -50,6 +51,9 @@ Target = TypeVar("Target")
 RawMessage = Tuple[int, Target, bytes]
 """Log time in nanoseconds since 1970, the channel's target, the message as it was serialized."""
 
+log_time = itemgetter(0)
+"""Returns the log time of a `RawMessage`."""
+
 
 class RecordedFile(Protocol):
     """One file of a recording."""
@@ -91,9 +95,9 @@ def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMes
     for chunk in chunks:
         if not chunk:
             continue
-        chunk.sort(key=_time)
+        chunk.sort(key=log_time)
         if held and chunk[0][0] < held[-1][0]:
-            chunk = sorted(held + chunk, key=_time)
+            chunk = sorted(held + chunk, key=log_time)
             ready = len(chunk) // 2
             yield from chunk[:ready]
             held = chunk[ready:]
@@ -101,10 +105,6 @@ def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMes
             yield from held
             held = chunk
     yield from held
-
-
-def _time(message: RawMessage[Target]) -> int:
-    return message[0]
 
 
 def canonical_type(name: str) -> str:
