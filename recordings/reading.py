@@ -20,6 +20,7 @@ _LARGEST_MESSAGE = 1 << 30
 _LARGEST_UNPACKED = 1 << 30
 _LARGEST_RATIO = 100
 """A file that is packed as a whole unpacks to at most 1 GB or to this many times its size."""
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _EXPECTED = "expected a .bag file, an .mcap file, a .db3 file or a folder that rosbag2 recorded"
 
 
@@ -108,7 +109,7 @@ class Recordings:
             raise RecordingError(f"{path}: no such file")
         if not os.path.isfile(path):
             raise RecordingError(f"{path}: is not a file; {_EXPECTED}")
-        return [self._open_file(path)]
+        return [_unpacked(self._open_file(path))]
 
     def _open_file(self, name: str) -> RecordedFile:
         kind = name[: -len(".zstd")] if name.endswith(".zstd") else name
@@ -144,6 +145,8 @@ class Recordings:
         if mode in ("file", "message") and compression != "zstd":
             raise RecordingError(f"{path}: expected compression zstd, got {compression[:40]!r}")
         opened = [self._open_file(os.path.join(path, name)) for name in present]
+        if not metadata:
+            return list(map(_unpacked, opened))
         return [_PackedMessages(file) for file in opened] if mode == "message" else opened
 
     def _read_metadata(self, path: str) -> Mapping[str, Any]:
@@ -234,6 +237,14 @@ class _PackedMessages:
                 self._damaged += 1
             else:
                 yield time_ns, target, unpacked
+
+
+def _unpacked(file: RecordedFile) -> RecordedFile:
+    """Returns a file whose metadata are missing; they would say whether its messages are packed one by one."""
+    channels = {channel: None for channel in file.channels if channel.encoding == "cdr"}
+    first = next(iter(file.messages(channels)), None) if channels else None
+    is_packed = first is not None and first[2].startswith(_ZSTD_MAGIC)  # CDR begins with a zero
+    return _PackedMessages(file) if is_packed else file
 
 
 def _span(files: Sequence[RecordedFile]) -> Optional[Tuple[int, int]]:

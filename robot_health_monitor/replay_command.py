@@ -243,8 +243,9 @@ class _Replay:
             wanted = list(dict.fromkeys(summary.topic for summary in summaries))
             there = sorted({channel.topic for channel in self._recordings.channels})
             problems.append(
-                f"no signal is recorded: expected one of {_some(wanted)}, got {_some(there) or 'no topic'}; "
-                "is a --namespace missing?"
+                f"no signal is recorded: expected one of {_some(wanted)}, got {_some(there)}; is a --namespace missing?"
+                if there
+                else "no signal is recorded: the recordings have no topics with ROS messages"
             )
         return problems
 

@@ -181,6 +181,9 @@ def test_a_recording_without_any_signal_is_named(
     assert capsys.readouterr().err == (
         "WARN: no signal is recorded: expected one of /battery, /gps, got /robot1/battery; is a --namespace missing?\n"
     )
+    empty = write_bag(tmp_path / "empty.bag", [])
+    assert main(["replay", empty, "--thresholds", thresholds]) == 0
+    assert capsys.readouterr().err == ("WARN: no signal is recorded: the recordings have no topics with ROS messages\n")
 
 
 def test_messages_that_cannot_be_decoded_are_reported(

@@ -59,6 +59,15 @@ def test_compressed_folders_are_read(tmp_path: Path, storage: str, compression: 
     assert found.problems == []
 
 
+@pytest.mark.parametrize("storage", STORAGES)
+def test_packed_messages_are_unpacked_without_metadata_too(tmp_path: Path, storage: str) -> None:
+    folder = Path(write_folder(tmp_path / "bag", MESSAGES, storage=storage, compression="message"))
+    (folder / "metadata.yaml").unlink()
+    (file,) = folder.iterdir()
+    assert read(str(folder)).messages == MESSAGES
+    assert read(str(file)).messages == MESSAGES
+
+
 def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "bag", MESSAGES, compression="message")
     metadata(folder, "compression_format: zstd", "compression_format: brotli")
