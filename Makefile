@@ -9,7 +9,8 @@
 # make test ARGS="core -- -k battery" (sessions of noxfile.py, then options of pytest).
 
 PYTHON ?= python3
-JOBS ?= 2
+# Sessions at the same time, for two cores: tests often wait for another process.
+JOBS ?= 3
 NOX = .venv/nox/bin/nox
 # virtualenv 20 is the last version that makes environments of Python 3.8.
 NOX_REQUIREMENTS = nox 'virtualenv<21'

@@ -1,4 +1,4 @@
-"""Checks before the tests start that the packages they need are here, and in a version that is new enough."""
+"""Before the tests start: are the packages they need here, in a version that is new enough? Names of tests."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 import sys
 from importlib import metadata
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, Optional, Tuple
 
 import pytest
 
@@ -16,10 +16,22 @@ from harness.requirements import test_requirements
 
 
 def pytest_configure() -> None:
-    """Ends the run with one line if a package is missing or too old."""
+    """Ends the run with one line if a package is missing or too old; sets up hypothesis."""
     unmet = [problem for requirement in test_requirements() for problem in check(requirement)]
     if unmet:
         raise pytest.UsageError(f"the tests need {', '.join(unmet)}: pip install '.[test]', or make test")
+    from hypothesis import HealthCheck, settings
+
+    # Neither a busy machine nor chance fails a test: the same examples in every run, however long they take.
+    # New input at random is for `make fuzz`.
+    every_check = list(HealthCheck)
+    settings.register_profile("tests", derandomize=True, deadline=None, suppress_health_check=every_check)
+    settings.load_profile("tests")
+
+
+def pytest_make_parametrize_id(val: object) -> Optional[str]:
+    """Shortens long texts, which pytest would print in full."""
+    return f"{val[:40]!a}..." if isinstance(val, (bytes, str)) and len(val) > 100 else None
 
 
 def check(requirement: str) -> List[str]:

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Sequence
 
 import pytest
-from harness.chaos import PEERS, THRESHOLDS, Robot, new_seed
+from harness.chaos import PEERS, THRESHOLDS, Robot
 from harness.line_process import LineProcess
 from harness.reserved import free_port
+from harness.seeds import new_seed
 from harness.separate_network import SeparateNetwork
 
 ROOT = Path(__file__).resolve().parents[2]

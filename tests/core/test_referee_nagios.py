@@ -13,13 +13,12 @@ from typing import List
 
 import pytest
 from harness.nagios import RESULTS, announcements, last_21, percent_state_change
+from harness.seeds import fixed_seed
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
 from robot_health_monitor.core.flapping import FlapDetector
 
-
-def seeded() -> int:
-    return random.SystemRandom().randrange(10**9)
+pytestmark = pytest.mark.newest_python
 
 
 def test_the_formula_weighs_all_changes_to_100_and_none_to_0() -> None:
@@ -28,22 +27,18 @@ def test_the_formula_weighs_all_changes_to_100_and_none_to_0() -> None:
 
 
 def test_the_percentage_is_exactly_that_of_the_formula() -> None:
-    seed = seeded()
-    chance = random.Random(seed)
+    chance = random.Random(fixed_seed())
     for _ in range(200):
         detector, history = FlapDetector(50.0, 25.0), []
         for _ in range(60):
             level = chance.choice((Level.OK, Level.OK, Level.WARN, Level.ERROR))
             detector.add(level)
             history.append(level)
-            assert detector.percent == pytest.approx(float(percent_state_change(last_21(history))), rel=1e-14), (
-                f"seed {seed}"
-            )
+            assert detector.percent == pytest.approx(float(percent_state_change(last_21(history))), rel=1e-14)
 
 
 def test_flapping_begins_and_ends_exactly_at_the_limits_of_the_formula() -> None:
-    seed = seeded()
-    chance = random.Random(seed)
+    chance = random.Random(fixed_seed())
     changes = 0
     for _ in range(400):
         # Limits that the percentage can hit: the sums of weights are multiples of 1/76 of 5 %.
@@ -58,17 +53,14 @@ def test_flapping_begins_and_ends_exactly_at_the_limits_of_the_formula() -> None
             was, flapping = flapping, percent >= low if flapping else percent >= high
             changes += was is not flapping
             # Most such limits are no doubles: the configuration holds the nearest ones.
-            assert detector.flapping is flapping or min(abs(percent - low), abs(percent - high)) < Fraction(
-                1, 10**12
-            ), f"seed {seed}"
+            assert detector.flapping is flapping or min(abs(percent - low), abs(percent - high)) < Fraction(1, 10**12)
             flapping = detector.flapping
-    assert changes > 100, f"seed {seed}"
+    assert changes > 100
 
 
 def test_what_a_monitor_announces_is_what_the_formula_leaves_unsilenced() -> None:
     """From the levels alone: announce every change, but none while it flaps, and the level once when that ends."""
-    seed = seeded()
-    chance = random.Random(seed)
+    chance = random.Random(fixed_seed())
     for _ in range(100):
         settings = {"warn_below": 20.0, "error_below": 10.0, "flap_detection": True}
         monitor = Monitor(load_config({"signals": {"a": settings}}))
@@ -82,8 +74,8 @@ def test_what_a_monitor_announces_is_what_the_formula_leaves_unsilenced() -> Non
             transitions = monitor.observe(Sample("a", values[second], float(second)))
 
             found = [(each.from_level, each.to_level) for each in transitions]
-            assert found == expected, f"seed {seed}, second {second}"
-            assert all(("flapping" in each.text) is flapping for each in transitions), f"seed {seed}, second {second}"
+            assert found == expected, f"second {second}"
+            assert all(("flapping" in each.text) is flapping for each in transitions), f"second {second}"
             status = monitor.report(float(second)).statuses["a"]
             shown = (status.level, status.values["flapping"])
-            assert shown == (levels[second], str(flapping).lower()), f"seed {seed}"
+            assert shown == (levels[second], str(flapping).lower())

@@ -16,9 +16,12 @@ from pathlib import Path
 from typing import Callable, List
 
 import pytest
-from harness.promtool import Timeline, mismatches, needs_promtool, random_timelines, run_promtool, seed_of_this_run
+from harness.promtool import Timeline, mismatches, needs_promtool, random_timelines, run_promtool
+from harness.seeds import fixed_seed
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
+
+pytestmark = pytest.mark.newest_python
 
 
 def levels_of_core(timeline: Timeline, also_tick: Callable[[int], bool] = lambda step: step % 3 == 0) -> List[Level]:
@@ -37,11 +40,10 @@ def levels_of_core(timeline: Timeline, also_tick: Callable[[int], bool] = lambda
 
 @needs_promtool
 def test_levels_of_random_timelines_are_those_of_prometheus_at_every_step(tmp_path: Path) -> None:
-    seed = seed_of_this_run()
-    timelines = random_timelines(seed)
+    timelines = random_timelines(fixed_seed())
     levels = {timeline.name: levels_of_core(timeline) for timeline in timelines}
     seen = {level for of_timeline in levels.values() for level in of_timeline}
-    assert seen == {Level.OK, Level.WARN, Level.ERROR}, f"REFEREE_SEED={seed}"
+    assert seen == {Level.OK, Level.WARN, Level.ERROR}
 
     findings = run_promtool(tmp_path, timelines, levels)
 
@@ -49,18 +51,17 @@ def test_levels_of_random_timelines_are_those_of_prometheus_at_every_step(tmp_pa
         differing = mismatches(findings)
         names = {name for _, text in differing for name in re.findall(r"t\d+", text)}
         shown = [timeline for timeline in timelines if timeline.name in names][:3]
-        pytest.fail(f"REFEREE_SEED={seed}\n{differing[:10]}\n{shown}\n{findings[:2000] if not differing else ''}")
+        pytest.fail(f"{differing[:10]}\n{shown}\n{findings[:2000] if not differing else ''}")
 
 
 @needs_promtool
 @pytest.mark.parametrize("key", ["for_s", "keep_firing_for_s", "hysteresis"])
 def test_the_referee_notices_a_setting_that_is_one_off(tmp_path: Path, key: str) -> None:
-    seed = seed_of_this_run()
-    timelines = random_timelines(seed)[:60]
+    timelines = random_timelines(fixed_seed())[:60]
     levels = {}
     for timeline in timelines:
         # The bounds leave room for a hysteresis of 3.
         wrong = {**timeline.signal, key: timeline.signal.get(key, 0.0) + 1.0}
         levels[timeline.name] = levels_of_core(Timeline(timeline.name, wrong, timeline.values))
 
-    assert mismatches(run_promtool(tmp_path, timelines, levels)), f"REFEREE_SEED={seed}"
+    assert mismatches(run_promtool(tmp_path, timelines, levels))

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Mapping, Tuple
 
 import pytest
 from harness.kept_history import Robot
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import Level, Monitor, MonitorConfig, Sample, Transition, load_config
@@ -424,7 +424,7 @@ class Player:
         )
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=150)
 @given(
     st.lists(plain_trees, min_size=2, max_size=2),
     st.lists(plain_calls, max_size=30),
@@ -507,7 +507,7 @@ def replaced(state: Any, path: Tuple[str, ...], value: Any) -> Any:
     return {**state, path[0]: replaced(state[path[0]], path[1:], value)}
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=150)
 @given(
     st.sampled_from(places(full_state())), json_values, st.sampled_from(("a", "b", "link", "gone", "not a name\n", ""))
 )

@@ -40,6 +40,6 @@ def show(page: Path, width: int = 1280) -> Shown:
         pytest.skip("no browser: as root, apt-get install chromium")
     profile = page.parent / "browser"
     options = [f"--user-data-dir={profile}", f"--window-size={width},900", "--dump-dom", page.as_uri()]
-    ended = subprocess.run([browser, *_QUIET, *options], capture_output=True, text=True, timeout=120)
+    ended = subprocess.run([browser, *_QUIET, *options], capture_output=True, text=True, timeout=600)
     assert ended.returncode == 0, ended.stderr
     return Shown(ended.stdout, "\n".join(line for line in ended.stderr.splitlines() if ":CONSOLE" in line))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import random
 import signal
 import subprocess
@@ -29,13 +28,6 @@ SIGNALS = {"battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.
 THRESHOLDS = f"alert_system: {{ros__parameters: {{signals: {json.dumps(SIGNALS)}}}}}\n"
 DEADLINE_S = 30.0
 """Longest wait on a busy machine: until a process has started, until the alert after the end of a fault."""
-
-
-def new_seed() -> int:
-    """Returns the seed of CHAOS_SEED, else a random one, and prints it: pytest shows it when a test fails."""
-    seed = int(os.environ.get("CHAOS_SEED") or random.SystemRandom().randrange(10**9))
-    print(f"CHAOS_SEED={seed}")
-    return seed
 
 
 class Robot:

@@ -65,7 +65,7 @@ class PrometheusServer:
     def query(self, expression: str) -> List[Dict[str, Any]]:
         """Returns the result of an instant query: a list of `metric` and `value`."""
         address = f"http://127.0.0.1:{self.port}/api/v1/query?{urllib.parse.urlencode({'query': expression})}"
-        with _DIRECT.open(address, timeout=5.0) as answer:
+        with _DIRECT.open(address, timeout=30.0) as answer:
             result: List[Dict[str, Any]] = json.load(answer)["data"]["result"]
         return result
 

@@ -147,6 +147,7 @@ def test_promtool_finds_nothing() -> None:
     assert (checked.returncode, checked.stdout.decode()) == (0, "")
 
 
+@pytest.mark.newest_python
 @needs_prometheus
 def test_a_real_prometheus_scrapes_them_with_the_token(tmp_path: Path) -> None:
     async def use(site: Site) -> None:

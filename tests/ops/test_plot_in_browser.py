@@ -17,6 +17,8 @@ from robot_health_monitor.core.model import Level, Status, Transition
 from robot_health_monitor.ops.plot import plot_script, plot_style
 from robot_health_monitor.ops.report import PlottedSignal, Report, ReportedAlert, render
 
+pytestmark = pytest.mark.newest_python
+
 START_S = 1_700_000_000.0
 """2023-11-14 22:13:20 UTC."""
 

@@ -8,6 +8,7 @@ from typing import Any, List, Tuple
 
 from harness.nagios import announcements
 from harness.recorded import START_NS, values, write_bag
+from harness.seeds import fixed_seed
 
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
@@ -18,8 +19,7 @@ SECONDS = 120
 
 
 def test_a_replay_announces_what_the_formula_leaves_to_announce(tmp_path: Path) -> None:
-    seed = random.SystemRandom().randrange(10**9)
-    chance = random.Random(seed)
+    chance = random.Random(fixed_seed())
     signals, messages, expected = {}, [], {}
     for number in range(60):
         name = f"signal{number}"
@@ -44,4 +44,4 @@ def test_a_replay_announces_what_the_formula_leaves_to_announce(tmp_path: Path) 
         AlertSystem(player.node("alert_system", {"signals": signals}), {"test": note}, log_alerts=False)
         player.play()
     differing: List[str] = [name for name in signals if found[name] != expected[name]]
-    assert differing == [], f"seed {seed}: {found[differing[0]]}, expected {expected[differing[0]]}"
+    assert differing == [], f"{found[differing[0]]}, expected {expected[differing[0]]}"

@@ -131,7 +131,7 @@ def test_only_the_channels_that_are_asked_for_are_read(tmp_path: Path) -> None:
 
 
 def test_the_real_recorder_of_ros1_writes_what_is_read(tmp_path: Path) -> None:
-    rosbag = pytest.importorskip("rosbag", reason="needs ROS 1's rosbag")
+    rosbag = pytest.importorskip("rosbag", reason="needs ROS 1's rosbag: runs in the session ros1")
     genpy = pytest.importorskip("genpy")
     from std_msgs.msg import Float32
 

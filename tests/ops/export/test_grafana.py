@@ -93,6 +93,7 @@ def labelled(result: Sequence[Dict[str, Any]], *labels: str) -> Set[Tuple[Any, .
     return {(*(each["metric"].get(name) for name in labels), float(each["value"][1])) for each in result}
 
 
+@pytest.mark.newest_python
 @needs_prometheus
 def test_every_query_returns_the_data_that_was_put_in(prometheus: PrometheusServer) -> None:
     expected: Dict[str, Tuple[Sequence[str], Set[Tuple[Any, ...]]]] = {

@@ -16,6 +16,7 @@ from typing import Any, Iterator, List, Sequence, Set, Tuple
 
 import pytest
 from harness.http_server import HttpServer, hanging, responding
+from harness.seeds import new_seed
 from harness.transitions import transition
 
 from robot_health_monitor.core import Level
@@ -174,7 +175,7 @@ def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServ
 def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
     server: HttpServer, tmp_path: Path
 ) -> None:
-    chance = random.Random()
+    chance = random.Random(new_seed())
     file, target = str(tmp_path / "history.db"), TargetSettings("chat", "webhook", url=server.url)
     program = f"""
         import itertools

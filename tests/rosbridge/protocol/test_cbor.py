@@ -111,7 +111,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.dictionaries(st.text(), VALUES), st.booleans())
 def test_decodes_what_the_library_cbor2_encodes(value: Any, canonical: bool) -> None:
     assert decode_cbor(cbor2.dumps(value, canonical=canonical), Limits()) == value

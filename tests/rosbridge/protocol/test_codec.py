@@ -101,7 +101,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(JSON)
 def test_a_large_message_is_encoded_to_the_same_text(value: Any) -> None:
     assert encode_large_json(value) == encode_json(value)
