@@ -7,6 +7,7 @@ A name selects a field, a number in brackets an element by its index, a quoted t
 from __future__ import annotations
 
 import re
+from operator import itemgetter
 from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple, Union
 
 from .errors import ConfigError
@@ -87,8 +88,7 @@ def mapping_getter(field: str) -> Callable[[Any], Any]:
     except ValueError as error:
         raise ConfigError(f"field {describe(field)}: {error}") from None
     if len(steps) == 1:
-        key = steps[0]
-        return lambda message: message[key]
+        return itemgetter(steps[0])
 
     def get(message: Any) -> Any:
         for step in steps:

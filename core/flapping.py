@@ -6,8 +6,7 @@ Source of the formula: Nagios Core documentation, "Detection and Handling of Sta
 
 from __future__ import annotations
 
-from collections import deque
-from typing import Any, Deque, Dict, Optional
+from typing import Any, Dict, Optional
 
 from .model import Level
 from .saved_state import Saved, UnusableStateError
@@ -16,7 +15,8 @@ CHANGES = 20
 """Possible changes in the 21 levels."""
 
 # In units of 1/76 the weights are whole numbers, so that a sum exactly at a limit is found to be.
-_WEIGHTS = tuple(57 + 2 * place for place in range(CHANGES))
+_WEIGHTS = tuple(95 - 2 * place for place in range(CHANGES))
+"""Newest change first."""
 _TOTAL = sum(_WEIGHTS)
 
 
@@ -32,7 +32,8 @@ class FlapDetector:
             high: flapping begins at this state change or above, in %.
             low: flapping ends below this state change, in %.
         """
-        self._changes: Deque[bool] = deque([False] * CHANGES, CHANGES)
+        self._changes = 0
+        """One bit per possible change, the newest in the lowest place."""
         self._last = Level.OK
         self._worst: Optional[Level] = None
         self.flapping = False
@@ -47,19 +48,20 @@ class FlapDetector:
     @property
     def percent(self) -> float:
         """Weighted state change, 0 to 100 %."""
-        return 100.0 * sum(weight for weight, changed in zip(_WEIGHTS, self._changes) if changed) / _TOTAL
+        changes = self._changes
+        return 100.0 * sum(weight for place, weight in enumerate(_WEIGHTS) if changes >> place & 1) / _TOTAL
 
     @property
     def is_at_rest(self) -> bool:
         """Whether there was no change, so that the same level again makes no difference."""
-        return True not in self._changes
+        return not self._changes
 
     def snapshot(self) -> Dict[str, Any]:
         """Returns the state as JSON values; empty if it is that of a new detector."""
         if self.is_at_rest and self._last is Level.OK:
             return {}
         state: Dict[str, Any] = {
-            "changes": "".join("x" if changed else "-" for changed in self._changes),
+            "changes": f"{self._changes:0{CHANGES}b}".replace("0", "-").replace("1", "x"),
             "last": self._last.name,
             "flapping": self.flapping,
         }
@@ -76,12 +78,12 @@ class FlapDetector:
             raise UnusableStateError(f"changes of level: expected {CHANGES}, got {len(changes)}")
         last, flapping = saved.level("last"), saved.flag("flapping")
         worst = saved.level("worst") if flapping and saved.has("worst") else None
-        self._changes.extend(mark == "x" for mark in changes)
+        self._changes = int("".join("1" if mark == "x" else "0" for mark in changes), 2)
         self._last, self._worst, self.flapping = last, worst, flapping
 
     def add(self, level: Level) -> None:
         """Processes the level after a good sample."""
-        self._changes.append(level is not self._last)
+        self._changes = (self._changes << 1 | (level is not self._last)) % 2**CHANGES
         self._last = level
         percent = 0.0 if self.is_at_rest else self.percent
         self.flapping = percent >= (self._low if self.flapping else self._high)

@@ -102,8 +102,9 @@ class Rule:
         "_below",
         "_below_clear",
         "_crossed",
+        "_for_s",
         "_frozen_since_s",
-        "_wait_s",
+        "_keep_firing_for_s",
         "bound",
         "condition",
         "fires",
@@ -137,7 +138,8 @@ class Rule:
         self._above = infinity if config.above is None else config.above
         self._below_clear = self._below + config.hysteresis
         self._above_clear = self._above - config.hysteresis
-        self._wait_s = {State.PENDING: config.for_s, State.KEEPING: config.keep_firing_for_s}
+        self._for_s = config.for_s
+        self._keep_firing_for_s = config.keep_firing_for_s
         if self._crossed and self.bound not in (config.below, config.above):
             self._crossed = self.condition = False
 
@@ -199,9 +201,10 @@ class Rule:
         state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]
         if state is not self.state:
             self._enter(state, now_s)
-        wait_s = self._wait_s.get(state)
-        if wait_s is not None and now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
-            self._enter(_AFTER_WAIT[state], now_s)
+        if state in _AFTER_WAIT:
+            wait_s = self._for_s if state is State.PENDING else self._keep_firing_for_s
+            if now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
+                self._enter(_AFTER_WAIT[state], now_s)
 
     def freeze(self, now_s: float) -> None:
         """Neither fires nor clears from `now_s` on, until `thaw`."""
@@ -225,7 +228,7 @@ class Rule:
         if self.state is _INACTIVE and self.bound is None and not self.condition:
             return {}
         state: Dict[str, Any] = {"state": self.state.value, "condition": self.condition}
-        if self.state in self._wait_s:
+        if self.state in _AFTER_WAIT:
             state["waited_s"] = self.waited_s(now_s)
         if self.bound is not None:
             state.update(bound=self.bound, is_below=self.is_below, crossed=self._crossed, allowed=self._allowed)

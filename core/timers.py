@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 from typing import Callable, List, Optional
 
 
 class PeriodicSchedule:
     """When something periodic is due: every period after a start, however late it is noticed."""
 
+    due_s: float
+    """When it is due next, in s."""
+
     def __init__(self, period_s: float, now_s: float) -> None:
         """Starts a period at `now_s`."""
         self._period_s = period_s
-        self._start_s = now_s
-        self._periods = 1
-
-    @property
-    def due_s(self) -> float:
-        """When it is due next, in s."""
-        return self._start_s + self._periods * self._period_s
+        self.restart(now_s)
 
     def advance(self, now_s: float) -> None:
         """Makes the first period that ends after `now_s` due next. Periods that were missed are skipped."""
         passed = math.floor((now_s - self._start_s) / self._period_s)
         self._periods = max(self._periods, passed) + 1
+        self.due_s = self._start_s + self._periods * self._period_s
 
     def restart(self, now_s: float) -> None:
         """Starts a new period at `now_s`; call when the clock went back."""
         self._start_s, self._periods = now_s, 1
+        self.due_s = now_s + self._period_s
 
 
 class ClockTimer(PeriodicSchedule):
@@ -54,7 +54,7 @@ class ClockTimers:
 
     def add(self, timer: ClockTimer) -> None:
         """Adds a timer."""
-        self._timers.append(timer)
+        self._timers = [*self._running(), timer]
 
     def cancel_all(self) -> None:
         """Stops every timer."""
@@ -70,16 +70,19 @@ class ClockTimers:
 
     def next_s(self) -> Optional[float]:
         """Returns when the next timer is due, in s; None without timers."""
-        return min((timer.due_s for timer in self._timers if not timer.cancelled), default=None)
+        return min([timer.due_s for timer in self._running()], default=None)
 
     def take_due(self, now_s: float) -> List[ClockTimer]:
         """Returns the timers that are due, earliest first, each once. If time went back, all periods restart."""
-        self._timers = [timer for timer in self._timers if not timer.cancelled]
         if now_s < self._last_s:
             self.restart(now_s)
             return []
         self._last_s = now_s
-        due = sorted((timer for timer in self._timers if timer.due_s <= now_s), key=lambda timer: timer.due_s)
+        due = [timer for timer in self._running() if timer.due_s <= now_s]
+        due.sort(key=attrgetter("due_s"))
         for timer in due:
             timer.advance(now_s)
         return due
+
+    def _running(self) -> List[ClockTimer]:
+        return [timer for timer in self._timers if not timer.cancelled]

@@ -11,6 +11,9 @@ A new sample updates the back's aggregate. A sample that leaves drops its aggreg
 empty, the whole back becomes the new front, in one pass. Each sample takes part in one such pass. The statistics
 combine the front's current aggregate with the back's.
 
+Times and values are arrays: 16 bytes per sample, where a deque of floats takes 64. Samples that have left stay at their
+start until the front is empty.
+
 Aggregates are computed when a statistic is read, which most signals need once per second or never. The results do not
 depend on when that is: which samples are the front follows from the samples alone.
 
@@ -23,10 +26,10 @@ from __future__ import annotations
 import math
 import sys
 from array import array
-from collections import deque
-from itertools import accumulate, islice, takewhile
+from bisect import bisect_right
+from itertools import accumulate
 from operator import mul
-from typing import Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 _LARGEST = sys.float_info.max
 _LARGEST_DISTANCE = 1e150
@@ -52,6 +55,7 @@ class Window:
         "_back_squares",
         "_back_sum",
         "_began_s",
+        "_first",
         "_front",
         "_front_is_built",
         "_front_max",
@@ -88,8 +92,10 @@ class Window:
 
     def clear(self) -> None:
         """Removes every sample."""
-        self._times: Deque[float] = deque()
-        self._values: Deque[float] = deque()
+        self._times = array("d")
+        self._values = array("d")
+        self._first = 0
+        """Index of the oldest sample; those before it have left."""
         self._began_s: Optional[float] = None
         self._front = 0
         self._front_is_built = True
@@ -103,7 +109,7 @@ class Window:
         self._clear_back()
 
     def __len__(self) -> int:
-        return len(self._values)
+        return len(self._values) - self._first
 
     def add(self, value: float, now_s: float) -> None:
         """Adds a sample and drops those that are too old.
@@ -118,15 +124,14 @@ class Window:
         if self._began_s is None:
             self._began_s = now_s
         oldest_s = now_s - self.window_s
-        while times[0] < oldest_s or len(times) > self.window_samples:
+        first = self._first
+        while times[first] < oldest_s or len(times) - first > self.window_samples:
             if not self._front:
-                self.flips += 1
-                self._front = len(times)
-                self._front_is_built = False
-                self._clear_back()
-            times.popleft()
-            self._values.popleft()
+                self._flip()
+                first = 0
+            first += 1
             self._front -= 1
+        self._first = first
 
     def begin_anew(self) -> None:
         """Counts `window_min_s` from the next sample on: there was a gap. The samples stay."""
@@ -139,7 +144,7 @@ class Window:
 
     def resize(self, window_s: float, window_samples: int, window_min_s: float) -> None:
         """Changes the limits and keeps the samples that still fit."""
-        kept, began_s = list(zip(self._values, self._times)), self._began_s
+        kept, began_s = list(zip(self._values[self._first :], self._times[self._first :])), self._began_s
         self.window_s = window_s
         self.window_samples = window_samples
         self.window_min_s = window_min_s
@@ -171,9 +176,8 @@ class Window:
                 largest of each of equal parts of the others.
             since_s: only those after this time, in s.
         """
-        newest_first = zip(reversed(self._times), reversed(self._values))
-        samples = list(takewhile(lambda sample: sample[0] > since_s, newest_first))
-        samples.reverse()
+        begin = bisect_right(self._times, since_s, self._first)
+        samples = list(zip(self._times[begin:], self._values[begin:]))
         if len(samples) <= limit:
             return samples
         inner, parts = len(samples) - 2, (limit - 2) // 2
@@ -221,22 +225,33 @@ class Window:
     def rate(self) -> Optional[float]:
         """Change per second from the oldest to the newest sample, None also where it is no double."""
         times, values = self._times, self._values
-        span_s = times[-1] - times[0] if times else 0.0
+        first = self._first
+        span_s = times[-1] - times[first] if times else 0.0
         if not 0.0 < span_s <= _LARGEST:
             return None
-        rate = (values[-1] - values[0]) / span_s
+        rate = (values[-1] - values[first]) / span_s
         if not math.isfinite(rate):
-            rate = values[-1] / span_s - values[0] / span_s
+            rate = values[-1] / span_s - values[first] / span_s
         return rate if math.isfinite(rate) else None
 
     def frequency_hz(self) -> Optional[float]:
         """Arrivals per second from the oldest to the newest sample."""
         times = self._times
-        span_s = times[-1] - times[0] if times else 0.0
+        span_s = times[-1] - times[self._first] if times else 0.0
         if span_s <= 0.0:
             return None
-        frequency = (len(times) - 1) / span_s
+        frequency = (len(self) - 1) / span_s
         return frequency if math.isfinite(frequency) else None
+
+    def _flip(self) -> None:
+        """Makes the back the front, which is empty."""
+        self.flips += 1
+        del self._times[: self._first]
+        del self._values[: self._first]
+        self._first = 0
+        self._front = len(self._times)
+        self._front_is_built = False
+        self._clear_back()
 
     def _clear_back(self) -> None:
         self._back = 0
@@ -252,11 +267,11 @@ class Window:
         values, front = self._values, self._front
         if front and not self._front_is_built:
             self._build_front()
-        new = len(values) - front - self._back
+        new = len(values) - self._first - front - self._back
         if new == 1:
             self._add_to_back(values[-1])
         elif new:
-            for value in reversed(list(islice(reversed(values), new))):
+            for value in values[-new:]:
                 self._add_to_back(value)
         smallest, largest = self._back_min, self._back_max
         if front:
@@ -296,7 +311,7 @@ class Window:
     def _build_front(self) -> None:
         """Computes the front's aggregates: of every sample and all newer ones of the front."""
         self._front_is_built = True
-        newest_first = list(islice(self._values, self._front))
+        newest_first = self._values[self._first : self._first + self._front]
         newest_first.reverse()
         reference = self._front_reference = newest_first[0]
         distances = [value - reference for value in newest_first]
@@ -323,7 +338,7 @@ class Window:
             Mean and variance of the values times a scale, and the scale.
         """
         front = self._front
-        back = len(self._values) - front
+        back = len(self) - front
         scale = back_scale = self._back_scale
         front_scale = _SCALE if front > self._front_scaled else 1.0
         if front and front_scale < scale:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Callable, Dict, Mapping, Optional, Set, Tuple
 
@@ -215,22 +216,17 @@ class AlertSystem:
 
     def _subscribe(self, name: str, topic: str, type_name: str, field: str) -> Subscription:
         try:
-            return self._middleware.subscribe(topic, type_name, self._observer(name), field=field or None)
+            return self._middleware.subscribe(topic, type_name, partial(self._take, name), field=field or None)
         except ConfigError as error:
             raise ConfigError(error.problem, ("signals", name)) from None
 
-    def _observer(self, name: str) -> Callable[[Any, float], None]:
-        observe, announce = self.monitor.observe, self._announce
-
-        def callback(value: Any, now_s: float) -> None:
-            self._samples += 1
-            if self._unavailable:
-                self._watch_only_without(self._unavailable - {name}, now_s)
-            changes = observe(Sample(name, value, now_s))
-            if changes or changes.notices:
-                announce(changes, now_s)
-
-        return callback
+    def _take(self, name: str, value: Any, now_s: float) -> None:
+        self._samples += 1
+        if self._unavailable:
+            self._watch_only_without(self._unavailable - {name}, now_s)
+        changes = self.monitor.observe(Sample(name, value, now_s))
+        if changes or changes.notices:
+            self._announce(changes, now_s)
 
     def _note_unavailable(self, metrics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""

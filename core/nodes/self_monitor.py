@@ -60,7 +60,7 @@ class SelfMonitor:
             "signals": lambda: "0",
             "samples_per_s": lambda: number_text(self._samples_per_s),
             "dropped": lambda: "0",
-            "tick_late_s": lambda: f"{self._lateness_s():.3f}",
+            "tick_late_s": lambda: f"{self._lateness_s(middleware.now_s(), middleware.steady_s()):.3f}",
             "clients": lambda: "0",
             "pending_notifications": lambda: "0",
         }
@@ -68,9 +68,9 @@ class SelfMonitor:
 
     def note_tick(self, now_s: float) -> None:
         """Call at each tick of the node, with the time that the tick was given."""
-        self._last_lateness_s = self._lateness_s()
-        self._tick_s = now_s
-        self._tick_steady_s = self._middleware.steady_s()
+        steady_s = self._middleware.steady_s()
+        self._last_lateness_s = self._lateness_s(now_s, steady_s)
+        self._tick_s, self._tick_steady_s = now_s, steady_s
 
     def skip(self, duration_s: float) -> None:
         """Leaves a time in which no tick could come, in s, out of the time since the last tick."""
@@ -89,7 +89,7 @@ class SelfMonitor:
             self._samples_per_s = (samples - self._samples) / (steady_s - self._checked_s)
         self._samples, self._checked_s = samples, steady_s
         self._check_clock(steady_s - self._start_s)
-        self._check_tick()
+        self._check_tick(steady_s)
         self._announce_faults(steady_s)
 
     @property
@@ -100,9 +100,7 @@ class SelfMonitor:
         counts, which shows that the node runs.
         """
         steady_s = self._middleware.steady_s()
-        since_tick_s = 0.0
-        if self._tick_s is not None:
-            since_tick_s = min(self._middleware.now_s() - self._tick_s, steady_s - self._tick_steady_s)
+        since_tick_s = self._since_tick_s(self._middleware.now_s(), steady_s)
         return max(0.0, since_tick_s, steady_s - self._checked_s - CHECK_PERIOD_S)
 
     def status(self) -> Status:
@@ -128,15 +126,17 @@ class SelfMonitor:
         except Exception as error:  # the report of a part that has failed must not hide the others
             return f"unknown ({type(error).__name__}: {error})"
 
-    def _lateness_s(self) -> float:
-        """Returns by how much the tick is late, in s.
+    def _since_tick_s(self, now_s: float, steady_s: float) -> float:
+        """Returns the time since the last tick, in s; 0 while there are none.
 
         Counts only what both clocks agree on: simulated time may run fast, and it may be paused.
         """
-        if self._tick_s is None:
-            return 0.0
-        elapsed_s = min(self._middleware.now_s() - self._tick_s, self._middleware.steady_s() - self._tick_steady_s)
-        return max(0.0, elapsed_s - self._tick_period_s)
+        tick_s = self._tick_s
+        return 0.0 if tick_s is None else min(now_s - tick_s, steady_s - self._tick_steady_s)
+
+    def _lateness_s(self, now_s: float, steady_s: float) -> float:
+        """Returns by how much the tick is late, in s."""
+        return max(0.0, self._since_tick_s(now_s, steady_s) - self._tick_period_s)
 
     def _check_clock(self, uptime_s: float) -> None:
         faults = self._middleware.faults
@@ -148,12 +148,13 @@ class SelfMonitor:
             self._clock_reminder_s += _CLOCK_REMINDER_S
             self._announced.pop("clock", None)  # announces it again
 
-    def _check_tick(self) -> None:
+    def _check_tick(self, steady_s: float) -> None:
+        now_s = self._middleware.now_s()
         if self._middleware.waiting_for_clock():
             self._tick_s = None
         elif self._tick_s is None:
-            self._tick_s, self._tick_steady_s = self._middleware.now_s(), self._middleware.steady_s()
-        lateness_s = max(self._last_lateness_s, self._lateness_s())
+            self._tick_s, self._tick_steady_s = now_s, steady_s
+        lateness_s = max(self._last_lateness_s, self._lateness_s(now_s, steady_s))
         if lateness_s > _MAX_LATENESS_S:
             text = f"{lateness_s:.1f} s late (period {self._tick_period_s:g} s): overloaded or suspended"
             self._middleware.faults.report("tick", text, Level.WARN)
