@@ -29,6 +29,8 @@ from robot_health_monitor.ros2.middleware import Ros2Middleware
 
 _MATCH_S = 5.0
 """Longest wait for endpoints to be matched, in s."""
+_NO_TYPE_DESCRIPTIONS = Parameter("start_type_description_service", value=False)
+"""rclpy does not remove this service with its node."""
 
 
 class Participant:
@@ -51,7 +53,13 @@ class Participant:
         rclpy.shutdown(context=self.context)
 
     def _create_node(self, name: str) -> Node:
-        return Node(name, context=self.context, start_parameter_services=False, enable_rosout=False)
+        return Node(
+            name,
+            context=self.context,
+            start_parameter_services=False,
+            enable_rosout=False,
+            parameter_overrides=[_NO_TYPE_DESCRIPTIONS],
+        )
 
 
 class Spinner:
@@ -125,7 +133,8 @@ class Ros2Harness:
         arguments = ["--ros-args"]
         for old, new in (remap or {}).items():
             arguments += ["-r", f"{old}:={new}"]
-        overrides = [Parameter(key, value=value) for key, value in flatten(parameters or {})]
+        overrides = [_NO_TYPE_DESCRIPTIONS]
+        overrides += [Parameter(key, value=value) for key, value in flatten(parameters or {})]
         if sim_time is not None:
             overrides.append(Parameter("use_sim_time", value=sim_time))
         node = Ros2Middleware(

@@ -29,7 +29,8 @@ def start_with(ros_environment: Dict[str, str], tmp_path: Path) -> Iterator[Call
     file = tmp_path / "thresholds.yaml"
     file.write_text(THRESHOLDS, encoding="utf-8")
     processes: List[subprocess.Popen] = []
-    environment = {**ros_environment, "PYTHONPATH": str(ROOT)}
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    environment = {**ros_environment, "PYTHONPATH": path}
     code = "import sys; from robot_health_monitor.ros2_executables import alert_system; sys.exit(alert_system())"
 
     def start(**streams: Any) -> subprocess.Popen:
