@@ -23,7 +23,7 @@
 const HealthPlot = (() => {
 const SVG = "http://www.w3.org/2000/svg";
 const HEIGHT = {top: 18, plot: 150, gap: 8, strip: 16, axis: 20};
-const LEFT = 54, RIGHT = 10, NARROWEST = 240, MARKER_SPACE = 11, CLICK = 5;
+const LEFT = 54, RIGHT = 10, NARROWEST = 240, PAPER_WIDTH = 680, MARKER_SPACE = 11, CLICK = 5;
 const RANK = {"": -1, OK: 0, WARN: 1, STALE: 2, ERROR: 3};
 const STRIP_SHARE = {OK: 0.3, WARN: 0.8, STALE: 1, ERROR: 1};  // levels differ in height, not in colour alone
 const STEPS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800,
@@ -125,6 +125,7 @@ class Plot {
     this.pointers = new Map();
     this.id = `health-plot-${++plots}`;
     element.classList.add("health-plot");
+    element.plot = this;
     const bar = document.createElement("div");
     bar.className = "plot-bar";
     this.output = document.createElement("output");
@@ -166,7 +167,7 @@ class Plot {
     button.type = "button";
     button.textContent = text;
     button.title = meaning;
-    button.setAttribute("aria-label", `${meaning}`);
+    button.setAttribute("aria-label", meaning);
     button.addEventListener("click", action);
     parent.append(button);
     return button;
@@ -183,9 +184,10 @@ class Plot {
     return place < 0 ? "" : this.signal.levels[place][1];
   }
 
-  draw() {
+  /** Draws for a width in pixels; 0: that of the element. */
+  draw(width = 0) {
     const {svg, signal, view} = this;
-    this.width = Math.max(this.element.clientWidth || 640, NARROWEST);
+    this.width = Math.max(width || this.element.clientWidth || 640, NARROWEST);
     const bottom = HEIGHT.top + HEIGHT.plot;
     const height = bottom + HEIGHT.gap + HEIGHT.strip + HEIGHT.axis;
     svg.replaceChildren();
@@ -215,10 +217,11 @@ class Plot {
 
   description() {
     const {signal} = this;
-    const alerts = signal.alerts.filter((alert) => alert.level !== "OK").length;
+    const count = signal.alerts.filter((alert) => alert.level !== "OK").length;
+    const alerts = count ? `, ${count} ${count === 1 ? "alert" : "alerts"}` : "";
     const range = this.times.length ? `${withUnit(numberText(this.dataLow), signal.unit)} to ` +
       `${withUnit(numberText(this.dataHigh), signal.unit)}` : "no samples";
-    return `${signal.name}: ${range}, ${alerts} ${alerts === 1 ? "alert" : "alerts"}. ` +
+    return `${signal.name}: ${range}${alerts}. ` +
       "Keys: plus and minus zoom, arrows move, 0 shows all.";
   }
 
@@ -315,6 +318,7 @@ class Plot {
     }
     flush();
     add(parent, "path", {class: "value", d: path || "M0 0"});
+    if (!path) add(parent, "text", {x: (LEFT + this.width - RIGHT) / 2, y: bottom / 2 + 9, "text-anchor": "middle"}, "no samples");
     let lastX = -Infinity, crosses = "";
     for (const t of signal.bad) {
       const x = this.x(t);
@@ -394,7 +398,7 @@ class Plot {
     this.overlay.replaceChildren();
     const {signal, view} = this;
     if (this.at === null || this.at < view.from || this.at > view.to) {
-      this.output.textContent = "";
+      this.say("");
       return;
     }
     let at = firstAtLeast(this.times, this.at);
@@ -416,7 +420,17 @@ class Plot {
       parts.push("no sample");
     }
     parts.push(this.levelAt(t) || "unknown");
-    this.output.textContent = parts.join(" · ");
+    this.say(parts.join(" · "));
+  }
+
+  /** Shows a text beside the buttons; screen readers read each change. */
+  say(text) {
+    if (this.output.textContent !== text) this.output.textContent = text;
+  }
+
+  /** Returns the begin and the end of what a pointer has selected. */
+  selection(pointer) {
+    return [pointer.start, pointer.x].sort((one, other) => one - other).map((x) => clamp(x, LEFT, this.width - RIGHT));
   }
 
   /** Returns the place of a pointer in the coordinates of the SVG. */
@@ -467,7 +481,7 @@ class Plot {
       const pointer = this.pointers.get(event.pointerId);
       this.pointers.delete(event.pointerId);
       if (!pointer || event.type === "pointercancel") return;
-      const [from, to] = [pointer.start, pointer.x].sort((a, b) => a - b).map((x) => clamp(x, LEFT, this.width - RIGHT));
+      const [from, to] = this.selection(pointer);
       if (pointer.type === "mouse" && !pointer.pan && to - from > CLICK) {
         view.show(this.t(from), this.t(to));
       } else if (pointer.type !== "mouse") {
@@ -484,7 +498,7 @@ class Plot {
   }
 
   drawSelection(pointer) {
-    const [from, to] = [pointer.start, pointer.x].sort((a, b) => a - b).map((x) => clamp(x, LEFT, this.width - RIGHT));
+    const [from, to] = this.selection(pointer);
     add(this.overlay, "rect",
       {class: "selection", x: pixel(from), y: HEIGHT.top, width: pixel(to - from), height: HEIGHT.plot});
   }
@@ -495,6 +509,11 @@ class Plot {
     if (before > 5 && after > 5) this.view.zoom(before / after, this.t((x + other.x) / 2));
     moved.x = x;
   }
+}
+
+// On paper, texts would shrink with the width of the plot.
+for (const [event, width] of [["beforeprint", PAPER_WIDTH], ["afterprint", 0]]) {
+  addEventListener(event, () => document.querySelectorAll(".health-plot").forEach(({plot}) => plot.draw(width)));
 }
 
 return {Plot, View, timeText};

@@ -1,14 +1,15 @@
 /* What users can change: silences and latched alerts. Dialogs stay open, with the reason, if the monitor refuses. */
 import {request} from "./connection.js";
-import {setText} from "./elements.js";
+import {byId, setText} from "./elements.js";
 import {patternOf} from "./format.js";
 
 const AUTHOR = "robot-health-author";
 
 /** A dialog with a form, which closes once its action has succeeded. */
 class ActionDialog {
-  constructor(id) {
-    this.dialog = document.getElementById(id);
+  constructor(id, announce) {
+    this.announce = announce;
+    this.dialog = byId(id);
     this.error = this.dialog.querySelector(".error-text");
     this.submit = this.dialog.querySelector("[type=submit]");
     this.dialog.querySelector(".cancel").addEventListener("click", () => this.dialog.close());
@@ -18,7 +19,7 @@ class ActionDialog {
     });
   }
 
-  /** Shows the dialog; `action` is called when it is confirmed, and may throw. */
+  /** Shows the dialog; `action` is called when it is confirmed, may throw, and returns what screen readers say. */
   ask(action) {
     this.action = action;
     setText(this.error, "");
@@ -27,11 +28,13 @@ class ActionDialog {
   }
 
   async run() {
+    const {action} = this;
     this.submit.disabled = true;
     setText(this.error, "");
     try {
-      await this.action();
-      this.dialog.close();
+      const said = await action();
+      if (action === this.action) this.dialog.close();
+      this.announce(said);  // not before: what is outside of an open dialog is not read out
     } catch (error) {
       setText(this.error, `Failed: ${error.message}`);
     }
@@ -43,19 +46,13 @@ class ActionDialog {
 export class Actions {
   /** @param {function(string)} announce - says the result to screen readers. */
   constructor(announce) {
-    this.announce = announce;
-    this.silenceDialog = new ActionDialog("silence-dialog");
-    this.confirmDialog = new ActionDialog("confirm-dialog");
+    this.silenceDialog = new ActionDialog("silence-dialog", announce);
+    this.confirmDialog = new ActionDialog("confirm-dialog", announce);
   }
 
-  /**
-   * Asks for how long and why, then silences.
-   * @param {string} robot - name of the robot.
-   * @param {string} signal - name of the signal; "*": all.
-   * @param {boolean} isAlert - whether an alert is open, whose end can be waited for.
-   */
+  /** Asks for how long and why, then silences. `signal` "*": all; `isAlert`: an alert is open, whose end can be waited for. */
   silence(robot, signal, isAlert) {
-    const field = (name) => document.getElementById(`silence-${name}`);
+    const field = (name) => byId(`silence-${name}`);
     field("robot").value = patternOf(robot);
     field("signal").value = signal === "*" ? signal : patternOf(signal);
     field("reason").value = "";
@@ -73,7 +70,7 @@ export class Actions {
         reason: field("reason").value.trim(),
         author,
       });
-      this.announce("silenced");
+      return "silenced";
     });
     field("time").focus();
   }
@@ -82,7 +79,7 @@ export class Actions {
   expire(silence) {
     this.confirm("End this silence?", `Notifications for ${silence.matchers} are sent again.`, "End silence", async () => {
       await request("api/silence/expire", {id: silence.id});
-      this.announce("silence ended");
+      return "silence ended";
     });
   }
 
@@ -90,14 +87,13 @@ export class Actions {
   reset(robot) {
     const text = `Clears the latched alerts of ${robot}. An alert whose condition is still true stays.`;
     this.confirm("Reset latched alerts?", text, "Reset", async () => {
-      const answer = await request("api/reset", {robot});
-      this.announce(answer.message || "reset");
+      return (await request("api/reset", {robot})).message;
     });
   }
 
   confirm(title, text, button, action) {
-    setText(document.getElementById("confirm-title"), title);
-    setText(document.getElementById("confirm-text"), text);
+    setText(byId("confirm-title"), title);
+    setText(byId("confirm-text"), text);
     setText(this.confirmDialog.submit, button);
     this.confirmDialog.ask(action);
   }

@@ -25,29 +25,23 @@ export class AlertTable {
     Object.assign(this, makeTable("alerts", "Alerts, newest first", heads));
     this.table.hidden = true;
     this.note = make("p.note", {}, "loading…");
-    this.older = make("button", {type: "button", hidden: true, onclick: () => this.load(true)}, "Show older");
+    this.older = make("button", {hidden: true, onclick: () => this.load(true)}, "Show older");
     this.element = make("div", {}, this.table, this.note, this.older);
   }
 
   /** Fetches the newest alerts, or the ones before the oldest that is shown. */
   async load(older = false) {
-    if (!this.page.fleet.state.history) return this.tell("No history: ops.yaml has no section history.");
-    if (this.loading) {
-      this.again = true;
-      return undefined;
-    }
+    this.again = this.loading;
+    if (this.loading) return;
     this.loading = true;
     try {
-      this.take(await request(`api/history?${this.query(older)}`), older);
+      if (this.page.fleet.state.history) this.take(await request(`api/history?${this.query(older)}`), older);
+      else this.tell("No history: ops.yaml has no section history.");
     } catch (error) {
       this.tell(`The history cannot be read: ${error.message}`);
     }
     this.loading = false;
-    if (this.again) {
-      this.again = false;
-      return this.load();
-    }
-    return undefined;
+    if (this.again) this.load();
   }
 
   query(older) {
@@ -58,16 +52,19 @@ export class AlertTable {
   }
 
   take(answer, older) {
-    for (const alert of answer.alerts) if (!this.rows.has(alert.id)) this.rows.set(alert.id, new AlertRow(this, alert));
+    const {alerts} = answer, most = Math.max(this.size, this.rows.size);
+    if (!older && !alerts.some(({id}) => this.rows.has(id))) this.rows.clear();  // those in between are not known
+    for (const alert of alerts) if (!this.rows.has(alert.id)) this.rows.set(alert.id, new AlertRow(this, alert));
+    if (older || this.rows.size <= alerts.length) this.more = answer.more;
+    while (!older && this.rows.size > most) this.more = this.rows.delete(Math.min(...this.rows.keys()));
     for (const gap of answer.gaps || []) if (!this.gaps.some((known) => known.key === gap.from)) this.gaps.push(gapRow(gap, this.columns));
-    if (older || this.rows.size <= answer.alerts.length) this.more = answer.more;
     this.older.hidden = !this.more;
     const shown = [...this.rows.values()];
     const oldest = Math.min(...shown.map((row) => row.time));
     const rows = [...shown, ...this.gaps.filter((gap) => gap.time >= oldest || !this.more)].sort((one, other) => other.time - one.time || other.place - one.place);
     setChildren(this.body, rows.flatMap((row) => row.elements));
     this.table.hidden = !rows.length;
-    this.tell(rows.length ? "" : "No alerts.");
+    this.tell(shown.length ? "" : "No alerts.");
   }
 
   tell(text) {
@@ -87,7 +84,7 @@ class AlertRow {
     this.cell = makeCell("", "", table.columns);
     this.more = makeRow("details", this.cell);
     this.more.hidden = true;
-    this.button = make("button.evidence", {type: "button", "aria-expanded": "false", title: "show the samples at that moment", onclick: () => this.toggle()},
+    this.button = make("button.evidence", {"aria-expanded": "false", title: "show the samples at that moment", onclick: () => this.toggle()},
       shape("open"), isolated(alert.text));
     const {now} = this.page.fleet;
     this.row = makeRow("alert",
@@ -107,9 +104,10 @@ class AlertRow {
     const open = this.more.hidden;
     this.more.hidden = !open;
     setAttribute(this.button, "aria-expanded", String(open));
-    if (!open) return this.cell.replaceChildren();
+    this.cell.replaceChildren();
+    if (!open) return;
     const box = make("div.plot", {}, make("p.note", {}, "loading…"));
-    this.cell.replaceChildren(box);
+    this.cell.append(box);
     try {
       const past = await request(`api/history/${this.alert.id}`);
       box.replaceChildren();
@@ -117,7 +115,6 @@ class AlertRow {
     } catch (error) {
       box.replaceChildren(make("p.error-text", {}, `The evidence cannot be read: ${error.message}`));
     }
-    return undefined;
   }
 }
 

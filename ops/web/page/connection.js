@@ -38,12 +38,12 @@ export async function request(path, body) {
 
 /** Keeps a stream of events open, and opens it again with growing delays. */
 export class Connection {
-  /** @param {Object} listener - has `onState(data)`, `onChange(data)`, `onSamples(data)`, `onLost(reason)`, `onLoginRequired()`. */
+  /** @param {Object} listener - takes events: `state(data)`, `change(data)`, `samples(data)`, `lost(reason)`, `loginRequired()`. */
   constructor(listener) {
     this.listener = listener;
     this.failures = 0;
-    /** The robot whose samples are sent too; empty: none. */
-    this.robot = "";
+    /** The robots whose samples are sent too. */
+    this.robots = [];
     /** When the next attempt is made, on the clock of `performance.now`; 0: none is planned. */
     this.retryAt = 0;
     addEventListener("online", () => this.retryAt && this.open());
@@ -53,18 +53,16 @@ export class Connection {
   /** Connects, now. */
   open() {
     this.close();
-    const source = this.source = new EventSource(`api/events${this.robot && `?robot=${encodeURIComponent(this.robot)}`}`);
-    source.addEventListener("state", (event) => this.receive(event, this.listener.onState));
-    source.addEventListener("change", (event) => this.receive(event, this.listener.onChange));
-    source.addEventListener("samples", (event) => this.receive(event, this.listener.onSamples));
+    const source = this.source = new EventSource(`api/events?${new URLSearchParams(this.robots.map((name) => ["robot", name]))}`);
+    for (const type of ["state", "change", "samples"]) source.addEventListener(type, (event) => this.receive(event));
     source.addEventListener("error", () => this.lose());
     this.watch();
   }
 
-  /** Asks for the samples of a robot, in place of those of another. */
-  follow(robot) {
-    if (robot === this.robot) return;
-    this.robot = robot;
+  /** Asks for the samples of these robots. */
+  follow(robots) {
+    if (robots.every((name) => this.robots.includes(name))) return;
+    this.robots = robots;
     this.open();
   }
 
@@ -77,10 +75,10 @@ export class Connection {
     this.source = null;
   }
 
-  receive(event, handle) {
+  receive({type, data}) {
     this.failures = 0;
     this.watch();
-    handle.call(this.listener, JSON.parse(event.data));
+    this.listener[type](JSON.parse(data));
   }
 
   /** An event comes each second. A connection that is silent is lost, whatever TCP says. */
@@ -92,21 +90,21 @@ export class Connection {
   /** Plans the next attempt, and finds out why this one failed: EventSource does not say. */
   async lose() {
     this.close();
-    this.robot = "";  // it may be why: a robot that is gone
+    this.robots = [];  // they may be why: a robot that is gone
     const delay = Math.min(LONGEST_DELAY_MS, FIRST_DELAY_MS * 2 ** this.failures++) * (0.8 + 0.4 * Math.random());
     this.retryAt = performance.now() + delay;
     this.retryTimer = setTimeout(() => this.open(), delay);
     const attempt = this.retryTimer;
-    this.listener.onLost("");
+    this.listener.lost("");
     try {
       await request("api/state?window=0&robot=");
     } catch (error) {
       if (this.retryTimer !== attempt || !this.retryAt) return;
       if (error.status === 401) {
         this.close();
-        this.listener.onLoginRequired();
+        this.listener.loginRequired();
       } else if (error.status && error.status !== 404) {
-        this.listener.onLost(error.message);
+        this.listener.lost(error.message);
       }
     }
   }

@@ -1,6 +1,8 @@
 /* Building and changing elements. Texts become text nodes: nothing from a robot is ever parsed as HTML. */
 const SVG = "http://www.w3.org/2000/svg";
 
+export const byId = (id) => document.getElementById(id);
+
 /**
  * Returns a new element.
  * @param {string} tag - for example "button", or "button.primary" with a class.
@@ -10,7 +12,8 @@ const SVG = "http://www.w3.org/2000/svg";
 export function make(tag, attributes = {}, ...children) {
   const [name, ...classes] = tag.split(".");
   const element = document.createElement(name);
-  element.classList.add(...classes);
+  if (classes.length) element.className = classes.join(" ");
+  if (name === "button") element.type = name;
   for (const [key, value] of Object.entries(attributes)) {
     if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
     else setAttribute(element, key, value);
@@ -20,10 +23,8 @@ export function make(tag, attributes = {}, ...children) {
 }
 
 /** Returns an isolated text: its direction does not affect what surrounds it. */
-export function isolated(text, ...classes) {
-  const element = make("bdi", {}, text);
-  element.classList.add(...classes);
-  return element;
+export function isolated(text) {
+  return make("bdi", {}, text);
 }
 
 /** Returns a table with these heads, and its empty body. The roles keep it a table where CSS lays it out otherwise. */
@@ -69,11 +70,11 @@ export function setText(element, text) {
 
 /** Sets an attribute only if it differs; null and false remove it. */
 export function setAttribute(element, name, value) {
-  if (value === null || value === undefined || value === false) element.removeAttribute(name);
+  if ((value ?? false) === false) element.removeAttribute(name);
   else if (element.getAttribute(name) !== String(value)) element.setAttribute(name, value === true ? "" : value);
 }
 
-/** Makes the children of `parent` those in `wanted`, in this order. Moves as few as possible and keeps the focus. */
+/** Makes the children of `parent` those in `wanted`, in this order. Moves few and keeps the focus. */
 export function setChildren(parent, wanted) {
   const keep = new Set(wanted);
   for (const child of [...parent.children]) if (!keep.has(child)) child.remove();

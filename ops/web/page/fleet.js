@@ -14,7 +14,7 @@ class Robot {
     this.kinds = new Map();
   }
 
-  /** Merges what changed, and returns the names of the signals whose kind changed. */
+  /** Merges what changed, and returns the names of the signals whose kind changed, if only for a moment. */
   merge(change) {
     const {signals, ...others} = change;
     Object.assign(this.data, others);
@@ -22,7 +22,7 @@ class Robot {
     for (const [name, values] of Object.entries(signals || {})) {
       const signal = Object.assign(this.data.signals[name] || (this.data.signals[name] = {}), values);
       const kind = kindOfSignal(name, signal);
-      if (kind !== this.kinds.get(name)) changed.push(name);
+      if (kind !== this.kinds.get(name) || values.since) changed.push(name);
       this.kinds.set(name, kind);
     }
     this.judge();
@@ -70,29 +70,26 @@ export class Fleet {
     this.clockOffset = NaN;
   }
 
+  /** Whether silences can be added. */
+  get canSilence() {
+    return this.state.can_change && this.state.silencing;
+  }
+
   /** The monitor's time, in ms since 1970. The clock of this machine may differ. */
   get now() {
     return performance.now() + this.clockOffset;
   }
 
-  /** Replaces everything by a `state`. */
+  /** Replaces everything by a `state`; returns what `merge` returns. */
   replace(state) {
-    const {robots, ...others} = state;
-    this.state = {silences: [], ...others};
-    this.setClock(state.now);
+    this.state = {silences: []};
     this.robots = new Map();
-    for (const [name, data] of Object.entries(robots)) {
-      const robot = new Robot(name);
-      robot.merge(data);
-      this.robots.set(name, robot);
-    }
-    return {names: new Set(this.robots.keys()), alerts: [], order: true};
+    return this.merge(state);
   }
 
   /**
-   * Merges a `change`.
-   * @returns {{names: Set<string>, alerts: Array, order: boolean}} the robots that changed, the signals whose kind
-   *   changed as [robot, signal], and whether the order of robots may have changed.
+   * Merges a `change`. Returns the names of the robots that changed, the signals whose kind changed, as
+   * [robot, signal], and whether the order of robots may have changed.
    */
   merge(change) {
     const {robots, ...others} = change;

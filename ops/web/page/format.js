@@ -8,17 +8,13 @@ export function durationText(seconds) {
   const minutes = Math.floor(seconds / 60);
   if (minutes < 60) return `${minutes} min`;
   const hours = Math.floor(minutes / 60);
-  if (hours < 48) return twoUnits(hours, "h", minutes % 60, "min");
-  return twoUnits(Math.floor(hours / 24), "d", hours % 24, "h");
-}
-
-function twoUnits(large, largeUnit, small, smallUnit) {
-  return small ? `${large} ${largeUnit} ${small} ${smallUnit}` : `${large} ${largeUnit}`;
+  const [large, unit, small, smallUnit] = hours < 48 ? [hours, "h", minutes % 60, "min"] : [Math.floor(hours / 24), "d", hours % 24, "h"];
+  return `${large} ${unit}${small ? ` ${small} ${smallUnit}` : ""}`;
 }
 
 /** Returns a value with its unit, with at most five digits; texts as they are. */
 export function valueText(value, unit) {
-  if (value === null || value === undefined || value === "") return "";
+  if ((value ?? "") === "") return "";
   const text = typeof value === "number" ? Number(value.toPrecision(5)) : value;
   return unit ? `${text} ${unit}` : String(text);
 }
@@ -53,10 +49,9 @@ function local(time) {
 
 /** Shows in a time element how long ago `since` is, and with the pointer on it when that was. */
 export function showAge(element, since, now) {
-  if (Number.isNaN(since) || Math.abs(since) === Infinity) return setText(element, "");
-  setText(element, durationText(Math.max(0, now - since) / 1000));
-  if (element.since !== since) element.title = `since ${fullTimeText(element.since = since)}`;
-  return undefined;
+  const known = Number.isFinite(since);
+  setText(element, known ? durationText(Math.max(0, now - since) / 1000) : "");
+  if (known && element.since !== since) element.title = `since ${fullTimeText(element.since = since)}`;
 }
 
 /** Returns "1 alert", "2 alerts". */
@@ -64,7 +59,7 @@ export function countText(count, noun) {
   return `${count} ${noun}${count === 1 ? "" : "s"}`;
 }
 
-/** Returns a pattern that matches a name: characters with a meaning in patterns become `?`, which matches any. */
+/** Returns a pattern that matches a name: characters that patterns cannot have as such become `?`, which matches any. */
 export function patternOf(name) {
-  return name.replace(/[*?[\]]/g, "?");
+  return name.replace(/[*?[\]"]|(?! )[\p{C}\p{Z}]/gu, "?");
 }

@@ -13,20 +13,16 @@ export const KINDS = new Map([
 ]);
 
 const RANK = new Map([...KINDS.keys()].map((kind, place) => [kind, place]));
-const OF_LEVEL = {OK: "ok", WARN: "warn", ERROR: "error", STALE: "stale"};
 /** Name of the signal that is the link to the robot. */
 export const LINK = "link";
 
 /** Returns the kind of a level as in the API. */
 export function kindOfLevel(level) {
-  return OF_LEVEL[level] || "unknown";
+  const kind = level.toLowerCase();
+  return KINDS.has(kind) ? kind : "unknown";
 }
 
-/**
- * Returns the kind of a signal.
- * @param {string} name - its name.
- * @param {{level: string, state: string}} signal - as in the API.
- */
+/** Returns the kind of a signal; `signal` is as in the API. */
 export function kindOfSignal(name, signal) {
   if (signal.state === "waiting") return "waiting";
   if (signal.state === "unreachable") return "unknown";

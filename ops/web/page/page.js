@@ -2,7 +2,7 @@
 import {Actions, remember, remembered} from "./actions.js";
 import {AlertTable} from "./alerts.js";
 import {Connection, request} from "./connection.js";
-import {setAttribute, setShape, setText} from "./elements.js";
+import {byId, setAttribute, setShape, setText} from "./elements.js";
 import {Fleet} from "./fleet.js";
 import {countText, durationText, timeText, zoneText} from "./format.js";
 import {drawIcon} from "./icon.js";
@@ -15,7 +15,14 @@ const LOGGED_IN = "robot-health-logged-in";
 const MOST_ANNOUNCED = 3;
 const ANNOUNCE_MS = 2000;
 
-const byId = (id) => document.getElementById(id);
+/** Returns a part of an address as text; as it is if it is malformed. */
+function decoded(part) {
+  try {
+    return decodeURIComponent(part);
+  } catch (error) {
+    return part;
+  }
+}
 
 /** The page as a whole. */
 class Page {
@@ -26,7 +33,7 @@ class Page {
     this.lostAt = performance.now();
     this.view = VIEWS[0];
     this.news = [];
-    this.actions = new Actions((text) => setText(byId("announcer"), text));
+    this.actions = new Actions((text) => this.announce(text));
     this.robots = new RobotList(this);
     this.silences = new SilenceList(this);
     this.alerts = new AlertTable(this, {});
@@ -49,7 +56,7 @@ class Page {
 
   // Events of the connection
 
-  onState(state) {
+  state(state) {
     this.robots.update(this.fleet.replace(state), true);
     this.silences.update();
     this.setPhase("live");
@@ -57,7 +64,7 @@ class Page {
     if (this.view === "alerts") this.alerts.load();
   }
 
-  onChange(change) {
+  change(change) {
     if (!this.isLive) return;  // its state has not come yet
     const changes = this.fleet.merge(change);
     this.robots.update(changes, false);
@@ -68,17 +75,17 @@ class Page {
     if (this.view === "alerts") this.alerts.load();
   }
 
-  onSamples(samples) {
+  samples(samples) {
     this.robots.addSamples(samples);
   }
 
-  onLost(reason) {
+  lost(reason) {
     this.reason = reason;
     if (this.isLive) this.lostAt = performance.now();
     this.setPhase(this.hasState ? "lost" : "connecting");
   }
 
-  onLoginRequired() {
+  loginRequired() {
     this.setPhase("login");
     byId("token").focus();
   }
@@ -136,7 +143,7 @@ class Page {
 
   /** Shows the view that the address names: #robots, #robots/NAME, #alerts, #silences. */
   showView() {
-    const [view, name] = location.hash.slice(1).split("/");
+    const [view, name] = location.hash.slice(1).split("/").map(decoded);
     // Other addresses lead to an element of the view, for example from a marker in a plot to its alert.
     if (VIEWS.includes(view)) this.view = view;
     byId("tabs").hidden = !this.hasState;
@@ -147,7 +154,7 @@ class Page {
     if (!this.isLive || location.hash === this.shown) return;
     this.shown = location.hash;
     if (view === "alerts") this.alerts.load();
-    if (view === "robots" && name) this.robots.open(decodeURIComponent(name));
+    if (view === "robots" && name) this.robots.open(name);
   }
 
   // For screen readers
@@ -161,8 +168,13 @@ class Page {
 
   readNews() {
     const more = this.news.length - MOST_ANNOUNCED;
-    setText(byId("announcer"), this.news.slice(0, MOST_ANNOUNCED).join(". ") + (more > 0 ? `, and ${more} more` : ""));
+    this.announce(this.news.slice(0, MOST_ANNOUNCED).join(". ") + (more > 0 ? `, and ${more} more` : ""));
     this.news = [];
+  }
+
+  /** Has a text read out, even the same one again. */
+  announce(text) {
+    byId("announcer").replaceChildren(text);
   }
 
   // The token
@@ -178,6 +190,7 @@ class Page {
       return;
     }
     field.value = "";
+    byId("main").focus();
     remember(LOGGED_IN, "yes");
     this.connection.open();
   }

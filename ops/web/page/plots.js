@@ -19,6 +19,8 @@ function columns(samples) {
   return {start, width: RESOLUTION_S, steps: places.map((place, at) => place - (at ? places[at - 1] : -1)), low: values, high: values};
 }
 
+const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+
 function boundsOf(signal) {
   return LIKE_VALUES.has(signal.statistic || "last") ? signal.bounds || [] : [];
 }
@@ -42,7 +44,8 @@ export class WindowPlot {
   show(signal, kind, samples, now) {
     this.noteLevel(signal, kind);
     const from = samples.length ? samples[0][0] : now - 60;
-    const to = samples.length ? Math.max(now, samples[samples.length - 1][0]) : now;
+    const last = samples.length ? samples[samples.length - 1][0] : now;
+    const to = clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
     const shown = {
       name: this.name, unit: signal.unit || "", ...columns(samples), bad: [], gap: gapOf(samples), bounds: boundsOf(signal),
       levels: this.levels, alerts: [],

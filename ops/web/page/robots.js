@@ -1,9 +1,11 @@
 /* The list of robots. Each event updates only the rows of robots that changed. */
-import {isolated, make, setAttribute, setChildren, setText, shape} from "./elements.js";
+import {byId, isolated, make, setAttribute, setChildren, setText, shape} from "./elements.js";
 import {countText, showAge} from "./format.js";
 import {Badge, KINDS} from "./levels.js";
 import {SignalTable} from "./signals.js";
 
+/** Most robots with open plots; the API sends the samples of at most ten. */
+const MOST_PLOTTED = 10;
 let rows = 0;
 
 /** One robot: a line, and below it, once it is opened, its signals. */
@@ -16,8 +18,8 @@ class RobotRow {
     this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span"));
     this.since = make("time.since");
     const id = `robot-${++rows}`;
-    this.head = make("button.robot-head", {type: "button", "aria-expanded": "false", "aria-controls": id, onclick: () => this.toggle()},
-      shape("open"), this.badge.element, isolated(robot.name, "robot-name"),
+    this.head = make("button.robot-head", {"aria-expanded": "false", "aria-controls": id, onclick: () => this.toggle()},
+      shape("open"), this.badge.element, make("bdi.robot-name", {}, robot.name),
       make("span.cause", {}, this.reason, this.more), this.silenced, this.since);
     this.body = make("div.robot-body", {id, hidden: true});
     this.element = make("li.robot", {}, make("h3", {}, this.head), this.body);
@@ -38,10 +40,10 @@ class RobotRow {
   }
 
   updateBody() {
-    const {monitor, link} = this.robot.data, {state} = this.page.fleet;
+    const {monitor, link} = this.robot.data, {fleet} = this.page;
     this.table.update(this.robot);
-    this.silence.hidden = !(state.can_change && state.silencing);
-    this.reset.hidden = !(state.can_change && Object.values(this.robot.data.signals).some((signal) => signal.latch));
+    this.silence.hidden = !fleet.canSilence;
+    this.reset.hidden = !(fleet.state.can_change && Object.values(this.robot.data.signals).some((signal) => signal.latch));
     setText(this.link, link ? `link ${link}` : "");
     setText(this.monitor, monitor ? `monitor ${monitor.level}: ${monitor.message}` : "");
     this.monitor.className = this.robot.monitorFails ? "fact problem" : "fact";
@@ -69,8 +71,8 @@ class RobotRow {
     this.table = new SignalTable(this.robot, this.page);
     this.link = make("span.fact");
     this.monitor = make("span.fact");
-    this.silence = make("button", {type: "button", onclick: () => actions.silence(name, "*", false)}, "Silence robot…");
-    this.reset = make("button.reset", {type: "button", onclick: () => actions.reset(name)}, "Reset latched alerts…");
+    this.silence = make("button", {onclick: () => actions.silence(name, "*", false)}, "Silence robot…");
+    this.reset = make("button.reset", {onclick: () => actions.reset(name)}, "Reset latched alerts…");
     this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset, this.link, this.monitor));
     this.updateBody();
   }
@@ -82,17 +84,17 @@ export class RobotList {
     this.page = page;
     this.rows = new Map();
     this.kinds = new Set();
-    this.list = document.getElementById("robot-list");
-    this.none = document.getElementById("no-robot");
-    this.input = document.getElementById("filter");
+    this.list = byId("robot-list");
+    this.none = byId("no-robot");
+    this.input = byId("filter");
     this.input.addEventListener("input", () => this.arrange());
     this.levels = new Map([...KINDS].map(([kind, label]) => [kind, this.levelButton(kind, label)]));
-    document.getElementById("level-filter").append(...[...this.levels.values()].map(({button}) => button));
+    byId("level-filter").append(...[...this.levels.values()].map(({button}) => button));
   }
 
   levelButton(kind, label) {
     const count = make("span.number");
-    const button = make(`button.level-button.${kind}`, {type: "button", "aria-pressed": "false", hidden: true, onclick: () => this.toggleKind(kind)},
+    const button = make(`button.level-button.${kind}`, {"aria-pressed": "false", hidden: true, onclick: () => this.toggleKind(kind)},
       shape(kind), count, label);
     return {button, count};
   }
@@ -137,12 +139,15 @@ export class RobotList {
     for (const row of this.rows.values()) row.tick();
   }
 
-  /** Asks for the samples that are plotted. Only one robot has plots: `table`; those of others are closed. */
-  follow(table) {
-    const open = [...this.rows.values()].filter((row) => row.isOpen && row.table.opened.length);
-    for (const row of open) if (table && row.table !== table) row.table.opened.forEach((signal) => signal.toggle());
-    const [robot] = table ? [table.robot] : open.map((row) => row.robot);
-    if (robot) this.page.connection.follow(robot.name);
+  /** Asks for the samples of robots with plots. If there are too many, one is closed, but not `latest`. */
+  follow(latest) {
+    const tables = [...this.rows.values()].map((row) => row.table).filter((table) => table && table.opened.length);
+    if (tables.length > MOST_PLOTTED) {
+      const closed = tables.find((table) => table !== latest);
+      closed.opened.forEach((signal) => signal.toggle());
+      tables.splice(tables.indexOf(closed), 1);
+    }
+    this.page.connection.follow(tables.map((table) => table.robot.name));
   }
 
   addSamples(samples) {

@@ -17,18 +17,17 @@ class SignalDetails {
     this.plot = new WindowPlot(this.plotBox, name);
     this.facts = make("p.facts");
     this.silenced = make("p");
-    this.silence = make("button", {type: "button", onclick: () => page.actions.silence(robotName, name, this.isAlert)}, "Silence…");
+    this.silence = make("button", {onclick: () => page.actions.silence(robotName, name, this.isAlert)}, "Silence…");
     this.alerts = new AlertTable(page, {robot: robotName, signal: name}, 5);
     this.element = make("div.signal-body", {}, this.plotBox, this.facts, this.silenced, make("div.buttons", {}, this.silence),
-      make("h5", {}, "Alerts"), this.alerts.element);
+      make("h4", {}, "Alerts"), this.alerts.element);
   }
 
   update(signal, kind) {
-    const {state} = this.page.fleet;
     this.isAlert = !["ok", "waiting", "unknown"].includes(kind);
-    if (kind !== this.kind) this.alerts.load();
-    this.kind = kind;
-    this.silence.hidden = !(state.can_change && state.silencing);
+    if (signal.since !== this.since) this.alerts.load();
+    this.since = signal.since;
+    this.silence.hidden = !this.page.fleet.canSilence;
     setText(this.facts, factsText(signal));
     this.silenced.hidden = !signal.silenced;
     setText(this.silenced, `Silenced: ${signal.silenced}`);
@@ -66,7 +65,7 @@ class SignalRow {
     this.more = makeRow("details", this.cell);
     this.more.id = id;
     this.more.hidden = true;
-    this.button = make("button.signal-name", {type: "button", "aria-expanded": "false", "aria-controls": id}, shape("open"), isolated(name));
+    this.button = make("button.signal-name", {"aria-expanded": "false", "aria-controls": id}, shape("open"), isolated(name));
     this.element = makeRow("signal", makeCell("level", this.badge.element), make("th", {role: "rowheader", scope: "row"}, this.button),
       makeCell("value", this.value), makeCell("reason", make("span", {}, this.message, this.silenced)), makeCell("since", this.since));
     this.element.addEventListener("click", (event) => this.click(event));

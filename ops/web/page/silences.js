@@ -1,5 +1,5 @@
 /* The view of the silences in force. */
-import {isolated, make, makeCell, makeRow, makeTable, setChildren, setText} from "./elements.js";
+import {byId, isolated, make, makeCell, makeRow, makeTable, setChildren, setText} from "./elements.js";
 import {durationText, fullTimeText} from "./format.js";
 
 /** One silence; it never changes. */
@@ -9,7 +9,7 @@ class SilenceRow {
     this.silence = silence;
     this.remaining = make("time", {title: `since ${fullTimeText(Date.parse(silence.since))}`});
     this.button = make("button", {
-      type: "button", "aria-label": `End the silence of ${silence.matchers}`, onclick: () => page.actions.expire(silence),
+      "aria-label": `End the silence of ${silence.matchers}`, onclick: () => page.actions.expire(silence),
     }, "End…");
     this.element = makeRow("", makeCell("matchers", isolated(silence.matchers)), makeCell("", isolated(silence.reason)),
       makeCell("author", isolated(silence.author)), makeCell("remaining", this.remaining), makeCell("action", this.button));
@@ -28,22 +28,22 @@ export class SilenceList {
   constructor(page) {
     this.page = page;
     this.rows = new Map();
-    this.count = document.getElementById("silence-count");
+    this.count = byId("silence-count");
     Object.assign(this, makeTable("silences", "Silences", ["Silenced", "Reason", "By", "Remaining", "Action"]));
     this.none = make("p.note");
-    this.add = make("button", {type: "button", onclick: () => page.actions.silence("*", "*", false)}, "New silence…");
-    document.getElementById("silence-list").append(this.table, this.none, make("div.buttons", {}, this.add));
+    this.add = make("button", {onclick: () => page.actions.silence("*", "*", false)}, "New silence…");
+    byId("silence-list").append(this.table, this.none, make("div.buttons", {}, this.add));
   }
 
   update() {
-    const {silences, silencing, can_change: canChange} = this.page.fleet.state;
+    const {fleet} = this.page, {silences, silencing} = fleet.state;
     this.rows = new Map(silences.map((silence) => [silence.id, this.rows.get(silence.id) || new SilenceRow(this.page, silence)]));
     setChildren(this.body, [...this.rows.values()].map((row) => row.element));
     this.tick();
     this.table.hidden = !silences.length;
     this.none.hidden = silences.length > 0;
     setText(this.none, silencing ? "No silences." : "Silences are not available in this monitor.");
-    this.add.hidden = !(silencing && canChange);
+    this.add.hidden = !fleet.canSilence;
     this.count.hidden = !silences.length;
     setText(this.count, `${silences.length}`);
   }

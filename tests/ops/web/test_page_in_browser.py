@@ -225,6 +225,43 @@ def test_a_plot_grows_with_the_samples(browser: Browser, served: Any) -> None:
     browser.wait_for(f"{low}.startsWith('battery_level: 25 % to 25 %')")
 
 
+def test_plots_of_several_robots_are_live_at_once(browser: Browser, served: Any) -> None:
+    names = [f"robot{number}" for number in range(11)]
+    site = served(*names)
+    for robot in range(11):
+        site.observe(50.0, robot=robot, after_s=0.0)
+    browser.open(site.url)
+    browser.wait_for("document.querySelectorAll('.robot.ok').length === 11")
+    for number in range(10):
+        browser.run(f"document.querySelectorAll('.robot-head')[{number}].click()")
+        browser.run(f"document.querySelectorAll('.robot')[{number}].querySelector('.signal-name').click()")
+    labels = "[...document.querySelectorAll('.plot svg')].map((svg) => svg.getAttribute('aria-label'))"
+    start = "battery_level: 50 % to 50 %"
+    browser.wait_for(f"{labels}.filter((label) => label.startsWith(arguments[0])).length === 10", start)
+    site.observe(40.0, robot=0)
+    site.observe(30.0, robot=9)
+    browser.wait_for(f"{labels}[0].includes('40 % to 50 %') && {labels}[9].includes('30 % to 50 %')")
+    browser.run("document.querySelectorAll('.robot-head')[10].click()")
+    browser.run("document.querySelectorAll('.robot')[10].querySelector('.signal-name').click()")
+    assert browser.run("return document.querySelectorAll('.plot').length") == 10  # the API sends the samples of ten
+    browser.wait_for(f"({labels}[9] || '').startsWith(arguments[0])", start)
+    assert browser.run("return document.querySelectorAll('.robot')[0].querySelector('.plot')") is None
+
+
+def test_the_plot_of_a_signal_that_ended_shows_its_last_values(browser: Browser, served: Any) -> None:
+    site = served("atlas")
+    for _ in range(3):
+        site.observe(50.0, after_s=40.0)  # a window of 60 s: two samples, 40 s apart
+    browser.open(site.url)
+    browser.wait_for("document.querySelector('.signal-name')")
+    browser.click(".signal-name")
+    browser.wait_for("document.querySelector('.plot svg[aria-label*=\"50 % to 50 %\"]')")
+    site.pass_time(3600.0)
+    browser.wait_for("document.querySelector('.robot.stale')")
+    view = "document.querySelector('.plot').plot.view"
+    browser.wait_for(f"Math.round({view}.to - {view}.from) === 100")  # 40 s of values and 60 s without
+
+
 def test_past_alerts_have_their_evidence(browser: Browser, served: Any, tmp_path: Path) -> None:
     site = served("atlas", history_file=str(tmp_path / "history.db"))
     for value in (50.0, 35.0, 19.0):
@@ -243,6 +280,37 @@ def test_past_alerts_have_their_evidence(browser: Browser, served: Any, tmp_path
     assert browser.texts("#alerts .badge-text") == ["OK", "WARN"]
     browser.click("#alerts .robot-cell a")
     browser.wait_for("document.querySelector('.robot-head').getAttribute('aria-expanded') === 'true'")
+
+
+def test_a_table_of_alerts_stays_short_and_has_no_hole(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", signals={"battery_level": BOUND}, history_file=str(tmp_path / "history.db"))
+
+    def alert(count: int) -> None:
+        def act(robots: Robots) -> None:
+            for number in range(count):
+                robots.at(robots.bus.now_s + 1.0)
+                robots.observe(10.0 if number % 2 == 0 else 50.0)
+
+        site.do(act)
+
+    alert(8)
+    browser.open(site.url)
+    browser.wait_for("document.querySelector('.signal-name')")
+    browser.click(".signal-name")
+    of_signal = "document.querySelectorAll('.signal-body .alert').length"
+    browser.wait_for(f"{of_signal} === 5")
+    newest = "(document.querySelector('#alerts time') || document.body).dateTime"
+    browser.run("location.hash = 'alerts'")
+    browser.wait_for("document.querySelectorAll('#alerts .alert').length === 8")
+    before = browser.run(f"return {newest}")
+    alert(300)
+    browser.wait_for(f"{newest} !== arguments[0]", before)
+    assert browser.run("return document.querySelectorAll('#alerts .alert').length") == 100
+    assert browser.find("#alert-history button:last-child").is_displayed()  # show older
+    alert(2)
+    browser.wait_for(f"{newest} !== arguments[0]", browser.run(f"return {newest}"))
+    assert browser.run("return document.querySelectorAll('#alerts .alert').length") == 100
+    assert browser.run(f"return {of_signal}") == 5
 
 
 def test_the_page_silences_and_ends_a_silence(browser: Browser, served: Any, tmp_path: Path) -> None:
@@ -285,8 +353,13 @@ def test_the_page_resets_latched_alerts_after_a_confirmation(browser: Browser, s
     site = served("atlas")
     site.observe(19.0)
     site.observe(60.0)
-    browser.open(site.url)
+    browser.open(site.url + "#robots/%E0%A4%A")  # not UTF-8
     browser.wait_for("document.querySelector('.robot.warn .robot-tools')")
+    browser.run(
+        "window.said = [];"
+        "const note = () => said.push([announcer.textContent, document.querySelectorAll('dialog[open]').length]);"
+        "new MutationObserver(note).observe(announcer, {childList: true});"
+    )
     browser.click(".reset")
     assert "atlas" in browser.find("#confirm-text").text
     browser.press(Keys.ESCAPE)
@@ -295,6 +368,75 @@ def test_the_page_resets_latched_alerts_after_a_confirmation(browser: Browser, s
     browser.click(".reset")
     browser.click("#confirm-dialog [type=submit]")
     browser.wait_for("document.querySelector('.robot.ok')")
+    browser.wait_for("said.length")
+    assert browser.run("return said[0]") == ["reset: battery_level", 0]  # what is behind a dialog is not read out
+    assert browser.console() == []
+
+
+def test_a_robot_of_any_name_can_be_silenced(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served(HOSTILE, history_file=str(tmp_path / "history.db"))
+    site.observe(19.0)
+    browser.open(site.url)
+    browser.wait_for("document.querySelector('.robot-tools')")
+    browser.click(".robot-tools button")
+    browser.type("#silence-reason", "test")
+    browser.type("#silence-author", "ana")
+    browser.click("#silence-dialog [type=submit]")
+    browser.wait_for_text(".robot-head .silenced-mark", "1 silenced")
+
+
+def test_screen_readers_get_names_and_levels_without_repetitions(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", "boreas", history_file=str(tmp_path / "history.db"))
+    site.observe(19.0)
+    site.observe(60.0, robot=1)
+    browser.open(site.url)
+    browser.wait_for("document.querySelectorAll('.robot').length === 2")
+    browser.run("document.querySelectorAll('.robot-head')[0].click()")
+    browser.click(".signal-name")
+    browser.wait_for("document.querySelector('.signal-body .alert')")
+    nodes = browser.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    seen = [
+        (node["role"]["value"], node["name"]["value"], {each["name"]: each["value"] for each in node["properties"]})
+        for node in nodes
+        if not node["ignored"] and "name" in node and "properties" in node
+    ]
+    headings = [name for role, name, properties in seen if role == "heading" and properties["level"]["value"] == 3]
+    assert headings[0].startswith("WARN atlas battery_level: 19 % is below 20 %")
+    shown = "[...document.querySelectorAll('h1, h2, h3, h4, h5')].filter((each) => each.getClientRects().length)"
+    assert browser.run(f"return {shown}.map((each) => each.tagName)") == ["H1", "H2", "H3", "H4", "H3"]
+    assert [name for role, name, _ in seen if role == "button" and not name] == []
+    assert [name for role, name, _ in seen if role == "rowheader"] == ["battery_level"]
+    assert [name for role, name, _ in seen if role == "columnheader"][:5] == [
+        "Level",
+        "Signal",
+        "Value",
+        "Reason",
+        "For",
+    ]
+    # What is in a live region is read at each change: the time and the countdown are in none.
+    assert browser.run(
+        "return ['#connection', '#lost-text', '.since'].filter("
+        "(each) => document.querySelector(each).closest('[role=alert], [role=status], [aria-live]'))"
+    ) == []  # fmt: skip
+
+
+def test_the_page_prints_dark_on_white_with_readable_plots(browser: Browser, served: Any) -> None:
+    site = served("atlas")
+    site.observe(60.0)
+    browser.open(site.url, 1280, dark=True)
+    browser.wait_for("document.querySelector('.signal-name')")
+    browser.click(".signal-name")
+    browser.wait_for("document.querySelector('.plot svg')")
+    browser.run(
+        "window.printed = [];"
+        "const width = () => document.querySelector('.plot svg').viewBox.baseVal.width;"
+        "addEventListener('beforeprint', () => printed.push(width()));"
+        "matchMedia('print').addEventListener('change', ({matches}) => {"
+        "  if (matches) printed.push(getComputedStyle(document.body).color); });"
+    )
+    browser.driver.execute_cdp_cmd("Page.printToPDF", {})
+    assert browser.run("return printed") == [680, "rgb(27, 31, 36)"]
+    assert browser.run("return document.querySelector('.plot svg').viewBox.baseVal.width") > 1000
 
 
 def test_everything_can_be_done_with_the_keyboard(browser: Browser, served: Any, tmp_path: Path) -> None:
