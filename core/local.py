@@ -7,7 +7,7 @@ numbers. Simulated time comes from the bus's topic `/clock`, as on a robot.
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional
 
 from .errors import ConfigError, ServiceError
 from .mapping_node import CLOCK, MappingNode, MappingSubscription
@@ -49,7 +49,7 @@ class LocalBus:
         self.log_lines: List[LogLine] = []
         self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
         self.types: Dict[str, str] = {}
-        """Type name per topic, of topics that were advertised or subscribed to."""
+        """Type name per topic, of topics that are advertised or subscribed to."""
         self.nodes: List[LocalMiddleware] = []
         """The nodes that are not closed."""
         self._listeners: Dict[str, List[Callable[[Message], None]]] = {}
@@ -141,6 +141,20 @@ class LocalBus:
         for deliver in tuple(self._listeners.get(topic, ())):
             deliver(message)
 
+    def _add_listener(self, topic: str, deliver: Callable[[Message], None]) -> None:
+        self._listeners.setdefault(topic, []).append(deliver)
+
+    def _remove_listener(self, topic: str, deliver: Callable[[Message], None]) -> None:
+        self._listeners[topic].remove(deliver)
+        self._forget_unused([topic])
+
+    def _forget_unused(self, topics: Iterable[str]) -> None:
+        """Forgets topics without publishers and subscribers: the clients of a server may invent any number of names."""
+        for topic in topics:
+            if not self._listeners.get(topic) and not any(topic in node._advertised for node in self.nodes):
+                self._listeners.pop(topic, None)
+                self.types.pop(topic, None)
+
 
 class LocalMiddleware(MappingNode):
     """One node on a `LocalBus`; implements `core.middleware.ServedMiddleware`."""
@@ -159,7 +173,7 @@ class LocalMiddleware(MappingNode):
         self._subscriptions: List[MappingSubscription] = []
         self._services: List[str] = []
         if use_sim_time:
-            bus._listeners.setdefault(CLOCK, []).append(self.take_clock)
+            bus._add_listener(CLOCK, self.take_clock)
 
     def advertise(self, topic: str, type_name: str) -> None:
         resolved = self.resolve(topic)
@@ -182,7 +196,7 @@ class LocalMiddleware(MappingNode):
         subscription = MappingSubscription(self, resolved, type_name, field, callback)
         if type_name:
             self._bus.types.setdefault(resolved, type_name)
-        self._bus._listeners.setdefault(resolved, []).append(subscription.deliver)
+        self._bus._add_listener(resolved, subscription.deliver)
         self._subscriptions.append(subscription)
         return subscription
 
@@ -190,7 +204,7 @@ class LocalMiddleware(MappingNode):
         if subscription in self._subscriptions:
             subscription.active = False
             self._subscriptions.remove(subscription)
-            self._bus._listeners[subscription.topic].remove(subscription.deliver)
+            self._bus._remove_listener(subscription.topic, subscription.deliver)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         if split_type_name(type_name) is None:
@@ -227,14 +241,15 @@ class LocalMiddleware(MappingNode):
         self.cancel_timers()
         for subscription in tuple(self._subscriptions):
             self.unsubscribe(subscription)
-        if self.take_clock in self._bus._listeners.get(CLOCK, ()):
-            self._bus._listeners[CLOCK].remove(self.take_clock)
+        if self._sim_time_s is not None:
+            self._bus._remove_listener(CLOCK, self.take_clock)
         for service in self._services:
             self._bus._services.pop(service, None)
             self._bus._service_types.pop(service, None)
         self._services.clear()
-        self._advertised.clear()
         self._bus.nodes.remove(self)
+        self._bus._forget_unused(self._advertised)
+        self._advertised.clear()
 
 
 def _next_due_s(node: LocalMiddleware) -> float:

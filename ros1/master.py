@@ -8,21 +8,36 @@ from __future__ import annotations
 
 import http.client
 import threading
+import xml.parsers.expat
 import xmlrpc.client
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple, TypeVar
 
 import rosgraph
 import rospy.core
 
 from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.parameters import describe
 
 _SUCCESS = 1
-_ERRORS = (OSError, http.client.HTTPException, xmlrpc.client.Error, ValueError, TypeError)
+_ERRORS = (
+    OSError,
+    http.client.HTTPException,
+    xmlrpc.client.Error,
+    xml.parsers.expat.ExpatError,
+    ValueError,
+    TypeError,
+    LookupError,
+)
+"""A call that failed, and answers that are no XML, no XML-RPC, or no answer of a master."""
 _TIMEOUT_S = 3.0
 _ROSPY_TIMEOUT_S = 10.0
+_LONGEST_ERROR = 200
 
-SystemState = Tuple[List[Any], List[Any], List[Any]]
+_Value = TypeVar("_Value")
+_State = List[Tuple[str, List[str]]]
+SystemState = Tuple[_State, _State, _State]
 
 
 class Master:
@@ -55,13 +70,12 @@ class Master:
         return True
 
     def system_state(self) -> SystemState:
-        """Returns publishers, subscribers and services, each a list of [name, [node, ...]].
+        """Returns publishers, subscribers and services, each a list of (name, [node, ...]).
 
         Raises:
             ServiceError: the master does not answer.
         """
-        publishers, subscribers, services = self._call("getSystemState")
-        return publishers, subscribers, services
+        return self._read(_state, "getSystemState")
 
     def topic_types(self) -> Dict[str, str]:
         """Returns the type of each topic.
@@ -69,7 +83,7 @@ class Master:
         Raises:
             ServiceError: the master does not answer.
         """
-        return dict(self._call("getTopicTypes"))
+        return self._read(_types, "getTopicTypes")
 
     def find_service(self, name: str) -> Optional[str]:
         """Returns the address of a service, `rosrpc://host:port`; None if there is no such service.
@@ -77,8 +91,7 @@ class Master:
         Raises:
             ServiceError: the master does not answer.
         """
-        found: Optional[str] = self._call("lookupService", name, default=None)
-        return found
+        return self._read(_text, "lookupService", name, default=None)
 
     def parameter(self, name: str, default: Any) -> Any:
         """Returns a parameter, or `default` if it is not set.
@@ -116,8 +129,18 @@ class Master:
             return default["default"]
         raise ServiceError(f"the ROS master at {self.uri} refused {method}: {text}")
 
+    def _read(self, read: Callable[[Any], _Value], method: str, *arguments: Any, **default: Any) -> _Value:
+        """Does what `_call` does; `read` checks the answer."""
+        value = self._call(method, *arguments, **default)
+        try:
+            return read(value)
+        except _ERRORS as error:
+            raise self._no_answer(error) from None
+
     def _no_answer(self, error: Exception) -> ServiceError:
-        return ServiceError(f"the ROS master at {self.uri} does not answer ({' '.join(str(error).split())})")
+        return ServiceError(
+            f"the ROS master at {self.uri} does not answer ({printable(' '.join(str(error).split()))[:_LONGEST_ERROR]})"
+        )
 
     def _proxy(self, timeout_s: float = _TIMEOUT_S) -> xmlrpc.client.ServerProxy:
         """Returns a connection for one call: a ServerProxy is not thread-safe."""
@@ -192,6 +215,23 @@ class _Transport(xmlrpc.client.Transport):
         connection = super().make_connection(host)
         connection.timeout = self._timeout_s
         return connection
+
+
+def _state(answer: Any) -> SystemState:
+    publishers, subscribers, services = (
+        [(str(name), [str(node) for node in nodes]) for name, nodes in kind] for kind in answer
+    )
+    return publishers, subscribers, services
+
+
+def _types(answer: Any) -> Dict[str, str]:
+    return {str(topic): str(type_name) for topic, type_name in answer}
+
+
+def _text(answer: Any) -> Optional[str]:
+    if answer is not None and not isinstance(answer, str):
+        raise TypeError(f"expected text, got {describe(answer)}")
+    return answer
 
 
 def limit_calls_of_rospy(master: Master) -> None:

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import threading
 import time
+import weakref
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
+import genpy
 import rospy
 import rospy.core
 import rospy.rostime
@@ -61,7 +63,8 @@ class Ros1Middleware:
         self._lock = threading.RLock()
         self._publishers: Dict[str, Tuple[Any, Any]] = {}
         self._subscriptions: List[Subscription] = []
-        self._decoders: Dict[str, _Decoder] = {}
+        # Weak: the clients of a server may subscribe to any number of invented topics.
+        self._decoders: weakref.WeakValueDictionary[str, _Decoder] = weakref.WeakValueDictionary()
         self._services: List[Any] = []
         self._timers: List[_Timer] = []
         self._given: Optional[Mapping[str, Any]] = None
@@ -312,7 +315,8 @@ class Subscription:
 class _RawReader:
     """Reads a field from serialized messages, by the type that the publisher's connection header names.
 
-    Returns ABSENT, after one ERROR line, if that type is unknown here, is not the expected one, or has no such field.
+    Returns ABSENT, after one ERROR line, if that type is unknown here, is not the expected one, or has no such field,
+    or if the message does not match it.
     """
 
     def __init__(
@@ -324,6 +328,7 @@ class _RawReader:
         self._decoder = decoder
         self._log_error = log_error
         self._readers: Dict[str, Callable[[Any], Any]] = {}
+        self._has_failed = False
 
     def __call__(self, native: Any) -> Any:
         type_name = native._connection_header["type"]
@@ -333,7 +338,13 @@ class _RawReader:
             except ConfigError as error:
                 self._log_error(str(error))
                 self._readers[type_name] = _absent
-        return self._readers[type_name](native)
+        try:
+            return self._readers[type_name](native)
+        except genpy.MessageException as error:
+            if not self._has_failed:
+                self._has_failed = True
+                self._log_error(f"{self._topic}: a message does not match {type_name}: {error}")
+            return ABSENT
 
     def _reader(self, type_name: str) -> Callable[[Any], Any]:
         if self._expected and type_name != self._expected:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 import resource
-from typing import Any, Callable, Dict, Tuple
+from typing import Any, Callable, Dict, Optional, Tuple
 
 __all__ = ["Connections", "Stage", "connection_limit"]
 
@@ -67,6 +67,11 @@ class Connections:
         """Changes the stage of a connection; its timeout begins anew."""
         if connection in self._stages:
             self._stages[connection] = (stage, self._clock())
+
+    def opened_s(self, connection: Any) -> Optional[float]:
+        """Returns since when a connection is in stage OPENED, in s; None in any other stage."""
+        stage, since_s = self._stages.get(connection, (None, None))
+        return since_s if stage is Stage.OPENED else None
 
     def sweep(self) -> None:
         """Closes connections that have been in stage OPENED for too long. Call every second."""

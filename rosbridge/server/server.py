@@ -33,6 +33,7 @@ from .log_limit import LogLimit
 from .node_access import NodeAccess
 from .publications import Publications
 from .request_check import check_request
+from .request_size import MOST_REQUEST_BYTES, SizeLimitedProtocol
 from .rosapi import Rosapi
 from .services import Services
 from .session import AuthenticationError, ServerParts, Session
@@ -240,10 +241,18 @@ class Server:
         assert create is not None
 
         def accept() -> asyncio.Protocol:
-            protocol: asyncio.Protocol = create()
-            return protocol if self._connections.add(protocol) else _Busy()
+            protocol: Any = create()
+            if not self._connections.add(protocol):
+                return _Busy()
+            return SizeLimitedProtocol(
+                protocol, lambda: self._connections.opened_s(protocol), lambda: self._refuse_size(protocol)
+            )
 
         return accept
+
+    def _refuse_size(self, protocol: Any) -> None:
+        self._connections.abort(protocol)
+        self.log(f"disconnected a client: its request is larger than {MOST_REQUEST_BYTES} bytes")
 
     def _report_full(self) -> None:
         self.log(f"{self._max_clients} connections are open: new ones replace the oldest without a request or token")

@@ -105,6 +105,23 @@ def test_the_bus_knows_the_types_of_its_topics() -> None:
     assert bus.types == {"/battery_level": FLOAT32, "/diagnostics": "diagnostic_msgs/DiagnosticArray"}
 
 
+def test_the_bus_forgets_topics_that_nothing_uses_any_more() -> None:
+    bus = LocalBus()
+    first, second = bus.node("first"), bus.node("second", use_sim_time=True)
+    subscriptions = [node.subscribe("/out", FLOAT32, Recorder()) for node in (first, first, second)]
+    for subscription in subscriptions[:2]:
+        first.unsubscribe(subscription)
+        assert bus.types == {"/out": FLOAT32}
+    second.unsubscribe(subscriptions[2])
+    assert bus.types == {}
+    first.advertise("/out", FLOAT32)
+    second.unsubscribe(second.subscribe("/out", FLOAT32, Recorder()))
+    assert bus.types == {"/out": FLOAT32}
+    first.close()
+    second.close()
+    assert (bus.types, bus._listeners) == ({}, {})
+
+
 def test_a_number_too_large_for_32_bits_becomes_infinity() -> None:
     bus, heard = LocalBus(), Recorder()
     node = bus.node("battery_sensor")

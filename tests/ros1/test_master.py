@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import http.server
 import socket
+import threading
+import xmlrpc.client
 from typing import Any, List
 
 import pytest
@@ -27,7 +31,7 @@ def test_it_reads_parameters_services_and_topics(connection: Any, parameters: An
     assert connection.find_service("/rosout/get_loggers").startswith("rosrpc://")
     assert connection.topic_types()["/rosout_agg"] == "rosgraph_msgs/Log"
     publishers, _, _ = connection.system_state()
-    assert ["/rosout_agg", ["/rosout"]] in publishers
+    assert ("/rosout_agg", ["/rosout"]) in publishers
 
 
 def test_a_master_has_one_identity_and_knows_its_nodes(connection: Any) -> None:
@@ -46,6 +50,60 @@ def test_a_master_that_hangs_is_a_service_error(monkeypatch: pytest.MonkeyPatch)
         assert not master.is_online()
         with pytest.raises(ServiceError, match="does not answer"):
             master.identity("/tests")
+
+
+def reply(value: Any) -> bytes:
+    return xmlrpc.client.dumps((value,), methodresponse=True).encode()
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"<html>a proxy's page",
+        reply(7).replace(b"7", b"many"),
+        b"<?xml version='1.0'?><methodResponse>\x1b[31m",
+        b"\xff\xfe",
+        xmlrpc.client.dumps(xmlrpc.client.Fault(1, "no"), methodresponse=True).encode(),
+        *map(
+            reply, [7, [], [1], [1, "", 7], [1, "", [7]], [1, "", [[1, 2, 3]]], ["x", "y", "z"], {"a": 1}, [[]], [{}]]
+        ),
+        reply([0, "x" * 10_000, 0]),
+    ],
+)
+def test_a_master_that_answers_nonsense_is_a_service_error(body: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    from robot_health_monitor.ros1.master import Master
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            self.rfile.read(int(self.headers["Content-Length"]))
+            self.send_response(200)
+            self.send_header("Content-Type", "text/xml")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *arguments: Any) -> None:
+            """Writes nothing."""
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            monkeypatch.setenv("ROS_MASTER_URI", f"http://127.0.0.1:{server.server_port}")
+            master = Master("/tests")
+            for call in (master.system_state, master.topic_types, lambda: master.identity("/tests")):
+                with pytest.raises(ServiceError) as error:
+                    call()
+                assert str(error.value).isprintable()
+            with contextlib.suppress(ServiceError):
+                assert master.find_service("/some") in (None, "z")
+            with contextlib.suppress(ServiceError):
+                master.parameter("/some", {})
+            master.is_online()
+        finally:
+            server.shutdown()
+            thread.join()
 
 
 @pytest.mark.parametrize("uri", ["nonsense", "ftp://127.0.0.1:1"])

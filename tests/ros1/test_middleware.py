@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from typing import Any, Iterator, List
 
 import pytest
@@ -104,6 +105,39 @@ def test_a_publisher_of_another_type_is_one_error_line(ros: Any) -> None:
     ros.wait_until(lambda: bool(errors(ros)))
     assert errors(ros) == ["/in: expected messages of type std_msgs/Float32, got std_msgs/Int32"]
     assert typed.values == []
+
+
+@pytest.mark.parametrize("type_name", ["", FLOAT32])
+def test_messages_that_do_not_match_their_type_are_one_error_line(ros: Any, type_name: str) -> None:
+    """A publisher with the checksum of std_msgs/Float32 that sends one byte instead of four."""
+    import rospy
+
+    class Garbled(rospy.AnyMsg):  # type: ignore[misc]
+        _type = "std_msgs/Float32"
+        _md5sum = "73fcbf46b49191e672908e50842a83d4"
+
+    node, recorder = ros.node("alert_system"), Recorder()
+    if type_name:  # a subscription that only counts makes the process read bytes
+        node.subscribe("/garbled", "", Recorder(), field=None)
+    node.subscribe("/garbled", type_name, recorder, field="data")
+    publisher = rospy.Publisher("/garbled", Garbled, queue_size=100)
+    ros.wait_until(lambda: publisher.get_num_connections() > 0)
+    for data in (b"\0", b"\0", b"\0", b"\0\0\x9c\x41"):
+        message = Garbled()
+        message._buff = data
+        publisher.publish(message)
+    ros.wait_until(lambda: recorder.values == [19.5])
+    publisher.unregister()
+    assert len(errors(ros)) == 1
+    assert errors(ros)[0].startswith("/garbled: a message does not match std_msgs/Float32: ")
+
+
+def test_topics_that_clients_of_a_server_invent_are_forgotten(ros: Any) -> None:
+    node = ros.node("rosbridge")
+    for number in range(5):
+        node.unsubscribe(node.subscribe(f"/invented{number}", "", Recorder()))
+    gc.collect()
+    assert len(node._decoders) == 0
 
 
 def test_log_lines_about_a_failed_callback_are_one_line_each(ros: Any) -> None:

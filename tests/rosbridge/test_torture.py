@@ -389,6 +389,52 @@ async def test_a_connection_that_presents_nothing_is_closed(robot: Robot) -> Non
     assert robot.server.clients == 0
 
 
+@with_robot(auth_timeout_s=60.0)
+async def test_a_request_without_an_end_is_closed_before_it_fills_the_memory(robot: Robot) -> None:
+    """aiohttp 3.10 keeps any number of headers: 800 MB in six seconds."""
+    loop = asyncio.get_event_loop()
+    connection = await loop.run_in_executor(None, raw_socket, robot)
+    connection.setblocking(False)
+    await loop.sock_sendall(connection, b"GET / HTTP/1.1\r\nHost: localhost\r\n")
+    headers = b"".join(b"X-%d: %s\r\n" % (number, b"x" * 1000) for number in range(1000))
+
+    async def send_headers() -> None:
+        while True:
+            await loop.sock_sendall(connection, headers)
+
+    with pytest.raises(ConnectionError):
+        await asyncio.wait_for(send_headers(), 20.0)
+    connection.close()
+    async with robot.peer() as peer:
+        await peer.settle()
+
+
+@with_robot()
+async def test_many_requests_over_one_connection_are_not_too_large_together(robot: Robot) -> None:
+    async with aiohttp.ClientSession() as session:
+        for _ in range(50):
+            async with session.get(robot.url, headers={"X-Padding": "x" * 4000}) as response:
+                assert response.status == 426
+    assert robot.log == []
+
+
+@with_robot()
+async def test_topics_that_clients_invent_are_forgotten_when_they_unsubscribe(robot: Robot) -> None:
+    async with robot.peer() as peer, robot.peer() as other:
+        for number in range(50):
+            await peer.send("subscribe", topic=f"/invented{number}", type="std_msgs/Float32")
+            await other.send("subscribe", topic=f"/invented{number}", type="std_msgs/Float32")
+        await peer.settle()
+        await other.settle()
+        assert len(robot.bus.types) > 50
+        for number in range(50):
+            await peer.send("unsubscribe", topic=f"/invented{number}")
+        await peer.settle()
+    await robot.until(lambda: robot.server.clients == 0)
+    await robot.until(lambda: set(robot.bus.types) == {"/battery_level"})
+    assert robot.bus._listeners == {}
+
+
 def read_to_the_end(connection: sockets.socket) -> bytes:
     data = b""
     with contextlib.suppress(ConnectionError):

@@ -92,3 +92,15 @@ def test_connections_in_a_tls_handshake_count() -> None:
 def test_the_limit_leaves_descriptors_to_the_rest_of_the_process() -> None:
     assert connection_limit(5) == 5
     assert connection_limit(10**9) < 10**9
+
+
+def test_the_time_without_a_request_begins_anew_after_each_request() -> None:
+    connections, (connection, _), clock, _ = fill(2)
+    assert connections.opened_s(connection) == 0.0
+    connections.set_stage(connection, Stage.ACTIVE)
+    assert connections.opened_s(connection) is None
+    clock.now_s = 7.0
+    connections.set_stage(connection, Stage.OPENED)
+    assert connections.opened_s(connection) == 7.0
+    connections.abort(connection)
+    assert connections.opened_s(connection) is None
