@@ -33,7 +33,7 @@ async def run_beside(robot: Robot, command: List[str]) -> Dict[str, Any]:
     waiting = asyncio.ensure_future(process.communicate())
     level = 100.0
     while not waiting.done():
-        level -= 0.25
+        level *= 0.999  # falls, and never reaches 0, however long the program takes
         robot.publish(level)
         await asyncio.sleep(0.01)
     output, errors = waiting.result()
