@@ -22,12 +22,12 @@ CODE = "import sys; from robot_health_monitor.ros2_executables import alert_syst
 
 @pytest.fixture
 def environment(environment: Dict[str, str], tmp_path: Path) -> Dict[str, str]:
-    path = os.pathsep.join(filter(None, [environment["PYTHONPATH"], os.environ.get("PYTHONPATH", "")]))
-    domain = str(ros2_domain(str(tmp_path)))  # in that of the test before, there may still be killed nodes
+    for name in ("ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "RCUTILS_CONSOLE_OUTPUT_FORMAT"):
+        environment.pop(name, None)
     return {
         **environment,
-        "PYTHONPATH": path,
-        "ROS_DOMAIN_ID": domain,
+        "PYTHONPATH": os.pathsep.join(filter(None, [environment["PYTHONPATH"], os.environ.get("PYTHONPATH", "")])),
+        "ROS_DOMAIN_ID": str(ros2_domain(str(tmp_path))),  # in that of the test before, there may still be killed nodes
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
 
@@ -58,10 +58,20 @@ def test_a_node_that_is_killed_or_stopped_recovers(alert_system: Any, robot: Any
 def test_the_loss_of_the_network_costs_no_alert(
     alert_system: Any, robot: Any, network: SeparateNetwork, seed: int
 ) -> None:
-    process = alert_system(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
-    peer: Robot = robot("ros2_peer", prefix=network.command, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    process = alert_system(**reachable_at(network.here))
+    peer: Robot = robot("ros2_peer", prefix=network.command, **reachable_at(network.there))
     cut_network(trial_of(peer, seed), network, ROUNDS)
     end(process)
+
+
+def reachable_at(address: str) -> Dict[str, str]:
+    """Returns the variables of a process that communicates beyond its machine."""
+    # Cyclone DDS uses one interface only, which it would choose itself.
+    interface = f'<General><Interfaces><NetworkInterface address="{address}"/></Interfaces></General>'
+    return {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+        "CYCLONEDDS_URI": f"<CycloneDDS><Domain>{interface}</Domain></CycloneDDS>",
+    }
 
 
 NOWHERE = "/proc/none"
