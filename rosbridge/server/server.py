@@ -137,7 +137,9 @@ class Server:
         """
         loop = asyncio.get_event_loop()
         self._create_parts(loop)
-        self._connections = Connections(self._max_clients, self._auth_timeout_s, loop.time, self._report_full)
+        # Later than `_authenticate`, which sends the client the reason.
+        timeout_s = self._auth_timeout_s + _SWEEP_PERIOD_S
+        self._connections = Connections(self._max_clients, timeout_s, loop.time, self._report_full)
         application = web.Application(middlewares=[self._create_check()])
         application.add_routes([*self._routes, web.get("/{path:.*}", _explain)])
         runner = web.AppRunner(application, access_log=None, handle_signals=False, logger=self._log_limit.logger())
@@ -319,6 +321,7 @@ class Server:
         self, request: web.Request, socket: web.WebSocketResponse, incoming: Incoming, session: Session
     ) -> bool:
         """Waits for the operation `auth`; closes the connection if it does not come or does not prove the token."""
+        self._connections.set_stage(request.protocol, Stage.OPENED)
         try:
             data = await incoming.next(self._auth_timeout_s)
             if data is None:

@@ -132,7 +132,7 @@ def test_a_master_that_is_restarted_ends_the_node_and_a_new_one_works(
     trial.change(trial.pause)  # without a master, what is connected stays connected
     trial.finish()
     master.start()
-    assert process.wait(20.0) == 3
+    assert process.wait(30.0) == 3
     check_stderr(process.errors)
     peer.end()
     process = alert_system()

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import sqlite3
-import time
 from contextlib import closing
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator
@@ -14,7 +13,8 @@ from typing import Any, Callable, Dict, Iterator
 import pytest
 from harness.alertmanager import needs_alertmanager, running_alertmanager
 from harness.http_server import HttpServer, Received, hanging, responding
-from harness.line_process import DEADLINE_S, LineProcess
+from harness.line_process import LineProcess
+from harness.waiting import wait_for
 
 Start = Callable[..., LineProcess]
 
@@ -59,12 +59,9 @@ def alert(request: Received) -> str:
 
 def wait_until_confirmed(file: Path) -> None:
     """Waits until a notification has been sent and none waits."""
-    until_s = time.monotonic() + DEADLINE_S
     with closing(sqlite3.connect(f"file:{file}?mode=ro", uri=True)) as connection:
         query = "SELECT (SELECT count(*) FROM notified), (SELECT count(*) FROM notifications)"
-        while connection.execute(query).fetchone() != (1, 0):
-            assert time.monotonic() < until_s
-            time.sleep(0.02)
+        wait_for(lambda: connection.execute(query).fetchone() == (1, 0))
 
 
 def test_an_alert_reaches_its_target_and_a_killed_monitor_does_not_repeat_it(
@@ -123,15 +120,9 @@ def test_a_failing_target_is_one_line_without_its_secret(
 @needs_alertmanager
 def test_alertmanager_shows_the_alert(run: Callable[..., LineProcess], tmp_path: Path) -> None:
     (tmp_path / "am").mkdir()
-    with running_alertmanager(tmp_path / "am") as alertmanager, HttpServer() as alive:
-        process = run(
-            pager={"type": "alertmanager", "url": alertmanager.url},
-            alive={"type": "heartbeat", "url": alive.url, "every_s": 1.0},
-        )
-        for _ in range(30):  # seconds
-            if alertmanager.alerts():
-                break
-            alive.next()
+    with running_alertmanager(tmp_path / "am") as alertmanager:
+        process = run(pager={"type": "alertmanager", "url": alertmanager.url})
+        wait_for(alertmanager.alerts)
         (found,) = alertmanager.alerts()
         labels = {"alertname": "RobotHealth", "robot": "atlas", "signal": "battery_level"}
         assert found["labels"] == {**labels, "level": "ERROR", "severity": "critical"}

@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
 from harness.line_process import LineProcess
+from harness.waiting import wait_for
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError
@@ -224,8 +225,5 @@ def test_waiting_notifications_are_shown() -> None:
         robot = Robot(notifying)
         robot.publish(10.0)
         assert notifying.notifier is not None
-        for _ in range(1500):  # it is queued in another thread
-            if notifying.notifier.waiting:
-                break
-            threading.Event().wait(0.02)
+        wait_for(lambda: notifying.notifier.waiting)  # it is queued in another thread
         assert robot.statuses()["alert_system: monitor"]["pending_notifications"] == "1"

@@ -13,6 +13,7 @@ from typing import Any, Callable, Iterator, List
 
 import pytest
 from harness.line_process import LineProcess
+from harness.waiting import wait_for
 
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.core.faults import Faults
@@ -203,14 +204,6 @@ def webhook() -> Iterator[Webhook]:
     thread.join()
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    for _ in range(1500):
-        if condition():
-            return
-        threading.Event().wait(0.02)
-    raise AssertionError("not within 30 s")
-
-
 def test_beside_a_running_monitor_a_silence_is_in_force_within_about_a_second(
     robot_health: Start, tmp_path: Path, webhook: Webhook
 ) -> None:
@@ -225,7 +218,7 @@ def test_beside_a_running_monitor_a_silence_is_in_force_within_about_a_second(
         "repeat_s: 1.0}}}}\n"
     )
     monitor = robot_health("run", "--ops", ops, "--thresholds", thresholds)
-    wait_until(lambda: ("firing", "battery_level", "WARN") in webhook.received)
+    wait_for(lambda: ("firing", "battery_level", "WARN") in webhook.received)
     added = robot_health("silence", "add", "robot=r3", "--until-resolved", "--reason", "known", "--ops", ops)
     assert added.wait() == 0, added.text
     assert added.text == "out: silence 1: robot=r3, until resolved; 1 open alert: r3 battery_level"
@@ -238,6 +231,6 @@ def test_beside_a_running_monitor_a_silence_is_in_force_within_about_a_second(
     assert len(webhook.received) == known
     expired = robot_health("silence", "expire", 1, "--ops", ops)
     assert expired.wait() == 0, expired.text
-    wait_until(lambda: len(webhook.received) > known)
+    wait_for(lambda: len(webhook.received) > known)
     monitor.signal()
     assert monitor.wait() == 0

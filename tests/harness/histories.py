@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
-from typing import Any, Callable, List, Tuple
+from typing import Any, List, Tuple
 
+from harness.waiting import WAIT_S
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.history.reader import HistoryReader
-
-WAIT_S = 30.0
 
 
 def transition(
@@ -60,15 +58,3 @@ def stored_texts(file: Path) -> List[str]:
 def fault_texts(faults: Faults) -> List[Tuple[str, str]]:
     """Returns the parts and texts of the faults."""
     return [(part, fault.text) for part, fault in faults.current().items()]
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Waits until a condition holds.
-
-    Raises:
-        AssertionError: it does not hold within 30 s.
-    """
-    end_s = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < end_s, "waited too long"
-        time.sleep(0.01)

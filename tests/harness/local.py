@@ -66,7 +66,7 @@ class LocalHarness:
         return [LogLine(line.severity, line.text) for line in self.bus.log_lines]
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        poll_until(predicate, lambda: self.bus.run_due(self.bus.now_s + 0.01), deadline_s=1.0)
+        poll_until(predicate, lambda: self.bus.run_due(self.bus.now_s + 0.01))
 
     def close(self) -> None:
         for node in (*self._nodes, self._outside):

@@ -91,6 +91,6 @@ class PrometheusServer:
 
     def close(self) -> None:
         """Ends it."""
-        self._process.terminate()
-        self._process.wait(10.0)
+        self._process.kill()
+        self._process.wait()
         self._log.close()

@@ -37,7 +37,7 @@ class RosbridgeHarness:
             on_link=lambda is_up, cause: up.set() if is_up else up.clear(),
         )
         self._running = asyncio.run_coroutine_threadsafe(self.client.run(), self._watcher.loop)
-        assert up.wait(10.0), self.client.log_lines
+        assert up.wait(30.0), self.client.log_lines
         self._nodes: List[RosbridgeMiddleware] = []
         self._simulated: List[RosbridgeMiddleware] = []
 

@@ -115,7 +115,7 @@ class Page:
         while True:
             fields: Dict[str, str] = {}
             while True:
-                line = (await asyncio.wait_for(self.response.content.readline(), 10.0)).decode("ascii")
+                line = (await asyncio.wait_for(self.response.content.readline(), 30.0)).decode("ascii")
                 if not line:
                     raise EOFError("the server closed the connection")
                 if line == "\n":

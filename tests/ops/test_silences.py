@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sqlite3
-import threading
 from pathlib import Path
 from typing import Any, Callable, Iterator, List, Optional
 
 import pytest
+from harness.waiting import wait_for
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError, ServiceError
@@ -82,14 +82,6 @@ def on_file(history: History, function: Callable[[sqlite3.Connection], object]) 
     with connection:
         function(connection)
     connection.close()
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    for _ in range(1500):
-        if condition():
-            return
-        threading.Event().wait(0.02)
-    raise AssertionError("not within 30 s")
 
 
 @pytest.mark.parametrize(

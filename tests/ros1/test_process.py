@@ -74,7 +74,7 @@ def test_a_reader_of_the_log_that_is_gone_costs_no_alert(ros: Any, start_with: A
     ros.wait_until(lambda: ("alert_system: battery_level", 3) in shown(reports))
     ros.wait_until(lambda: ("alert_system: monitor", 2) in shown(reports))
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20) == 0
+    assert process.wait(30.0) == 0
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
@@ -85,7 +85,7 @@ def test_a_full_disk_costs_no_alert(ros: Any, start_with: Any, parameters: Any) 
     wait_until_running(ros)
     assert [alert["level"] for alert in alerts_of(ros)] == [1, 2, 0]
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    assert process.wait(30.0) == 0
 
 
 def test_a_reader_of_the_log_that_hangs_costs_no_alert(ros: Any, start_with: Any, parameters: Any) -> None:
@@ -96,7 +96,7 @@ def test_a_reader_of_the_log_that_hangs_costs_no_alert(ros: Any, start_with: Any
     wait_until_running(ros)
     assert [alert["level"] for alert in alerts_of(ros)] == [1, 2, 0]
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 0
+    assert process.wait(30.0) == 0
     os.close(read_end)
     os.close(write_end)
 
@@ -118,9 +118,9 @@ def test_a_restarted_master_ends_it_with_code_3(start: Any, free_port: int, star
     process.wait_for_text("watching cpu_usage")
     master.end()
     start_master(free_port)
-    line = process.wait_for_text("was restarted and does not know this node", deadline_s=15.0)
+    line = process.wait_for_text("was restarted and does not know this node")
     assert "[ERROR]" in line
-    assert process.wait(15.0) == 3
+    assert process.wait(30.0) == 3
     assert process.errors[-1] == (
         "alert_system: the ROS master was restarted; start this node again to register with it"
     )
@@ -140,14 +140,14 @@ def test_a_master_that_hangs_delays_no_alert(start: Any, free_port: int, start_m
     try:
         monitor.wait_for_text("ROS master: ")
         for _ in range(2):
-            monitor.wait_for_text("battery_level OK", deadline_s=10.0)
-            monitor.wait_for_text("battery_level WARN", deadline_s=10.0)
+            monitor.wait_for_text("battery_level OK")
+            monitor.wait_for_text("battery_level WARN")
     finally:
         os.kill(pid, signal.SIGCONT)
     monitor.wait_for_text("ROS master works again")
     for process in (sensor, monitor):
         process.signal()
-        assert process.wait(10.0) == 0
+        assert process.wait(30.0) == 0
 
 
 def test_it_ends_while_the_master_hangs(start: Any, free_port: int, start_master: Any) -> None:
@@ -158,7 +158,7 @@ def test_it_ends_while_the_master_hangs(start: Any, free_port: int, start_master
     os.kill(pid, signal.SIGSTOP)
     try:
         process.signal()
-        assert process.wait(15.0) == 0
+        assert process.wait(30.0) == 0
     finally:
         os.kill(pid, signal.SIGCONT)
     assert "Traceback" not in process.text

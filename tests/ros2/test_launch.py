@@ -90,7 +90,7 @@ def nodes_of(ros: Any) -> set:
 def end(process: LineProcess) -> None:
     """Sends SIGINT to launch and to its nodes, as a terminal does at Ctrl-C, and sees all of them end cleanly."""
     os.killpg(process.pid, signal.SIGINT)
-    assert process.wait(10.0) == 0, process.text
+    assert process.wait(30.0) == 0, process.text
     for trouble in ("Traceback", "escalating", "exit code", "has died"):
         assert trouble not in process.text
 
@@ -222,7 +222,7 @@ def test_wrong_thresholds_end_only_the_node_that_needs_them(ros2_launch: Any, ro
     process.wait_for_text("exit code 2")
     ros.wait_until(lambda: nodes_of(ros) >= {"/battery_sensor", "/aggregator"})
     process.signal()
-    assert process.wait(10.0) == 0
+    assert process.wait(30.0) == 0
 
 
 def test_thresholds_that_are_not_there_end_every_node(ros2_launch: Any, tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ def test_a_node_that_ends_is_started_again_on_request(ros2_launch: Any, environm
         os.kill(int(line.rpartition("[")[2].rstrip("]")), signal.SIGKILL)
     process.wait_for_text(SENSOR_READY)
     process.signal()
-    assert process.wait(10.0) == 0
+    assert process.wait(30.0) == 0
 
 
 def test_the_textbook_example_needs_configuration_only(ros2_launch: Any, ros: Any) -> None:

@@ -104,7 +104,8 @@ def test_a_replay_gives_the_alerts_of_the_run(ros: Any, start: Any, recorder: Re
         assert {alert[1:] for alert in live} >= {
             ("battery_level", 1), ("battery_level", 2), ("battery_level", 0), ("temperature", 1), ("temperature", 3)
         }  # fmt: skip
-        assert all(abs(found[0] - expected[0]) <= TICK_S for found, expected in zip(replayed, live))
+        # Each is up to a tick late: the live ticks and those of the replay are at different times.
+        assert all(abs(found[0] - expected[0]) <= 2.0 * TICK_S for found, expected in zip(replayed, live))
 
 
 def replay(recordings: Recordings) -> List[Tuple[float, str, int]]:

@@ -143,7 +143,7 @@ async def test_a_thousand_connections_are_opened_and_dropped(robot: Robot) -> No
     await robot.until(lambda: robot.bus.graph().nodes["/rosbridge"].subscribes == ())
 
 
-@with_robot(heartbeat_s=0.4, auth_timeout_s=0.4)
+@with_robot(heartbeat_s=1.0, auth_timeout_s=1.0)
 async def test_half_open_sockets_are_closed(robot: Robot) -> None:
     """One sends nothing, one stops in the middle of its request, one stops answering pings."""
     loop = asyncio.get_event_loop()

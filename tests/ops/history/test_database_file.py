@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from harness.histories import wait_for
+from harness.waiting import wait_for
 
 from robot_health_monitor.ops.history.database_file import DatabaseFile, InUseError, lock_path, set_aside
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import List
 
 import pytest
-from harness.histories import fault_texts, opened, stored_texts, texts, transition, wait_for
+from harness.histories import fault_texts, opened, stored_texts, texts, transition
+from harness.waiting import wait_for
 
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.history import storage, writer

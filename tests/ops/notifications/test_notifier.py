@@ -9,7 +9,6 @@ import subprocess
 import sys
 import textwrap
 import threading
-import time
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Iterator, List, Sequence, Set, Tuple
@@ -18,6 +17,7 @@ import pytest
 from harness.http_server import HttpServer, hanging, responding
 from harness.seeds import new_seed
 from harness.transitions import transition
+from harness.waiting import wait_for
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
@@ -67,13 +67,6 @@ def texts(server: HttpServer, count: int) -> List[str]:
     return [server.next().json["text"] for _ in range(count)]
 
 
-def wait_until(condition: Any) -> None:
-    until_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.005)
-
-
 @pytest.mark.parametrize("in_file", [False, True])
 def test_transitions_reach_the_targets_that_want_them(server: HttpServer, tmp_path: Path, in_file: bool) -> None:
     targets = (
@@ -84,7 +77,7 @@ def test_transitions_reach_the_targets_that_want_them(server: HttpServer, tmp_pa
         for level in ("WARN", "ERROR", "OK"):
             record(history, level)
         received = [server.next() for _ in range(5)]
-        wait_until(lambda: notifier.waiting == 0)
+        wait_for(lambda: notifier.waiting == 0)
     by_path = {path: [each.json["text"] for each in received if each.path == path] for path in ("/all", "/errors")}
     assert by_path == {
         "/all": ["battery WARN", "battery ERROR", "battery OK"],
@@ -164,11 +157,11 @@ def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServ
     target = TargetSettings("chat", "webhook", url=server.url)
     with running([target], file) as (notifier, history):
         assert sorted(texts(server, 20)) == sorted(f"s{number} WARN" for number in range(20))
-        wait_until(lambda: notifier.waiting == 0)
+        wait_for(lambda: notifier.waiting == 0)
     with running([target], file) as (notifier, history):
         record(history, "OK", "s7")
         assert texts(server, 1) == ["s7 OK"]
-        wait_until(lambda: notifier.waiting == 0)
+        wait_for(lambda: notifier.waiting == 0)
     assert server.all() == []
 
 
@@ -178,7 +171,7 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
     chance = random.Random(new_seed())
     file, target = str(tmp_path / "history.db"), TargetSettings("chat", "webhook", url=server.url)
     program = f"""
-        import itertools
+        import itertools, time
         from test_notifier import *
         history = History(HistorySettings({file!r}))
         notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})])
@@ -209,7 +202,7 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
         received = [server.next().json]
         while received[-1]["text"] != "last WARN":
             received.append(server.next().json)
-        wait_until(lambda: notifier.waiting == 0)
+        wait_for(lambda: notifier.waiting == 0)
     received += [request.json for request in server.all()]
     with closing(sqlite3.connect(file)) as connection:
         stored = connection.execute("SELECT signal, to_level, text FROM transitions ORDER BY id").fetchall()
@@ -228,7 +221,7 @@ def test_alerts_of_robots_of_an_earlier_run_end(server: HttpServer, tmp_path: Pa
         record(history, "WARN", robot="r3")
         record(history, "WARN", robot="r4")
         texts(server, 2)
-        wait_until(lambda: notifier.waiting == 0)
+        wait_for(lambda: notifier.waiting == 0)
     with running([target], file) as (notifier, history):
         notifier.end_unwatched({"r4", "r5"})
         ended = server.next().json
@@ -257,7 +250,7 @@ def test_closing_does_not_wait_for_a_target_that_fails(server: HttpServer) -> No
     faults = Faults()
     with running([TargetSettings("chat", "webhook", url=server.url)], faults=faults) as (_, history):
         record(history, "WARN")
-        wait_until(faults.current)
+        wait_for(faults.current)
     assert server.next().json["text"] == "battery WARN"
     assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("notify")]
 
@@ -294,5 +287,5 @@ def test_a_target_that_raises_anything_is_a_fault_and_stops_no_other(
     with running(targets, faults=faults) as (_, history):
         record(history, "WARN")
         assert texts(server, 1) == ["battery WARN"]
-        wait_until(faults.current)
+        wait_for(faults.current)
         assert faults.current()["notify horn"] == (Level.WARN, "x: internal error: RuntimeError")
