@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from typing import Optional
+from typing import Optional, Sequence
 
 _DIGITS = (4, 6, 9, 17)
 
@@ -49,6 +49,16 @@ def duration_text(seconds: float) -> str:
 def with_unit(number: str, unit: str) -> str:
     """Appends the unit, if there is one."""
     return f"{number} {unit}" if unit else number
+
+
+def count_text(number: int, noun: str) -> str:
+    """Returns a number with its noun: 1 alert, 0 alerts, 2,000 alerts."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def list_text(names: Sequence[str], most: int = 10) -> str:
+    """Returns names on one line, at most `most` of them: a, b, c, ..."""
+    return ", ".join([*names[:most], *(["..."] if len(names) > most else [])])
 
 
 def datum_text(value: object) -> str:

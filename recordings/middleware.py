@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.formatting import count_text
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
 from robot_health_monitor.core.middleware import Message, Severity
@@ -197,11 +198,13 @@ class Player:
         for (topic, _), number in self._undecodable.items():
             undecodable[topic] = max(number, undecodable.get(topic, 0))  # a message lacks several fields at once
         for topic, number in sorted(undecodable.items()):
-            lines.append(f"{topic}: {_messages(number)} could not be decoded and {_were(number)} left out")
+            lines.append(f"{topic}: {count_text(number, 'message')} could not be decoded and {_were(number)} left out")
         if self._outside:
-            lines.append(f"{_messages(self._outside)} outside of the time span {_were(self._outside)} left out")
+            lines.append(
+                f"{count_text(self._outside, 'message')} outside of the time span {_were(self._outside)} left out"
+            )
         if self.late:
-            lines.append(f"{_messages(self.late)} out of order, judged late")
+            lines.append(f"{count_text(self.late, 'message')} out of order, judged late")
         if self._skipped_s:
             lines.append(f"no messages for more than {_LONGEST_SILENCE_S / 3600:g} h: {self._skipped_s:.0f} s skipped")
         return lines
@@ -339,10 +342,6 @@ class Player:
             node.run_steady_timers()
         due_s = (node.next_steady_s() for node in self._nodes)
         self._due_s = min((time_s for time_s in due_s if time_s is not None), default=math.inf)
-
-
-def _messages(number: int) -> str:
-    return f"{number} message" if number == 1 else f"{number} messages"
 
 
 def _were(number: int) -> str:

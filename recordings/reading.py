@@ -9,6 +9,8 @@ import shutil
 import tempfile
 from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
 
+from robot_health_monitor.core.formatting import count_text
+
 from .recording import Channel, RawMessage, RecordedFile, RecordingError, Target, libraries, log_time
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
@@ -224,8 +226,9 @@ class _PackedMessages:
 
     @property
     def problem(self) -> str:
-        damaged = f"{self.name}: {self._damaged} messages cannot be unpacked: left out" if self._damaged else ""
-        return self._file.problem or damaged
+        if not self._damaged or self._file.problem:
+            return self._file.problem
+        return f"{self.name}: damaged: {count_text(self._damaged, 'message')} cannot be unpacked and left out"
 
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         for time_ns, target, data in self._file.messages(targets):

@@ -7,6 +7,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Set, Tuple
 
 from robot_health_monitor.core.config import LINK
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.formatting import list_text
 
 from .decoding import types_of
 from .recording import Channel
@@ -61,13 +62,17 @@ class Source(NamedTuple):
     topic: str
     """The absolute topic."""
     settings: Mapping[str, Any]
-    """Type, field and, where the definition has one, unit."""
+    """Topic relative to the namespace, type, field and, where the definition has one, unit."""
 
 
-def list_sources(channels: Iterable[Channel]) -> Tuple[List[Source], List[str]]:
+def list_sources(channels: Iterable[Channel], namespace: str = "") -> Tuple[List[Source], List[str]]:
     """Returns the sources of all topics with standard messages, and a line for each topic that cannot be used.
 
     A topic with several numbers or none also has a source that only counts its messages; it is the last of its topic.
+
+    Args:
+        channels: all of the recordings.
+        namespace: names and topics in it are relative to it; without slashes at its ends.
     """
     found: List[Source] = []
     problems: List[str] = []
@@ -96,16 +101,22 @@ def list_sources(channels: Iterable[Channel]) -> Tuple[List[Source], List[str]]:
         if len(found) + len(fields) > MOST_SIGNALS:
             left_out.append(channel.topic)
             continue
+        topic = _relative(channel.topic, namespace)
         for field in fields:
-            settings: Dict[str, Any] = {"type": channel.type_name, "field": field}
+            settings: Dict[str, Any] = {"topic": topic, "type": channel.type_name, "field": field}
             unit = _UNITS.get((channel.type_name, field), "")
             if unit:
                 settings["unit"] = unit
-            found.append(Source(_name(channel.topic, field, names), channel.topic, settings))
+            found.append(Source(_name(topic, field, names), channel.topic, settings))
     if left_out:
-        shown = ", ".join(left_out[:10] + (["..."] if len(left_out) > 10 else []))
-        problems.append(f"topics left out, because there are more than {MOST_SIGNALS} signals: {shown}")
+        problems.append(f"topics left out, because there are more than {MOST_SIGNALS} signals: {list_text(left_out)}")
     return found, problems
+
+
+def _relative(topic: str, namespace: str) -> str:
+    prefix = f"/{namespace}/" if namespace else "/"
+    relative = topic[len(prefix) :] if topic.startswith(prefix) else topic
+    return topic if relative[0].isdigit() else relative  # `/r1/2d` is a name, `2d` is not
 
 
 def _fields(channel: Channel) -> List[str]:

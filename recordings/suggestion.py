@@ -12,7 +12,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Set
 import numpy as np
 
 from robot_health_monitor.core.config import SignalConfig
-from robot_health_monitor.core.formatting import duration_text, number_text, with_unit
+from robot_health_monitor.core.formatting import count_text, duration_text, number_text, with_unit
 
 from .quantiles import Quantiles
 
@@ -130,7 +130,7 @@ class Measured:
         values = self.values
         if values.count < LEAST_SAMPLES or self.duration_s < LEAST_DURATION_S * 0.999:
             return (
-                f"{_count(values.count, 'valid sample')} in {duration_text(self.duration_s)}; "
+                f"{count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}; "
                 f"expected at least {LEAST_SAMPLES} in {duration_text(LEAST_DURATION_S)}"
             )
         if values.min == values.max:
@@ -168,7 +168,7 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None) -> 
             _add_hysteresis(measured, settings)
             if longest_excursion_s and not from_extreme:
                 for_s = _round_up(1.5 * max(longest_excursion_s, 0.001))
-                evidence = f"longest healthy excursion beyond a bound {_seconds(longest_excursion_s)}"
+                evidence = f"longest healthy excursion beyond a bound {duration_text(longest_excursion_s)}"
                 settings["for_s"] = Setting(for_s, evidence)
     _add_staleness(measured, settings)
     return Suggestion(settings, left_out)
@@ -238,12 +238,12 @@ def _add_hysteresis(measured: Measured, settings: Dict[str, Setting]) -> None:
 def _add_staleness(measured: Measured, settings: Dict[str, Setting]) -> None:
     gaps = measured.gaps
     if gaps.count < LEAST_GAPS:
-        evidence = f"0: never; {_count(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
+        evidence = f"0: never; {count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
         settings["stale_after_s"] = Setting(0.0, evidence)
         return
     median = gaps.quantile(0.5)
     stale_s = max(1.0, _round_up(max(2.0 * gaps.max, 5.0 * median)))
-    evidence = f"longest gap {_seconds(gaps.max)}, median {_seconds(median)}"
+    evidence = f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}"
     settings["stale_after_s"] = Setting(stale_s, evidence)
 
 
@@ -264,11 +264,3 @@ def _rounded(value: float, rounding: Any) -> float:
     nearest = round(scaled)
     whole = nearest if abs(scaled - nearest) < 1e-3 else rounding(scaled)
     return float(round(whole / 10.0**digits, max(0, digits)))
-
-
-def _seconds(seconds: float) -> str:
-    return duration_text(seconds)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

@@ -18,7 +18,7 @@ from robot_health_monitor.core.config import (
     refuse_second_section,
 )
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
-from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Middleware, split_type_name
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
@@ -119,7 +119,9 @@ def _check_thresholds(file: YamlFile, problems: Problems) -> str:
                     _try_node(name, start, section)
     unused = sorted({section.node for section in by_node.get("", []) if section not in by_node["alert_system"]})
     bounds = sum(len(signal.bounds) for signal in config.signals.values())
-    parts = [f"{_count(len(config.signals), 'signal')} ({', '.join(config.signals)}), {_count(bounds, 'bound')}"]
+    parts = [
+        f"{count_text(len(config.signals), 'signal')} ({', '.join(config.signals)}), {count_text(bounds, 'bound')}"
+    ]
     if unknown_types:
         parts.append(f"fields not checked, their types are not known here: {', '.join(unknown_types)}")
     if unused:
@@ -175,10 +177,6 @@ def _below(error: ConfigError, path: Path) -> ConfigError:
     return first
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
     """Recognises a section of an ops.yaml at the top, also a misspelt one."""
     return not is_whole_file(tree) and any(
@@ -197,7 +195,7 @@ def _check_fleet(file: YamlFile, problems: Problems) -> str:
     entries: List[RobotEntry] = []
     with problems:
         entries = read_entries(file)
-    parts = [_count(len(entries), "robot")]
+    parts = [count_text(len(entries), "robot")]
     thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
     for name in thresholds:
         for error in _check_file(name)[1]:

@@ -9,7 +9,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.errors import ConfigError, Path
-from robot_health_monitor.core.formatting import duration_text
+from robot_health_monitor.core.formatting import count_text, duration_text, list_text
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
@@ -243,7 +243,7 @@ class _Replay:
             wanted = list(dict.fromkeys(summary.topic for summary in summaries))
             there = sorted({channel.topic for channel in self._recordings.channels})
             problems.append(
-                f"no signal is recorded: expected one of {_some(wanted)}, got {_some(there)}; is a --namespace missing?"
+                f"no signal is recorded: expected one of {list_text(wanted)}, got {list_text(there)}; is a --namespace missing?"
                 if there
                 else "no signal is recorded: the recordings have no topics with ROS messages"
             )
@@ -298,8 +298,4 @@ def _utc_offset(wall_s: float) -> str:
 
 
 def _count(number: int, noun: str) -> str:
-    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
-
-
-def _some(names: List[str]) -> str:
-    return ", ".join(names[:10] + (["..."] if len(names) > 10 else []))
+    return count_text(number, noun) if number else f"no {noun}s"

@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from robot_health_monitor.core.config import BOUNDS, MonitorConfig, Section, read_monitor
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import duration_text, printable
+from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
 from robot_health_monitor.core.middleware import resolve_name
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
@@ -147,11 +147,10 @@ class _Study:
 
     def take_recorded(self) -> None:
         """Takes every number of the standard messages."""
-        sources, problems = list_sources(self._channels)
+        sources, problems = list_sources(self._channels, self._namespace)
         self.problems += problems
         for source in sources:
-            topic = self._relative(source.topic)
-            self._given[source.name] = {"topic": topic, **source.settings}
+            self._given[source.name] = dict(source.settings)
             self._topics[source.name] = source.topic
         if not sources:
             expected = "topics with messages of std_msgs or sensor_msgs"
@@ -275,24 +274,17 @@ class _Study:
         return self._file.locate(first)
 
     def _recorded_topics(self) -> str:
-        topics = sorted({channel.topic for channel in self._channels})
-        return ", ".join(topics[:10] + (["..."] if len(topics) > 10 else [])) or "no topic"
-
-    def _relative(self, topic: str) -> str:
-        prefix = f"/{self._namespace}/" if self._namespace else "/"
-        relative = topic[len(prefix) :] if topic.startswith(prefix) else topic
-        return topic if relative[0].isdigit() else relative  # `/r1/2d` is a name, `2d` is not
+        return list_text(sorted({channel.topic for channel in self._channels})) or "no topic"
 
     # The text
 
     def _text(self, suggestions: Mapping[str, Suggestion], alerts: _Alerts) -> str:
         names = [os.path.basename(os.path.abspath(path)) for path in self._paths]
-        shown = ", ".join(names[:5] + (["..."] if len(names) > 5 else []))
         hours = _hours(self._duration_s)
         total = sum(alerts.by_bound.values()) + sum(alerts.stale.values())
         lines = [
-            f"# Suggested by `robot-health suggest` from {hours} of recordings: {shown}",
-            f"# Replayed with these thresholds, the recordings raise {_count(total, 'alert')}.",
+            f"# Suggested by `robot-health suggest` from {hours} of recordings: {list_text(names, 5)}",
+            f"# Replayed with these thresholds, the recordings raise {count_text(total, 'alert')}.",
             "# The bounds are those of WARN: recordings of healthy robots do not show where errors begin.",
             "# docs/statistics.md explains how each value is computed. Review before use.",
             "alert_system:",
@@ -314,7 +306,7 @@ class _Study:
     ) -> List[str]:
         measured = self._measured[name]
         invalid = f", {measured.bad_samples:,} of them invalid" if measured.bad_samples else ""
-        samples = f"{_count(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
+        samples = f"{count_text(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
         lines = [f"      {name}:", f"        # {samples}"]
         if name in self._notes:
             lines.append(f"        # {self._notes[name]}")
@@ -324,9 +316,9 @@ class _Study:
                 continue
             value, evidence = suggestion.settings[key]
             if key in BOUNDS:
-                evidence = f"{_count(alerts.by_bound[name, value], 'alert')} in {hours}; {evidence}"
+                evidence = f"{count_text(alerts.by_bound[name, value], 'alert')} in {hours}; {evidence}"
             elif key == "stale_after_s" and value:
-                evidence = f"{_count(alerts.stale[name], 'alert')} in {hours}; {evidence}"
+                evidence = f"{count_text(alerts.stale[name], 'alert')} in {hours}; {evidence}"
             lines.append(f"{f'        {key}: {_yaml(value)}':<{_COLUMN}}# {_unit(key, settings)}{evidence}")
         lines += [f"        # {reason}" for reason in suggestion.left_out]
         topic = self._topics[name]
@@ -360,10 +352,6 @@ def _unit(key: str, settings: Mapping[str, Any]) -> str:
 
 def _hours(seconds: float) -> str:
     return f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else duration_text(seconds)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
 
 
 def _ignore(judged: JudgedEvent) -> None:

@@ -6,7 +6,7 @@ import sys
 from typing import List, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.formatting import count_text, printable
 
 from .threshold_tests import Difference, compare, read_tests, run_test
 
@@ -37,9 +37,9 @@ def _run_file(file: str) -> int:
             failed += 1
             _write([f"{file}: FAILED: {test.name}", *_diff(differences)])
     if failed:
-        _write([f"{file}: {failed} of {_count(len(tests))} failed"])
+        _write([f"{file}: {failed} of {count_text(len(tests), 'test')} failed"])
         return FAILED
-    _write([f"{file}: OK: {_count(len(tests))}"])
+    _write([f"{file}: OK: {count_text(len(tests), 'test')}"])
     return PASSED
 
 
@@ -55,7 +55,3 @@ def _diff(differences: Sequence[Difference]) -> List[str]:
 def _write(lines: Sequence[str]) -> None:
     for line in lines:
         sys.stdout.write(f"{printable(line)}\n")
-
-
-def _count(tests: int) -> str:
-    return "1 test" if tests == 1 else f"{tests} tests"

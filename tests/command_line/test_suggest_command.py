@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any, Callable, List, Sequence
 
@@ -133,9 +134,13 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
 
 def test_namespaces(robot_health: Start, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "a.bag", [(f"/r1/{name}", "Float64", TRIANGLE, 1.0) for name in ("battery", "2d")])
-    for arguments, topics in ([], ["r1/2d", "r1/battery"]), (["--namespace", "r1"], ["/r1/2d", "battery"]):
+    for arguments, names, topics in (
+        ([], ["r1_2d:", "r1_battery:"], ["r1/2d", "r1/battery"]),
+        (["--namespace", "r1"], ["r1_2d:", "battery:"], ["/r1/2d", "battery"]),
+    ):
         process = robot_health("suggest", bag, *arguments)
         assert process.wait() == 0, process.text
+        assert [line.split()[0] for line in out(process) if re.match(r" {6}\w", line)] == names
         assert [line.split()[1] for line in out(process) if "topic:" in line] == topics
 
 

@@ -9,8 +9,10 @@ import pytest
 
 from robot_health_monitor.core.formatting import (
     bound_text,
+    count_text,
     datum_text,
     duration_text,
+    list_text,
     number_text,
     printable,
     with_unit,
@@ -93,6 +95,14 @@ def test_bounds_are_written_in_full(bound: float, text: str) -> None:
 )
 def test_durations_are_in_seconds_until_that_becomes_unreadable(seconds: float, text: str) -> None:
     assert duration_text(seconds) == text
+
+
+def test_a_noun_is_plural_except_after_1() -> None:
+    assert [count_text(number, "alert") for number in (0, 1, 2000)] == ["0 alerts", "1 alert", "2,000 alerts"]
+
+
+def test_a_long_list_is_cut_off() -> None:
+    assert [list_text(names, 2) for names in ([], ["a", "b"], ["a", "b", "c"])] == ["", "a, b", "a, b, ..."]
 
 
 def test_a_unit_stands_behind_the_number_if_there_is_one() -> None:
