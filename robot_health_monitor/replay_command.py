@@ -240,13 +240,13 @@ class _Replay:
         """Returns everything that makes the verdict less than complete."""
         problems = self._player.problems
         if not any(summary.recorded for summary in summaries):
-            wanted = list(dict.fromkeys(summary.topic for summary in summaries))
-            there = sorted({channel.topic for channel in self._recordings.channels})
-            problems.append(
-                f"no signal is recorded: expected one of {list_text(wanted)}, got {list_text(there)}; is a --namespace missing?"
-                if there
-                else "no signal is recorded: the recordings have no topics with ROS messages"
-            )
+            wanted = list_text(list(dict.fromkeys(summary.topic for summary in summaries)))
+            there = list_text(sorted({channel.topic for channel in self._recordings.channels}))
+            if there:
+                difference = f"expected one of {wanted}, got {there}; is a --namespace missing?"
+            else:
+                difference = "the recordings have no topics with ROS messages"
+            problems.append(f"no signal is recorded: {difference}")
         return problems
 
 
