@@ -155,7 +155,7 @@ def core(session: nox.Session) -> None:
     """
     set_up(session, {}, "apprise")
     if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
-        for package in ("roslibpy", "selenium>=4.10"):
+        for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
             session.install(package, success_codes=range(256))
     others = ("ros1", "ros2", "packaging", "chaos/test_ros1.py", "chaos/test_ros2.py")
     chosen = [] if session.python == NEWEST else ["-m", "not newest_python"]

@@ -224,7 +224,9 @@ class ServedRobots:
         self.do(act)
 
     def close(self) -> None:
-        """Ends the server and its connections."""
+        """Ends the server and its connections. May be called twice."""
+        if self._loop.is_closed():
+            return
         self._run(self._server.close())
         if self._silences is not None:
             self._silences.close()

@@ -420,6 +420,45 @@ def test_screen_readers_get_names_and_levels_without_repetitions(browser: Browse
     ) == []  # fmt: skip
 
 
+@pytest.mark.parametrize("width", [360, 1280])
+def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, width: int) -> None:
+    """axe is the accessibility checker of Lighthouse and of the browsers' developer tools."""
+    axe = pytest.importorskip("axe_core_python", reason="axe-core-python, which has axe, is not installed")
+    script = (Path(axe.__file__).parent / "axe.min.js").read_text("utf-8")
+    site = served("atlas", "boreas", signals=SIGNALS, history_file=str(tmp_path / "history.db"))
+    site.observe(19.0)
+    site.observe(60.0, robot=1)
+
+    def violations() -> List[str]:
+        found: List[str] = browser.driver.execute_async_script(
+            "const done = arguments[0];"
+            "axe.run(document).then(({violations}) => done(violations.flatMap("
+            "({id, nodes}) => nodes.map(({html}) => `${id}: ${html}`))));"
+        )
+        return found
+
+    browser.open(site.url, width)
+    browser.run(f"{script}; null")
+    browser.wait_for("document.querySelectorAll('.robot').length === 2")
+    browser.run("document.querySelectorAll('.robot-head')[0].click()")
+    browser.click(".signal-name")
+    browser.wait_for("document.querySelector('.signal-body .alert') && document.querySelector('.plot svg')")
+    assert violations() == []
+    browser.click(".signal-body > .buttons button")
+    assert violations() == []
+    browser.press(Keys.ESCAPE)
+    browser.click(".reset")
+    assert violations() == []
+    browser.press(Keys.ESCAPE)
+    for view in ("alerts", "silences"):
+        browser.run("location.hash = arguments[0]", view)
+        browser.wait_for("!document.getElementById(arguments[0]).hidden", view)
+        assert violations() == []
+    site.close()
+    browser.wait_for("document.body.className === 'lost'")
+    assert violations() == []
+
+
 def test_the_page_prints_dark_on_white_with_readable_plots(browser: Browser, served: Any) -> None:
     site = served("atlas")
     site.observe(60.0)
