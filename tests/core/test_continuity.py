@@ -46,6 +46,15 @@ def test_evidence_is_the_window_in_wall_time() -> None:
     assert robot.history.evidence == [[(1e9, 50.0), (1e9 + 1.0, 50.0), (1e9 + 2.0, 15.0)]]
 
 
+def test_evidence_is_at_most_300_samples() -> None:
+    robot = Robot(battery={**BATTERY, "window_s": 1000.0})
+    robot.run_for(400, battery=50.0)
+    robot.run_for(1, battery=15.0)
+    (evidence,) = robot.history.evidence
+    assert 2 < len(evidence) <= 300
+    assert (evidence[0], evidence[-1]) == ((1e9, 50.0), (1e9 + 400.0, 15.0))
+
+
 def test_a_signal_that_stays_healthy_or_low_is_saved_once() -> None:
     robot = Robot(battery=BATTERY, load={"statistic": "mean", "warn_above": 80.0}, silent={"warn_above": 1.0})
     robot.run_for(100, battery=50.0, load=3.0)

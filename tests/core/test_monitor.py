@@ -809,6 +809,20 @@ def test_a_mean_is_not_judged_on_its_first_sample_after_a_long_downtime_of_the_l
     assert [each.to_level for each in monitor.observe(Sample("battery_level", 15.0, 106.0))][-1:] == [WARN]
 
 
+def test_a_downtime_as_long_as_the_window_leaves_its_last_sample_and_is_not_waited_for_again() -> None:
+    """A sample exactly `window_s` old stays in the window."""
+    config = load_config({"signals": {"load": {"statistic": "mean", "window_s": 60.0, "warn_above": 80.0}}})
+    for downtime_s, announced in ((60.0, [WARN]), (61.0, [])):
+        monitor = Monitor(config)
+        monitor.set_link(True, "", 0.0)
+        for second in range(31):
+            monitor.observe(Sample("load", 50.0, float(second)))
+        monitor.set_link(False, "no route", 30.0)
+        monitor.set_link(True, "", 30.0 + downtime_s)
+        changes = monitor.observe(Sample("load", 200.0, 30.0 + downtime_s))
+        assert [each.to_level for each in changes] == announced
+
+
 def test_a_link_that_is_down_says_why() -> None:
     monitor = fleet()
     (down,) = monitor.set_link(False, "connection refused", 4.0)
@@ -1261,6 +1275,26 @@ def test_judgements_are_those_of_the_report() -> None:
         1.0,
         5.0,
     )
+
+
+@pytest.mark.parametrize("now_s", [math.nan, math.inf, -math.inf, 0.0])
+def test_the_state_is_never_shown_as_of_a_time_before_the_last_call(now_s: float) -> None:
+    watched = Watched(warn_below=20.0)
+    watched.observe(50.0, 5.0)
+    assert watched.monitor.judgements(now_s)["battery_level"].now_s == 5.0
+    assert watched.status(now_s).values["age_s"] == "0"
+
+
+def test_a_state_without_a_link_is_restored_without_one() -> None:
+    watched = Watched(warn_below=20.0)
+    watched.observe(50.0, 0.0)
+    saved = watched.monitor.snapshot("battery_level", 0.0, 1e9)
+    restarted = Watched(warn_below=20.0)
+    restarted.monitor.restore({"battery_level": saved}, 0.0, 1e9)
+    for now_s in range(0, 100, 2):
+        assert restarted.observe(50.0, float(now_s)) is None
+        assert restarted.tick(float(now_s)) is None
+    assert list(restarted.monitor.signals()) == ["battery_level"]
 
 
 def test_the_link_is_up_down_or_not_watched() -> None:

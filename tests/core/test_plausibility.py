@@ -189,6 +189,18 @@ def test_no_number_20_times_in_a_row_is_suspected_not_to_be_measured(value: obje
     assert suspicion_after([value] * 15 + [50.0] + [value] * 15, **BATTERY) == ""
 
 
+@pytest.mark.parametrize(("value", "config"), [(25_000.0, {"unit": "degC"}), (-0.01, {"unit": "%"})])
+def test_the_suspicion_of_a_value_ends_with_the_next_ordinary_one(value: float, config: Mapping[str, Any]) -> None:
+    assert suspicion_after([50.0, value], **config) != ""
+    assert suspicion_after([50.0, value, 50.0], **config) == ""
+
+
+def test_one_thousand_is_already_suspected_to_be_thousandths() -> None:
+    assert suspicion_after([1000.0], unit="degC", warn_above=80.0) == (
+        "1000 looks like millidegrees; if so, set scale: 0.001"
+    )
+
+
 def test_the_suspicion_ends_with_a_new_configuration() -> None:
     monitor = Monitor(load_config({"signals": {"battery": BATTERY}}))
     for now_s in range(20):

@@ -125,6 +125,13 @@ def test_statistics_are_right_while_a_huge_value_is_anywhere_in_the_window(place
     assert (window.mean(), window.stddev()) == (0.0, 0.0)
 
 
+def test_huge_values_that_are_far_apart_are_summed_without_overflow() -> None:
+    # the mean of 3, -5 and 7 is 5/3; squared distances 16/9 + 400/9 + 256/9 = 672/9, over 3
+    window = window_of(1e200, 3e200, -5e200, 7e200, window_samples=3)
+    assert window.mean() == pytest.approx(5e200 / 3, rel=1e-14)
+    assert window.stddev() == pytest.approx(math.sqrt(224) / 3 * 1e200, rel=1e-14)
+
+
 def test_one_huge_value_costs_no_more_than_any_other() -> None:
     """Each sample is moved once per window length, whatever the values and however often statistics are read."""
     plain, huge = Window(1e9, 6000), Window(1e9, 6000)
