@@ -24,6 +24,7 @@ Every implementation guarantees:
 from __future__ import annotations
 
 import enum
+import re
 from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence, TypeVar
 
 from .faults import Faults
@@ -33,6 +34,8 @@ Message = Mapping[str, Any]
 """A message, request or response in rosbridge's form."""
 
 Result = TypeVar("Result")
+
+_NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
 
 
 class Severity(enum.IntEnum):
@@ -256,6 +259,11 @@ def split_type_name(type_name: str) -> Optional[Sequence[str]]:
     if len(parts) != 2 or not all(part.isidentifier() for part in parts):
         return None
     return parts
+
+
+def is_namespace(text: str) -> bool:
+    """Returns whether a text is a namespace: `carter`, `/fleet/carter`, or empty for none."""
+    return _NAMESPACE.fullmatch(text) is not None
 
 
 def resolve_name(name: str, node_name: str) -> str:

@@ -38,7 +38,7 @@ class Parameter:
     def allowed(self) -> str:
         """The allowed values, in words."""
         if self.choices:
-            return "one of " + ", ".join(self.choices)
+            return "one of " + ", ".join(choice or "nothing" for choice in self.choices)
         if self.kind is bool:
             return "true or false"
         if self.kind is str:

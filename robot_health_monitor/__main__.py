@@ -85,7 +85,8 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
     try:
         return commands[arguments.command]()
     except ConfigError as error:
-        _write_error(str(error))
+        for each in error.all:
+            _write_error(str(each) if each.file else f"robot-health {arguments.command}: {each}")
         return WRONG_USAGE
     except OutputError as error:
         return _fail(str(error))

@@ -8,7 +8,7 @@ import re
 import sys
 import time
 from datetime import datetime
-from typing import Any, NoReturn, Optional, Sequence
+from typing import Any, Callable, NoReturn, Optional, Sequence
 
 from .tokens import TOKEN_VARIABLE
 
@@ -24,17 +24,25 @@ def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
     Raises:
         SystemExit: they are wrong (code 2, one line on stderr), or requested help or the version (code 0).
     """
-    parser = _parser()
-    arguments = parser.parse_args(argv)
-    if arguments.command == "connect" and not (arguments.urls or arguments.fleet):
-        parser.error("connect: expected the URL of a robot, or --fleet FILE")
-    return arguments
+    return _parser().parse_args(argv)
 
 
 class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         # Abbreviated options would change their meaning when another option is added.
         super().__init__(allow_abbrev=False, **options)
+        self.check: Callable[[argparse.Namespace], str] = _accept
+        """Returns what is wrong with the arguments together; empty: nothing."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses arguments; unknown ones are an error of the command, not of `robot-health`."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        problem = self.check(found)
+        if problem:
+            self.error(problem)
+        return found, unknown
 
     def error(self, message: str) -> NoReturn:
         """Reports an error in one line; argparse itself prints the usage as well."""
@@ -65,6 +73,10 @@ class _RejectToken(argparse.Action):
             f"--token is not supported: every user of this machine can read arguments; use --token-file or "
             f"{TOKEN_VARIABLE}"
         )
+
+
+def _accept(arguments: argparse.Namespace) -> str:
+    return ""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -147,7 +159,7 @@ def _add_connect(commands: Any) -> None:
         help="a fleet.yaml with further robots; --thresholds, --namespace, --token-file and --ca apply where it names "
         "none",
     )
-    command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the robots' topics")
+    _add_namespace(command, "namespace of the robots' topics")
     _add_token_file(command, "file with the token to present to the servers")
     command.add_argument("--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss://")
     command.add_argument(
@@ -158,6 +170,11 @@ def _add_connect(commands: Any) -> None:
     )
     command.add_argument("--host", metavar="ADDRESS", default="", help="address of that server (default: 127.0.0.1)")
     _add_common(command)
+    command.check = _check_connect
+
+
+def _check_connect(arguments: argparse.Namespace) -> str:
+    return "" if arguments.urls or arguments.fleet else "expected the URL of a robot, or --fleet FILE"
 
 
 def _add_token_file(command: argparse.ArgumentParser, meaning: str) -> None:
@@ -165,6 +182,15 @@ def _add_token_file(command: argparse.ArgumentParser, meaning: str) -> None:
         "--token-file", metavar="FILE", default="", help=f"{meaning} (default: the variable {TOKEN_VARIABLE})"
     )
     command.add_argument("--token", action=_RejectToken, nargs="?", help=argparse.SUPPRESS)
+
+
+def _add_namespace(command: argparse.ArgumentParser, meaning: str) -> None:
+    command.add_argument("--namespace", metavar="NAME", type=_namespace, default="", help=meaning)
+
+
+def _add_recordings(command: argparse.ArgumentParser) -> None:
+    command.add_argument("recordings", metavar="BAG", nargs="+", help="a recording")
+    _add_namespace(command, "namespace of the recorded topics")
 
 
 def _add_common(command: argparse.ArgumentParser) -> None:
@@ -179,6 +205,7 @@ def _add_common(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--log-level",
         choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL"),
+        type=str.upper,
         default="INFO",
         help="hide less severe log lines; alerts are always shown (default: INFO)",
     )
@@ -210,7 +237,7 @@ def _add_replay(commands: Any) -> None:
         description="Judges recordings as the live monitor would have done: .bag files, .mcap files, and folders of "
         "rosbag2. Several recordings are read together, in the order of their log times.",
     )
-    command.add_argument("recordings", metavar="BAG", nargs="+", help="a recording")
+    _add_recordings(command)
     command.add_argument("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
     command.add_argument(
         "--against", metavar="FILE", help="a second configuration; only the alerts in which the two differ are shown"
@@ -230,7 +257,6 @@ def _add_replay(commands: Any) -> None:
     command.add_argument(
         "--to", dest="to_s", metavar="SECONDS", type=_offset, default=math.inf, help="end this long after the start"
     )
-    command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the recorded topics")
     command.add_argument("--use-sim-time", action="store_true", help="take the time from the recorded topic /clock")
 
 
@@ -241,9 +267,8 @@ def _add_suggest(commands: Any) -> None:
         description="Writes a thresholds.yaml to stdout, with the evidence for each value: for every number of the "
         "standard messages (std_msgs, sensor_msgs), or for the signals of --thresholds.",
     )
-    command.add_argument("recordings", metavar="BAG", nargs="+", help="a recording")
+    _add_recordings(command)
     command.add_argument("--thresholds", metavar="FILE", help="suggest for the signals of this configuration")
-    command.add_argument("--namespace", metavar="NAME", default="", help="namespace of the recorded topics")
 
 
 def _add_test(commands: Any) -> None:
@@ -327,12 +352,13 @@ def _add_history(commands: Any) -> None:
     command.add_argument(
         "--level", metavar="L", type=_level, help="only transitions to this level: OK, WARN, ERROR or STALE"
     )
-    command.add_argument(
+    content = command.add_mutually_exclusive_group()
+    content.add_argument(
         "--summary",
         action="store_true",
         help="per signal: share of time per level, alerts, longest time not OK",
     )
-    command.add_argument("--alert", metavar="ID", type=_number, help="one transition, with a plot of its samples")
+    content.add_argument("--alert", metavar="ID", type=_number, help="one transition, with a plot of its samples")
     form = command.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="one JSON object per line")
     form.add_argument("--csv", action="store_true", help="comma-separated values")
@@ -365,6 +391,7 @@ def _add_silence(commands: Any) -> None:
     )
     add.add_argument("--reason", metavar="TEXT", default="", help="why; shown with the alerts")
     add.add_argument("--author", metavar="NAME", help="who (default: the login name)")
+    add.check = _check_silence
     lists = actions.add_parser(
         "list",
         help="list silences, and how many alerts each silences",
@@ -382,6 +409,19 @@ def _add_silence(commands: Any) -> None:
             help="the history file (default: that of --ops, else /var/lib/robot-health/history.db)",
         )
         action.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+
+
+def _check_silence(arguments: argparse.Namespace) -> str:
+    is_ended = arguments.for_s is not None or arguments.until_resolved
+    return "" if is_ended else "expected --for TIME or --until-resolved, got neither"
+
+
+def _namespace(text: str) -> str:
+    from robot_health_monitor.core.middleware import is_namespace
+
+    if not is_namespace(text):
+        raise argparse.ArgumentTypeError(f"expected a namespace such as carter or fleet/carter, got {text!r}")
+    return text
 
 
 def _silence_id(text: str) -> int:

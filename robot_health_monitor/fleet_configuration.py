@@ -19,6 +19,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
 from robot_health_monitor.core.local import LocalBus, LogLine
+from robot_health_monitor.core.middleware import is_namespace
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping, unknown_key
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
@@ -50,7 +51,6 @@ _DEFAULTS = (
     Parameter("ca", str, None, "path of the certificate authorities to trust, for wss://"),
 )
 _KEYS = (Parameter("url", str, None, "ws://host:port or wss://host:port"), *_DEFAULTS)
-_NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
 
 
 class Address(NamedTuple):
@@ -200,7 +200,7 @@ def _read_keys(found: Mapping[str, Any], keys: Sequence[Parameter], path: Path) 
                 host_and_port(values["url"])
             except ConfigError as error:
                 raise ConfigError(error.problem, (*path, "url")) from None
-    if values["namespace"] is not None and not _NAMESPACE.fullmatch(values["namespace"]):
+    if not is_namespace(values["namespace"] or ""):
         problem = f"expected a namespace such as carter or fleet/carter, got {describe(values['namespace'])}"
         problems.add(ConfigError(problem, (*path, "namespace")))
     problems.raise_if_any()

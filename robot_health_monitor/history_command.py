@@ -175,7 +175,10 @@ def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace,
         writer.writerows([[_csv_cell(cell) for cell in row] for row in rows])
         return
     if not rows:
-        sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")
+        if arguments.robot is None and arguments.signal is None:
+            sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")
+        else:
+            sys.stderr.write("no signal matches\n")
         return
     begin_s = end_s - max(summary.duration_s for summary in summaries)
     stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
@@ -221,7 +224,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> List[str]:
 def _show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
     transition = queries.transition(connection, arguments.alert)
     if transition is None:
-        raise ConfigError(f"expected the number of a transition, got {arguments.alert}, which is not in the history")
+        raise ConfigError(f"there is no transition {arguments.alert} in this history")
     samples = queries.evidence(connection, transition.id)
     if arguments.json:
         evidence = [(iso_time(time_s), value if math.isfinite(value) else None) for time_s, value in samples]
@@ -248,11 +251,12 @@ def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tu
         for name, value in transition.statistics.items()
     )
     bound = "none" if transition.bound is None else f"{number_text(transition.bound)} (on {transition.statistic})"
+    count = f"{len(samples)} sample{'' if len(samples) == 1 else 's'} stored"
     level = f"{transition.from_level.name} for {duration_text(transition.now_s - transition.since_s)}"
     return [
         ("level before", level),
         ("bound", bound),
-        ("window", f"{len(samples)} samples stored" + (f"; {statistics}" if statistics else "")),
+        ("window", f"{count}; {statistics}" if statistics else count),
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Optional
 
 from robot_health_monitor.core.errors import ConfigError
@@ -27,6 +28,8 @@ def history_file(file: Optional[str], ops: Optional[str]) -> str:
     if file is not None:
         return file
     if ops is None:
+        if not os.path.exists(DEFAULT_FILE):
+            raise ConfigError(f"no history file is given, and there is no {DEFAULT_FILE}")
         return DEFAULT_FILE
     history = read_ops(read_yaml(ops)).history
     if history is None:

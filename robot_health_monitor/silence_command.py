@@ -15,6 +15,7 @@ from urllib.parse import quote
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.history.reader import HistoryReader
 from robot_health_monitor.ops.matchers import matchers_text, parse_matchers
 from robot_health_monitor.ops.silences import (
     MOST_TEXT,
@@ -55,14 +56,27 @@ def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_
     stream = stream or sys.stdout
     now_s = time.time() if now_s is None else now_s
     file = history_file(arguments.history, arguments.ops)
-    actions: Dict[str, Callable[[sqlite3.Connection], List[str]]] = {
-        "add": lambda connection: _add(connection, arguments, now_s),
-        "list": lambda connection: _list(connection, arguments, now_s),
-        "expire": lambda connection: _expire(connection, arguments, now_s),
-    }
-    for line in _in_transaction(file, actions[arguments.action]):
+    if arguments.action == "list":
+        lines = _read(file, lambda connection: _list(connection, arguments, now_s))
+    else:
+        change = _add if arguments.action == "add" else _expire
+        lines = _in_transaction(file, lambda connection: change(connection, arguments, now_s))
+    for line in lines:
         stream.write(f"{printable(line)}\n")
     stream.flush()
+
+
+def _read(file: str, function: Callable[[sqlite3.Connection], Result]) -> Result:
+    """Runs a function that only reads a history file: it does not keep a monitor from writing, however long it takes.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
+    with HistoryReader(file) as reader:
+        try:
+            return function(reader.connection)
+        except sqlite3.Error as error:
+            raise ConfigError(f"cannot be read: {error}", file=file) from None
 
 
 def _in_transaction(file: str, function: Callable[[sqlite3.Connection], Result]) -> Result:

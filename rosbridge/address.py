@@ -21,7 +21,8 @@ def host_and_port(url: str) -> Tuple[str, Optional[int]]:
     """
     try:
         parts = urlsplit(url)
-        if parts.scheme in ("ws", "wss") and parts.hostname and url.isprintable():
+        is_text = url.isprintable() and " " not in url
+        if parts.scheme in ("ws", "wss") and parts.hostname and parts.port != 0 and is_text:
             return parts.hostname, parts.port
     except ValueError:
         pass  # brackets that do not match, or a port that is not one

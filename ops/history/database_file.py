@@ -8,6 +8,7 @@ itself waits for the disk only when the kernel makes it wait.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
@@ -53,10 +54,12 @@ class DatabaseFile:
         self.path = os.path.realpath(path)
         _require_history_or_nothing(self.path)
         os.makedirs(os.path.dirname(self.path), exist_ok=True)
-        self._lock: Optional[int] = _lock(lock_path(self.path))
-        self.connection = sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
-        """In autocommit mode."""
-        try:
+        with contextlib.ExitStack() as on_error:
+            self._lock: Optional[int] = _lock(lock_path(self.path))
+            on_error.callback(os.close, self._lock)
+            self.connection = sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+            """In autocommit mode."""
+            on_error.callback(self.connection.close)
             schema.version_of(self.connection)  # what follows would change a file that must not be touched
             self.connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # has an effect in a new file only
             mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
@@ -67,11 +70,7 @@ class DatabaseFile:
             schema.prepare(self.connection)
             self._identity = _identity(self.path)
             self._sync = _Sync(self.path)
-        except BaseException:
-            self.connection.close()
-            os.close(self._lock)
-            self._lock = None
-            raise
+            on_error.pop_all()
 
     @property
     def problem(self) -> str:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sqlite3
+from typing import Optional
 
 _MAX_ROWS = 200  # per call and table
 _MAX_PAGES = 100  # given back to the file system per call
+_TRUSTED_STEP_S = 3600.0
+_DISTRUST_S = 86_400.0
 
 _EXPIRED = """
 SELECT id, wall_s FROM transitions AS old
@@ -27,6 +30,42 @@ _OTHERS = (
     ),
 )
 """The other tables of the past, with what may be deleted."""
+
+
+class AgeClock:
+    """Wall time for the age of entries. A step forward by more than an hour counts only once it has lasted a day.
+
+    Otherwise a clock that is wrong by years for a minute would delete the whole history.
+    """
+
+    def __init__(self, known_s: float, boot_s: float) -> None:
+        """Starts.
+
+        Args:
+            known_s: the latest wall time that is known, such as that of the previous run, in s since 1970.
+            boot_s: monotonic seconds.
+        """
+        self._reference_s = known_s
+        self._boot_s = boot_s
+        self._step_at_s: Optional[float] = None
+
+    def now_s(self, wall_s: float, boot_s: float) -> float:
+        """Returns the time for ages, in s since 1970.
+
+        Args:
+            wall_s: what the wall clock shows, in s since 1970.
+            boot_s: monotonic seconds.
+        """
+        expected_s = self._reference_s + boot_s - self._boot_s
+        is_ahead = wall_s > expected_s + _TRUSTED_STEP_S
+        if not is_ahead:
+            self._step_at_s = None
+        elif self._step_at_s is None:
+            self._step_at_s = boot_s
+        elif boot_s - self._step_at_s >= _DISTRUST_S:
+            is_ahead, self._step_at_s = False, None
+        self._reference_s, self._boot_s = (expected_s if is_ahead else wall_s), boot_s
+        return self._reference_s
 
 
 def delete_expired(connection: sqlite3.Connection, run_id: int, before_s: float, max_bytes: float) -> bool:

@@ -23,7 +23,7 @@ from .database_errors import is_damage, is_file_error, reason
 from .database_file import DatabaseFile, InUseError, NotAHistoryError, set_aside
 from .fault_reports import FaultReports
 from .reader import open_read_only
-from .retention import delete_expired
+from .retention import AgeClock, delete_expired
 
 PART = "history"
 """The part whose fault says that the history is not written to its file."""
@@ -67,6 +67,7 @@ class Storage:
         self._is_copy = False
         self._alive_at_s = 0.0
         self._retention_at_s = 0.0
+        self._age_clock = AgeClock(wall_s(), _boot_s())
         self._run: Tuple[int, float] = (0, 0.0)
         self._watches: Dict[str, Tuple[int, float]] = {}
         self._states: Dict[Tuple[str, str], str] = {}
@@ -229,6 +230,8 @@ class Storage:
 
     def _begin_run(self, connection: sqlite3.Connection) -> None:
         now_s = self._wall_s()
+        last = connection.execute("SELECT alive_s FROM runs ORDER BY id DESC LIMIT 1").fetchone()
+        self._age_clock = AgeClock(now_s if last is None else min(last[0], now_s), _boot_s())
         insert = "INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)"
         self._run = (connection.execute(insert, (now_s, now_s, package_version())).lastrowid or 0, now_s)
         for robot, signal, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
@@ -323,7 +326,8 @@ class Storage:
         max_bytes = self._keep_bytes if self._file is not None else min(self._keep_bytes, _MEMORY_BYTES)
         connection.execute("BEGIN IMMEDIATE")
         try:
-            was_deleted = delete_expired(connection, self._run[0], self._wall_s() - self._keep_s, max_bytes)
+            before_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._keep_s
+            was_deleted = delete_expired(connection, self._run[0], before_s, max_bytes)
             connection.execute("COMMIT")
         except BaseException:
             roll_back(connection)
@@ -344,6 +348,11 @@ def roll_back(connection: sqlite3.Connection) -> None:
             connection.execute("ROLLBACK")
     except sqlite3.Error:
         pass  # the connection is about to be replaced
+
+
+def _boot_s() -> float:
+    """Returns monotonic seconds that include suspension."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def _write_states(connection: sqlite3.Connection, rows: List[Tuple[str, str, str]]) -> None:

@@ -16,6 +16,10 @@ def test_run_watches_with_defaults() -> None:
     assert (arguments.thresholds, arguments.port, arguments.log_level) == (None, None, "INFO")
 
 
+def test_levels_of_the_log_are_accepted_in_lower_case() -> None:
+    assert parse(["run", "--log-level", "debug"]).log_level == "DEBUG"
+
+
 def test_options_may_be_repeated_where_they_are_lists() -> None:
     arguments = parse(["run", "--allow-publish", "/cmd_*", "--allow-publish", "/goal"])
     assert arguments.allow_publish == ["/cmd_*", "/goal"]
@@ -33,8 +37,13 @@ def test_connect_takes_several_addresses() -> None:
         (["run", "--duration", "0"], "--duration"),
         (["run", "--duration", "nan"], "--duration"),
         (["run", "--source", "imagined"], "--source"),
-        (["run", "--jso"], "--jso"),
-        (["connect"], "URL"),
+        (["run", "--jso"], "robot-health run: unrecognized arguments: --jso; see robot-health run --help"),
+        (["silence", "list", "--jso"], "robot-health silence list: unrecognized arguments: --jso; see"),
+        (["connect"], "robot-health connect: expected the URL of a robot, or --fleet FILE; see robot-health connect"),
+        (["connect", "ws://a:1", "--namespace", "a b"], "such as carter or fleet/carter, got 'a b'"),
+        (["replay", "x.bag", "--namespace", "7up"], "--namespace"),
+        (["history", "--summary", "--alert", "1"], "--alert: not allowed with argument --summary"),
+        (["silence", "add", "robot=r3"], "robot-health silence add: expected --for TIME or --until-resolved"),
         (["check"], "FILE"),
         (["fly"], "fly"),
         ([], "COMMAND"),

@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any, Iterator, List
@@ -124,6 +125,15 @@ def test_summary(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (battery["alerts"], battery["longest_outage_s"]) == (1, pytest.approx(30.0))
 
 
+def test_a_summary_of_signals_that_do_not_exist_says_so(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for options, text in (
+        (("--robot", "r2"), "no signal matches\n"),
+        (("--since", "2999-01-01"), "the monitor did not run in this time; it last ran at 2023-11-14 22:15:00 +0000\n"),
+    ):
+        assert main(["history", str(file), "--summary", *options]) == 0
+        assert capsys.readouterr() == ("", text)
+
+
 def test_one_alert_with_a_plot_of_its_samples(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = output(capsys, file, "--alert", "#1").splitlines()
     assert lines[:4] == [
@@ -140,7 +150,7 @@ def test_one_alert_with_a_plot_of_its_samples(file: Path, capsys: pytest.Capture
 
 
 def test_an_alert_that_does_not_exist(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = "expected the number of a transition, got 4, which is not in the history\n"
+    text = "robot-health history: there is no transition 4 in this history\n"
     assert output(capsys, file, "--alert", 4, code=2) == text
 
 
@@ -170,18 +180,23 @@ def test_a_running_monitor_can_be_read(tmp_path: Path, capsys: pytest.CaptureFix
     history.close()
 
 
-def test_another_user_can_read_a_history_in_a_folder_of_the_service(tmp_path: Path) -> None:
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """Returns a folder that every user can read: not in tmp_path, which parallel sessions of pytest close again."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        yield Path(folder)
+
+
+def test_another_user_can_read_a_history_in_a_folder_of_the_service(open_folder: Path) -> None:
     if os.geteuid() != 0:
         pytest.skip("needs root, to become another user")
-    folder = tmp_path / "state"
+    folder = open_folder / "state"
     history = opened(folder / "history.db")
     robot = history.of_robot("r1", Faults())
     robot.restore()
     robot.record(transition(7), {}, [])
     history.run(lambda connection: None)
-    for each in (folder, *folder.parents):
-        if each.stat().st_uid == 0 and not each.stat().st_mode & 0o005:
-            each.chmod(each.stat().st_mode | 0o055)
     running = as_root_then_as_nobody(folder / "history.db")
     history.close()
     stopped = as_root_then_as_nobody(folder / "history.db")

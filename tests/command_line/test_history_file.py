@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from robot_health_monitor import history_file as module
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.history_file import DEFAULT_FILE, history_file
+from robot_health_monitor.history_file import history_file
 
 pytest.importorskip("yaml")
 
@@ -16,8 +17,14 @@ def test_a_given_file_is_used() -> None:
     assert history_file("some.db", None) == "some.db"
 
 
-def test_without_anything_it_is_that_of_the_service() -> None:
-    assert history_file(None, None) == DEFAULT_FILE == "/var/lib/robot-health/history.db"
+def test_without_anything_it_is_that_of_the_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert module.DEFAULT_FILE == "/var/lib/robot-health/history.db"
+    file = tmp_path / "history.db"
+    monkeypatch.setattr(module, "DEFAULT_FILE", str(file))
+    with pytest.raises(ConfigError, match=f"^no history file is given, and there is no {file}$"):
+        history_file(None, None)
+    file.touch()
+    assert history_file(None, None) == str(file)
 
 
 def test_an_ops_yaml_names_it_relative_to_itself(tmp_path: Path) -> None:

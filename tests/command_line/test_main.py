@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+from pathlib import Path
 from typing import Any, Dict, Iterator, List
 
 import pytest
@@ -24,6 +25,22 @@ def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
         raise error
 
     monkeypatch.setattr(sources_command, "show_sources", fail)
+
+
+def test_every_mistake_of_a_file_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text("alert_system: {ros__parameters: {signals: {\n  a: {warn_below: x},\n  b: {warn_above: y}}}}\n")
+    assert main(["run", "--thresholds", str(file)]) == 2
+    assert capsys.readouterr().err == (
+        f"{file}:2: alert_system.ros__parameters.signals.a.warn_below: expected a number, got 'x'\n"
+        f"{file}:3: alert_system.ros__parameters.signals.b.warn_above: expected a number, got 'y'\n"
+    )
+
+
+def test_an_error_that_belongs_to_no_file_names_the_command(capsys: pytest.CaptureFixture) -> None:
+    assert main(["connect", "ws://a", "ws://a"]) == 2
+    text = "two robots are named a; give them names: one=ws://... two=ws://..."
+    assert capsys.readouterr().err == f"robot-health connect: {text}\n"
 
 
 def test_a_crash_is_one_line_without_a_traceback_and_code_3(

@@ -28,6 +28,7 @@ WHOLE = Parameter("w", int, 1, "a count", 1, 1000)
 FLAG = Parameter("f", bool, False, "a switch")
 TEXT = Parameter("t", str, "", "a name")
 CHOICE = Parameter("c", str, "mean", "a method", choices=("mean", "score"))
+OPTIONAL_CHOICE = Parameter("method", str, "", "a text", choices=("", "mean", "score"))
 LIST = Parameter("l", list, (), "numbers")
 TEXTS = Parameter("i", tuple, ("battery_level",), "names")
 
@@ -84,6 +85,7 @@ def test_what_is_allowed_is_taken_as_its_kind(parameter: Parameter, found: objec
         (TEXT, "a\nb", "expected printable text, got 'a\\nb'"),
         (TEXT, "\ud800", "expected printable text, got '\\ud800'"),
         (CHOICE, "median", "expected one of mean, score, got 'median'"),
+        (OPTIONAL_CHOICE, "median", "expected one of nothing, mean, score, got 'median'"),
         (LIST, -0.01, "expected a list of numbers, got -0.01"),
         (LIST, "12", "expected a list of numbers, got '12'"),
         (LIST, [1.0, "x"], "expected a list of numbers, got [1.0, 'x']"),

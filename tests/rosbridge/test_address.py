@@ -24,7 +24,18 @@ def test_an_address_has_a_host_and_perhaps_a_port(url: str, expected: object) ->
 
 
 @pytest.mark.parametrize(
-    "url", ["robot:9090", "http://robot:9090", "ws://", "ws://robot:99999", "ws://[robot", "", "ws://a\nb:9090"]
+    "url",
+    [
+        "robot:9090",
+        "http://robot:9090",
+        "ws://",
+        "ws://robot:99999",
+        "ws://robot:0",
+        "ws://a robot:9090",
+        "ws://[robot",
+        "",
+        "ws://a\nb:9090",
+    ],
 )
 def test_anything_else_is_a_configuration_error(url: str) -> None:
     with pytest.raises(ConfigError, match="expected ws://host:port"):

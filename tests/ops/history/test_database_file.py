@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import sqlite3
 import subprocess
 import sys
@@ -38,6 +39,19 @@ def test_a_file_can_be_opened_again_after_it_was_closed(tmp_path: Path) -> None:
     file = DatabaseFile(str(tmp_path / "history.db"))
     file.close()
     file.close()
+    DatabaseFile(str(tmp_path / "history.db")).close()
+
+
+def test_the_lock_is_released_if_sqlite_cannot_open_the_file(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    lowest = os.open(os.devnull, os.O_RDONLY)
+    os.close(lowest)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest + 1, limits[1]))  # enough for the lock alone
+    try:
+        with pytest.raises(sqlite3.OperationalError, match="unable to open database file"):
+            DatabaseFile(str(tmp_path / "history.db"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     DatabaseFile(str(tmp_path / "history.db")).close()
 
 

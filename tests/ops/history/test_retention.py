@@ -10,7 +10,7 @@ from harness.histories import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.history.retention import delete_expired, used_bytes
+from robot_health_monitor.ops.history.retention import AgeClock, delete_expired, used_bytes
 from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, transition_row
 
 RUN = 3
@@ -47,6 +47,26 @@ def delete_all(connection: sqlite3.Connection, before_s: float, max_bytes: float
         calls += 1
         assert calls < 1000
     return calls
+
+
+HOUR_S, DAY_S, YEAR_S = 3600.0, 86_400.0, 31_557_600.0
+
+
+def test_ages_follow_the_wall_clock() -> None:
+    clock = AgeClock(1000.0, 0.0)
+    assert clock.now_s(1060.0, 60.0) == 1060.0
+    assert clock.now_s(1060.0 + HOUR_S, 120.0) == 1060.0 + HOUR_S  # summer time, set by hand
+    assert clock.now_s(500.0, 180.0) == 500.0  # set back
+
+
+def test_a_clock_that_is_ahead_by_years_counts_only_after_a_day() -> None:
+    clock = AgeClock(1000.0, 0.0)
+    assert clock.now_s(1060.0 + YEAR_S, 60.0) == 1060.0
+    assert clock.now_s(1120.0, 120.0) == 1120.0  # corrected
+    assert clock.now_s(1180.0 + YEAR_S, 180.0) == 1180.0
+    assert clock.now_s(1180.0 + YEAR_S + DAY_S - 1.0, 180.0 + DAY_S - 1.0) == 1180.0 + DAY_S - 1.0
+    assert clock.now_s(1180.0 + YEAR_S + DAY_S, 180.0 + DAY_S) == 1180.0 + YEAR_S + DAY_S
+    assert clock.now_s(1240.0 + YEAR_S + DAY_S, 240.0 + DAY_S) == 1240.0 + YEAR_S + DAY_S
 
 
 def test_old_transitions_are_deleted_with_their_evidence(connection: sqlite3.Connection) -> None:

@@ -12,6 +12,7 @@ from harness.histories import fault_texts, opened, stored_texts, texts, transiti
 from harness.waiting import wait_for
 
 from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history import storage, writer
 from robot_health_monitor.ops.history.history import History
 
@@ -279,6 +280,29 @@ def test_numbers_of_transitions_continue_after_a_time_in_memory(tmp_path: Path) 
     ids = history.run(lambda connection: connection.execute("SELECT id FROM transitions ORDER BY id").fetchall())
     assert [number for (number,) in ids] == list(range(1, 31))
     history.close()
+
+
+def test_a_clock_that_is_wrong_by_decades_deletes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(storage, "_RETENTION_PERIOD_S", 0.0)
+    monkeypatch.setattr(storage, "_ALIVE_PERIOD_S", 0.0)
+    file = tmp_path / "history.db"
+    right_s, wrong_s = 1.8e9, 4e9
+
+    def run_until_wrong(*wanted: int) -> None:
+        """Records transitions; after that, or from the start, the clock is wrong, and entries are deleted by age."""
+        clock = [right_s if wanted else wrong_s]
+        history = History(HistorySettings(str(file)), lambda: clock[0])
+        record(history, Faults(), *wanted)
+        clock[0] = wrong_s + 1.0
+        query = "SELECT max(alive_s) FROM runs WHERE stopped_s IS NULL"
+        wait_for(lambda: history.run(lambda connection: connection.execute(query).fetchone()) == (wrong_s + 1.0,))
+        history.run(lambda connection: None)  # deleting has ended
+        clock[0] = right_s
+        history.close()
+
+    run_until_wrong(0, 1, 2)
+    run_until_wrong()  # the computer starts with a wrong clock
+    assert numbers(stored_texts(file)) == [0, 1, 2]
 
 
 def test_the_gap_after_a_run_that_was_killed_begins_at_its_last_sign_of_life(tmp_path: Path) -> None:
