@@ -46,6 +46,12 @@ class ConfigError(ValueError):
         """This mistake, then the others."""
         return (self, *self.others)
 
+    def below(self, path: Path) -> ConfigError:
+        """Returns this mistake and the others with `path` above their paths."""
+        first, *others = (ConfigError(each.problem, (*path, *each.path), each.file, each.line) for each in self.all)
+        first.others = tuple(others)
+        return first
+
 
 def _shown(key: str) -> str:
     """Returns a key, which may be any text, shortened and without control characters."""

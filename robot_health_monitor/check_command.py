@@ -17,7 +17,7 @@ from robot_health_monitor.core.config import (
     refuse_missing_parameters,
     refuse_second_section,
 )
-from robot_health_monitor.core.errors import ConfigError, Path, Problems
+from robot_health_monitor.core.errors import ConfigError, Problems
 from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Middleware, split_type_name
@@ -133,7 +133,7 @@ def _try_node(name: str, start: Callable[[Middleware], Any], section: Section) -
     try:
         start(LocalBus().node(name, parameters=section.tree)).close()
     except ConfigError as error:
-        raise _below(error, section.path) from None
+        raise error.below(section.path) from None
 
 
 def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
@@ -162,19 +162,12 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
             if not check_field(definitions, str(topic), spelling, field):
                 unknown[spelling] = None
         except ConfigError as error:
-            problems.add(_below(error, path))
+            problems.add(error.below(path))
     return unknown
 
 
 def _source_defaults(name: str) -> Sequence[Tuple[str, str]]:
     return ("topic", name), ("type", ""), ("field", "data")
-
-
-def _below(error: ConfigError, path: Path) -> ConfigError:
-    """Returns an error and its `others` with `path` above their paths."""
-    first, *others = (ConfigError(each.problem, (*path, *each.path), each.file, each.line) for each in error.all)
-    first.others = tuple(others)
-    return first
 
 
 def _looks_like_ops(tree: Mapping[str, Any]) -> bool:

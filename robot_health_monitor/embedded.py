@@ -175,7 +175,7 @@ class EmbeddedMonitor:
             try:
                 text = middleware.set_parameters(self._parameters(name, section.tree))
             except ConfigError as error:
-                located = file.locate(ConfigError(error.problem, (*section.path, *error.path)))
+                located = file.locate(error.below(section.path))
                 middleware.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {located}")
             else:
                 middleware.log(Severity.INFO, f"reloaded: {text}")
@@ -191,10 +191,9 @@ class EmbeddedMonitor:
         except ConfigError as error:
             middleware.close()
             self.close()
-            path = (*section.path, *error.path)
             if self._file is None or not section.path:
-                raise ConfigError(error.problem, path) from None
-            raise self._file.locate(ConfigError(error.problem, path)) from None
+                raise
+            raise self._file.locate(error.below(section.path)) from None
         self._nodes.append(node)
         self._middlewares[name] = middleware
         return node

@@ -312,7 +312,7 @@ def _read_thresholds(file: str) -> Mapping[str, Any]:
     try:
         AlertSystem(LocalBus(on_log=_discard).node("alert_system", parameters=section.tree)).close()
     except ConfigError as error:
-        raise contents.locate(ConfigError(error.problem, (*section.path, *error.path))) from None
+        raise contents.locate(error.below(section.path)) from None
     return section.tree
 
 

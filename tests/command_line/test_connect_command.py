@@ -198,7 +198,7 @@ def test_neither_a_url_nor_a_fleet_is_wrong_usage(robot_health: Start) -> None:
     process = robot_health("connect")
     assert process.wait() == 2
     assert process.errors == [
-        "robot-health: connect: expected the URL of a robot, or --fleet FILE; see robot-health --help"
+        "robot-health connect: expected the URL of a robot, or --fleet FILE; see robot-health connect --help"
     ]
 
 

@@ -369,7 +369,7 @@ def test_a_character_that_the_output_does_not_know_costs_no_line(robot_health: S
     ("arguments", "line"),
     [
         ([], "robot-health: the following arguments are required: COMMAND; see robot-health --help"),
-        (["run", "--bogus"], "robot-health: unrecognized arguments: --bogus; see robot-health --help"),
+        (["run", "--bogus"], "robot-health run: unrecognized arguments: --bogus; see robot-health run --help"),
         (
             ["run", "--duration", "soon"],
             "robot-health run: argument --duration: expected a number of seconds above 0, got 'soon'; "

@@ -44,6 +44,15 @@ def test_nested_collections_keep_every_error_once() -> None:
     assert [error.problem for error in outer.errors] == ["first", "second", "third"]
 
 
+def test_an_error_and_the_others_can_be_placed_below_a_key() -> None:
+    first = ConfigError("is missing", ("a",), "file.yaml", 3)
+    first.others = (ConfigError("is empty", ("b", "c")),)
+    assert [str(each) for each in first.below(("node", "params")).all] == [
+        "file.yaml:3: node.params.a: is missing",
+        "node.params.b.c: is empty",
+    ]
+
+
 def test_without_errors_nothing_is_raised() -> None:
     Problems().raise_if_any()
 
