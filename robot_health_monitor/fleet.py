@@ -39,6 +39,8 @@ _START_PERIOD_S = 0.005
 """Between the first attempts of two robots: a fleet that connects at once would answer its own handshakes late."""
 _MOST_NAMES = 5
 """Most robots that are named one by one in the log: at the start, and in a line about a reload."""
+_MOST_SIGNALS = 10
+"""Most signals that are named in a line about one robot."""
 
 
 class StartAlertSystem(Protocol):
@@ -64,7 +66,7 @@ class Robot:
         clock: Callable[[], float],
         on_log: Callable[[LogLine], None],
         outlet: Outlet,
-        log_signals: bool = True,
+        log_details: bool = False,
         start: StartAlertSystem = AlertSystem,
     ) -> None:
         """Starts the alert_system; `run` connects.
@@ -75,7 +77,7 @@ class Robot:
             clock: monotonic seconds.
             on_log: called with every log line; its node is the robot's name.
             outlet: receives the robot's transitions and notices.
-            log_signals: log one line per signal at the start.
+            log_details: log what alert_system does at its start, a line per signal; else only warnings.
             start: creates the alert_system.
 
         Raises:
@@ -83,7 +85,7 @@ class Robot:
         """
 
         def log(line: LogLine) -> None:
-            if log_signals or started or line.severity > Severity.INFO:
+            if log_details or started or line.severity > Severity.INFO:
                 on_log(line._replace(node=settings.name))
 
         started = False
@@ -131,6 +133,17 @@ class Robot:
         """The time of the robot's monitor, in s: simulated time under `use_sim_time`."""
         return self._node.now_s()
 
+    @property
+    def address(self) -> str:
+        """The address of its server, without credentials."""
+        return self._client.connection.address
+
+    def log_summary(self) -> None:
+        """Logs in one line what is watched, and where."""
+        signals = tuple(self.monitor.config.signals)
+        names = ", ".join(signals) if len(signals) <= _MOST_SIGNALS else f"{len(signals)} signals"
+        self._client.log(Severity.INFO, f"watching {names} at {self.address}")
+
     def parameters(self) -> Mapping[str, Mapping[str, object]]:
         """Returns the parameters that were given, nested, by the name of the node on `Fleet.bus`."""
         return {self._outputs.name: self._node.given_parameters()}
@@ -167,7 +180,7 @@ class Robot:
         if (old.url, old.token, old.ca) != (settings.url, settings.token, settings.ca):
             connection = self._client.connection
             connection.move(settings.url, token=settings.token, ssl_context=settings.ssl_context)
-            texts.append(f"connecting again, to {connection.address}")
+            texts.append(f"connecting again, to {self.address}")
         return "; ".join(texts) or "nothing changed"
 
     def end(self) -> None:
@@ -192,7 +205,7 @@ class Robot:
         self.connected = up
         if up:
             self.cause = None
-            self._log.write("connected", Severity.INFO, f"connected to {self._client.connection.address}")
+            self._log.write("connected", Severity.INFO, f"connected to {self.address}")
             # Under use_sim_time the robot's clock is unknown until its first message. Until then the link counts as
             # down: otherwise its first message would look like a jump of that many seconds without samples.
             self._node.call_with_time(self._observe_link)
@@ -264,15 +277,17 @@ class Fleet:
         self.self_report["signals"] = lambda: str(sum(len(robot.monitor.config.signals) for robot in self.robots))
         self._node.create_timer(CHECK_PERIOD_S, self._check)
         found = reader.read()
-        self._log_signals = len(found) <= _MOST_NAMES
         try:
             for settings in found:
-                self.robots.append(self._create(settings))
+                self.robots.append(self._create(settings, log_details=len(found) == 1))
         except ConfigError:
             self.close()
             raise
-        if not self._log_signals:
+        if len(found) > _MOST_NAMES:
             self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self.self_report['signals']()} signals")
+        elif len(found) > 1:
+            for robot in self.robots:
+                robot.log_summary()
 
     def on_change(self, callback: RobotsChanged) -> None:
         """Calls back in the loop after robots were added or removed."""
@@ -354,6 +369,9 @@ class Fleet:
                 task.cancel()
             del known[robot.name]
         added = {name: self._create(new) for name, new in wanted.items() if name not in known}
+        if len(added) <= _MOST_NAMES:
+            for robot in added.values():
+                robot.log_summary()
         self.robots = [known[name] if name in known else added[name] for name in wanted]
         if self._reload_requested is not None:
             self._start(added.values())
@@ -378,7 +396,7 @@ class Fleet:
         """Logs a line about the process."""
         self._node.log(severity, text)
 
-    def _create(self, settings: RobotSettings) -> Robot:
+    def _create(self, settings: RobotSettings, *, log_details: bool = False) -> Robot:
         namespace = re.sub(r"\W", "_", settings.name, flags=re.ASCII)
         namespace = namespace if namespace[:1].isalpha() else f"robot_{namespace}"
         taken = {node.name for node in self.bus.nodes}
@@ -392,7 +410,7 @@ class Fleet:
                 clock=self._clock,
                 on_log=lambda line: self.bus.on_log(line),
                 outlet=self._outlet(settings.name),
-                log_signals=self._log_signals,
+                log_details=log_details,
                 start=self._start_alert_system,
             )
         except ConfigError:

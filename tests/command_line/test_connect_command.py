@@ -115,7 +115,7 @@ def test_a_wrong_or_missing_token_is_reported_at_once_as_an_own_fault(
     watcher = robot_health("connect", address, "--thresholds", thresholds, "--duration", 2, ROBOT_HEALTH_TOKEN=token)
     assert watcher.wait() == 2
     assert alerts(watcher) == [f"link ERROR: down: own fault: {cause}"]
-    assert watcher.errors == [f"atlas: own fault: {cause}"]
+    assert watcher.errors == [f"robot-health connect: atlas: own fault: {cause}"]
 
 
 def test_the_right_token_from_a_file_connects_and_is_never_shown(
@@ -148,7 +148,7 @@ def test_the_right_token_from_a_file_connects_and_is_never_shown(
 def test_a_wrong_address_is_one_line_and_code_2(robot_health: Start, urls: List[str], problem: str) -> None:
     process = robot_health("connect", *urls)
     assert process.wait() == 2
-    assert len(process.errors) == 1 and process.errors[0].startswith(problem)
+    assert len(process.errors) == 1 and process.errors[0] == f"robot-health connect: {problem}"
 
 
 def test_a_wrong_configuration_is_named_with_file_and_line(robot_health: Start, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.outlets import Event, Outlet
 from robot_health_monitor.fleet import Fleet
-from robot_health_monitor.fleet_configuration import FleetReader, Options, read_addresses
+from robot_health_monitor.fleet_configuration import FleetReader, Options, RobotSettings, read_addresses
 
 THRESHOLDS = """
 alert_system:
@@ -262,6 +262,39 @@ class Reloadable:
                 self.alerts.append(f"{robot}: {event.text.partition(' (was')[0]}")
 
         return on_event
+
+
+@pytest.mark.parametrize(
+    ("count", "lines"),
+    [
+        (1, ["r0: watching battery_level on battery_level: WARN below 20"]),
+        (2, ["r0: watching battery_level at ws://127.0.0.1:1", "r1: watching battery_level at ws://127.0.0.1:1"]),
+        (200, ["/connect: watching 200 robots, 200 signals"]),
+    ],
+)
+def test_robots_have_at_most_one_line_each_at_the_start_unless_there_is_only_one(
+    tmp_path: Path, count: int, lines: List[str]
+) -> None:
+    fleet = Reloadable(tmp_path)
+
+    def write(count: int) -> List[RobotSettings]:
+        fleet.write("".join(f"  r{number}: {{url: 'ws://127.0.0.1:1'}}\n" for number in range(count)))
+        return reader.read()
+
+    def logged() -> List[str]:
+        return [f"{line.node}: {line.text}" for line in fleet.log]
+
+    reader = FleetReader((), str(tmp_path / "fleet.yaml"), Options(), lambda text: None)
+    write(count)
+    watched = Fleet(reader, clock=time.monotonic, on_log=fleet.log.append, outlet=lambda robot: lambda event: None)
+    assert logged() == lines
+    fleet.log.clear()
+    watched.apply(write(count + 2))
+    assert logged() == [f"r{count + number}: watching battery_level at ws://127.0.0.1:1" for number in range(2)]
+    fleet.log.clear()
+    watched.apply(write(count + 50))
+    assert logged() == []  # `reloaded: added 48 robots` says it
+    watched.close()
 
 
 def test_a_reload_adds_and_removes_robots_and_leaves_the_others_alone(tmp_path: Path) -> None:
