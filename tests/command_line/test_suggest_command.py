@@ -159,7 +159,11 @@ def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path
             ["--thresholds", "{file}"],
             "no signal is recorded: expected one of arm, ",
         ),
-        ([], [], "no signal is recorded: expected topics with messages of std_msgs or sensor_msgs, got no topic"),
+        (
+            [],
+            [],
+            "no signal is recorded: expected topics with messages of std_msgs or sensor_msgs, got no topic",
+        ),
     ],
 )
 def test_recordings_without_a_signal_are_one_line(
@@ -171,7 +175,7 @@ def test_recordings_without_a_signal_are_one_line(
     process = robot_health("suggest", bag, *(str(file) if each == "{file}" else each for each in arguments))
     assert process.wait() == 2
     assert [line.stream for line in process.lines] == ["err"]
-    assert process.lines[0].text.startswith(error)
+    assert process.lines[0].text.startswith(f"robot-health suggest: {error}")
 
 
 def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: Path) -> None:
