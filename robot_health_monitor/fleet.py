@@ -14,7 +14,7 @@ from typing import Callable, Collection, Dict, Iterable, List, Mapping, Optional
 from robot_health_monitor.core.diagnostics import ARRAY_TYPE, array_message
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.formatting import list_text, printable
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.monitor import Monitor
@@ -39,8 +39,6 @@ _START_PERIOD_S = 0.005
 """Between the first attempts of two robots: a fleet that connects at once would answer its own handshakes late."""
 _MOST_NAMES = 5
 """Most robots that are named one by one in the log: at the start, and in a line about a reload."""
-_MOST_SIGNALS = 10
-"""Most signals that are named in a line about one robot."""
 
 
 class StartAlertSystem(Protocol):
@@ -140,9 +138,7 @@ class Robot:
 
     def log_summary(self) -> None:
         """Logs in one line what is watched, and where."""
-        signals = tuple(self.monitor.config.signals)
-        names = ", ".join(signals) if len(signals) <= _MOST_SIGNALS else f"{len(signals)} signals"
-        self._client.log(Severity.INFO, f"watching {names} at {self.address}")
+        self._client.log(Severity.INFO, f"watching {list_text(tuple(self.monitor.config.signals))} at {self.address}")
 
     def parameters(self) -> Mapping[str, Mapping[str, object]]:
         """Returns the parameters that were given, nested, by the name of the node on `Fleet.bus`."""

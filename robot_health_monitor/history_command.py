@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, Union
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import duration_text, number_text, printable
+from robot_health_monitor.core.formatting import count_text, duration_text, number_text, printable
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.transition_json import json_line
 from robot_health_monitor.ops.history import queries
@@ -251,7 +251,7 @@ def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tu
         for name, value in transition.statistics.items()
     )
     bound = "none" if transition.bound is None else f"{number_text(transition.bound)} (on {transition.statistic})"
-    count = f"{len(samples)} sample{'' if len(samples) == 1 else 's'} stored"
+    count = f"{count_text(len(samples), 'sample')} stored"
     level = f"{transition.from_level.name} for {duration_text(transition.now_s - transition.since_s)}"
     return [
         ("level before", level),
