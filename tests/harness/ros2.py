@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import base64
+import itertools
 import math
 import threading
 import time
@@ -173,6 +174,26 @@ class Ros2Harness:
             self._publishers[topic] = self._me.create_publisher(cls, topic, 100)
         self.wait_until(lambda: self._publishers[topic].get_subscription_count() >= subscribers)
         self._publishers[topic].publish(fill(cls(), message))
+
+    def connect_to_process(
+        self, topic: str, message: Mapping[str, Any], signal: str, diagnostics: str = "/diagnostics"
+    ) -> None:
+        """Publishes a Float32 to an alert_system in another process until its reports show that a sample has arrived.
+
+        The two ends of a connection become ready separately, and what is published before is lost. Afterwards the
+        process also publishes to what `listen` has subscribed before: it learns of subscriptions in their order.
+        """
+        reports = self.listen(diagnostics, "diagnostic_msgs/DiagnosticArray")
+        attempts = itertools.count()
+
+        def has_arrived() -> bool:
+            if next(attempts) % 10 == 0:
+                self.publish_to_process(topic, "std_msgs/Float32", message)
+            statuses = [status for report in reports for status in report["status"]]
+            values = [status["values"] for status in statuses if status["name"].endswith(f": {signal}")]
+            return any(each["key"] == "state" and each["value"] != "waiting" for each in itertools.chain(*values))
+
+        self.wait_until(has_arrived)
 
     def services(self) -> Set[str]:
         """Returns the names of all services that there are."""

@@ -48,8 +48,8 @@ def alerts_of(ros: Any) -> List[bytes]:
     """Publishes 50, 15, 5, 50 % and returns the levels of the alerts of the signal."""
     ros.wait_until(lambda: ros.services() >= {"/alert_system/reset"})
     alerts = ros.listen("/alerts", STATUS)
-    ros.wait_until(lambda: ros._me.count_publishers("/alerts") == 1)
-    for percent in (50.0, 15.0, 5.0, 50.0):
+    ros.connect_to_process("/battery_level", {"data": 50.0}, "battery_level")
+    for percent in (15.0, 5.0, 50.0):
         ros.publish_to_process("/battery_level", FLOAT32, {"data": percent})
 
     def of_battery() -> List[bytes]:

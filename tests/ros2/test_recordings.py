@@ -84,6 +84,8 @@ def test_a_replay_gives_the_alerts_of_the_run(ros: Any, start: Any, recorder: Re
     file.write_text(json.dumps({"alert_system": {"ros__parameters": PARAMETERS}}))  # JSON is YAML
     start("alert_system", "--ros-args", "--params-file", str(file)).wait_for_text("watching temperature")
     ros.wait_until(recorder.is_connected)
+    ros.connect_to_process("/battery_level", {"data": 50.0}, "battery_level")
+    ros.connect_to_process("/temperature", {"data": 60.0}, "temperature")
     pause = threading.Event()
     for step in range(65):
         battery = 50.0 if step < 10 or step >= 55 else 15.0 if step < 25 else 5.0
