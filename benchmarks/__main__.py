@@ -47,7 +47,7 @@ def footprint() -> Iterator[Row]:
 
 
 def rosbridge() -> Iterator[Row]:
-    """CPU time and memory per rosbridge client."""
+    """CPU time per delivered message, and memory of a client that never reads."""
     from benchmarks import rosbridge_cost
 
     yield from rosbridge_cost.rows()

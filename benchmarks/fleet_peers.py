@@ -1,61 +1,45 @@
-"""The processes that `fleet_cost.py` measures, and the one that feeds them.
+"""The processes that `fleet_cost.py` measures, and the one that sends them messages.
 
-    python3 -m benchmarks.fleet_peers feeder              the rosbridge servers of all robots, in one process
-    python3 -m benchmarks.fleet_peers bare PORT ROBOTS    receives and parses, with aiohttp and json
+    python3 -m benchmarks.fleet_peers robots              the rosbridge servers of all robots, in one process
+    python3 -m benchmarks.fleet_peers bare URL ROBOTS     receives and parses, with aiohttp and json
 
-The feeder accepts a connection per robot at `/CONTESTANT/ROBOT`. For a line `CONNECTIONS` it prints `ready` once that
-many are subscribed; for a line `SECONDS SIGNALS`, it sends each of them every signal once a second, evenly spread, and
-prints how many messages each contestant was sent.
+The robots write their port and accept a connection each at `/CONTESTANT/ROBOT`. For a line `CONNECTIONS` they write
+`ready` once that many are subscribed. For a line `SECONDS SIGNALS` they send every signal once a second on each
+connection, evenly spread, and write how many messages each contestant was sent.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import sys
 import time
-from typing import Dict, List
+from typing import List, Set
 
 import aiohttp
 from aiohttp import web
 
-from benchmarks.rosbridge_peers import lines
+from benchmarks.peer import requests
 
 
-async def feed() -> None:
-    """Feeds every connection with the same messages."""
+async def serve_robots() -> None:
+    """Sends the same messages on every connection."""
     sockets: List[web.WebSocketResponse] = []
-    contestants: Dict[str, int] = {}
+    contestants: Set[str] = set()
 
     async def accept(request: web.Request) -> web.WebSocketResponse:
         socket = web.WebSocketResponse(compress=False)
         await socket.prepare(request)
-        name = request.match_info["contestant"]
-        contestants[name] = contestants.get(name, 0) + 1
-        subscribed = False
+        await socket.receive()  # the first subscription
+        contestants.add(request.match_info["contestant"])
+        sockets.append(socket)
         async for _ in socket:
-            if not subscribed:
-                subscribed = True
-                sockets.append(socket)
+            pass
         return socket
 
-    application = web.Application()
-    application.router.add_get("/{contestant}/{robot}", accept)
-    runner = web.AppRunner(application, access_log=None)
-    await runner.setup()
-    await web.TCPSite(runner, "127.0.0.1", 0, backlog=1000).start()
-    print(runner.addresses[0][1], flush=True)
-    orders = await lines()
-    while True:
-        order = (await orders.readline()).split()
-        if not order:
-            return
-        if len(order) == 1:
-            while len(sockets) < int(order[0]):
-                await asyncio.sleep(0.05)
-            print("ready", flush=True)
-            continue
-        seconds, signals = float(order[0]), int(order[1])
+    async def send(seconds: float, signals: int) -> int:
+        """Returns how many messages it has sent."""
         per_second = len(sockets) * signals
         sent, begin_s = 0, time.monotonic()
         while sent < per_second * seconds:
@@ -66,14 +50,33 @@ async def feed() -> None:
                 text = json.dumps({"op": "publish", "topic": f"/signal_{signal}", "msg": {"data": value}})
                 await sockets[robot].send_str(text)
                 sent += 1
-        print(sent // len(contestants), flush=True)
+        return sent
+
+    logging.getLogger("aiohttp.websocket").setLevel(logging.ERROR)  # no line about each client that can also do CBOR
+    application = web.Application()
+    application.router.add_get("/{contestant}/{robot}", accept)
+    runner = web.AppRunner(application, access_log=None)
+    await runner.setup()
+    await web.TCPSite(runner, "127.0.0.1", 0, backlog=1000).start()
+    print(runner.addresses[0][1], flush=True)
+    lines = await requests()
+    while True:
+        words = (await lines.readline()).split()
+        if not words:
+            return
+        if len(words) == 1:
+            while len(sockets) < int(words[0]):
+                await asyncio.sleep(0.05)
+            print("ready", flush=True)
+        else:
+            print(await send(float(words[0]), int(words[1])) // len(contestants), flush=True)
 
 
-async def receive(port: int, robots: int) -> None:
-    """Receives and parses what the feeder sends, with one task per connection."""
+async def receive(url: str, robots: int) -> None:
+    """Receives and parses what the robots send, with one task per connection."""
 
     async def read(session: aiohttp.ClientSession, number: int) -> None:
-        async with session.ws_connect(f"http://127.0.0.1:{port}/bare/robot{number}") as socket:
+        async with session.ws_connect(f"{url}/robot{number}") as socket:
             await socket.send_str("{}")
             async for message in socket:
                 json.loads(message.data)
@@ -83,4 +86,4 @@ async def receive(port: int, robots: int) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(feed() if sys.argv[1] == "feeder" else receive(int(sys.argv[2]), int(sys.argv[3])))
+    asyncio.run(serve_robots() if sys.argv[1] == "robots" else receive(sys.argv[2], int(sys.argv[3])))

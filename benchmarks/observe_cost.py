@@ -1,8 +1,8 @@
 """CPU time of `Monitor.observe` per sample, compared with river's rolling statistics and a bare deque.
 
 All contestants take the same samples, a batch each in turn, round after round; every ratio is the median of the
-ratios within a round. What is timed is CPU time of this process, with the loop that feeds the contestant. River and
-the deque are only fed, never read; the monitor's time includes making the `Sample` and judging it.
+ratios within a round. What is timed is CPU time of this process, with the loop over the samples. River and the
+deque are only updated, never read; the monitor's time includes making the `Sample` and judging it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from benchmarks.table import Row, median_ratio
 from robot_health_monitor.core import Monitor, Sample, load_config
 from robot_health_monitor.core.config import DEFAULT_SIGNALS
 
-Feed = Callable[[Sequence[float]], None]
+Contestant = Callable[[Sequence[float]], None]
+"""Takes samples."""
 
 WINDOWS = (60, 6000)
 BATCH = 6000
@@ -42,59 +43,59 @@ and a rule that fires takes longer than one that does not.
 """
 
 
-def monitor(window: int, **features: Any) -> Feed:
-    """Returns the feed of a monitor that watches a battery as by default, at a rate that fills the window in 60 s."""
+def monitor(window: int, **features: Any) -> Contestant:
+    """Returns a monitor that watches a battery as by default, at a rate that fills the window in 60 s."""
     signal = {**DEFAULT_SIGNALS["battery_level"], "window_s": 60.0, "window_samples": window, **features}
     observe = Monitor(load_config({"signals": {"battery_level": signal, "charging": {}}})).observe
     period_s = 60.0 / window
     now_s = 0.0
     observe(Sample("charging", 0.0, now_s))
 
-    def feed(values: Sequence[float]) -> None:
+    def take(values: Sequence[float]) -> None:
         nonlocal now_s
         for value in values:
             now_s += period_s
             observe(Sample("battery_level", value, now_s))
 
-    return feed
+    return take
 
 
-def bare_deque(window: int) -> Feed:
-    """Returns the feed of a deque that keeps the window and nothing else."""
+def bare_deque(window: int) -> Contestant:
+    """Returns a deque that keeps the window and nothing else."""
     kept: deque[float] = deque(maxlen=window)
 
-    def feed(values: Sequence[float]) -> None:
+    def take(values: Sequence[float]) -> None:
         for value in values:
             kept.append(value)
 
-    return feed
+    return take
 
 
-def river_statistics(window: int) -> Feed:
-    """Returns the feed of river's rolling mean, standard deviation, minimum and maximum."""
+def river_statistics(window: int) -> Contestant:
+    """Returns river's rolling mean, standard deviation, minimum and maximum."""
     from river import stats, utils
 
     mean = utils.Rolling(stats.Mean, window_size=window)
     variance = utils.Rolling(stats.Var, window_size=window, ddof=0)
     smallest, largest = stats.RollingMin(window), stats.RollingMax(window)
 
-    def feed(values: Sequence[float]) -> None:
+    def take(values: Sequence[float]) -> None:
         for value in values:
             mean.update(value)
             variance.update(value)
             smallest.update(value)
             largest.update(value)
 
-    return feed
+    return take
 
 
-def measure(feeds: Mapping[str, Feed], values: Sequence[float], rounds: int) -> Dict[str, List[float]]:
-    """Returns the microseconds per sample of every feed in every round, after one round to warm up."""
-    found: Dict[str, List[float]] = {name: [] for name in feeds}
+def measure(contestants: Mapping[str, Contestant], values: Sequence[float], rounds: int) -> Dict[str, List[float]]:
+    """Returns the microseconds per sample of every contestant in every round, after one round to warm up."""
+    found: Dict[str, List[float]] = {name: [] for name in contestants}
     for number in range(rounds + 1):
-        for name, feed in feeds.items():
+        for name, take in contestants.items():
             begin_s = time.process_time()
-            feed(values)
+            take(values)
             if number:
                 found[name].append((time.process_time() - begin_s) / len(values) * 1e6)
     return found
@@ -102,19 +103,19 @@ def measure(feeds: Mapping[str, Feed], values: Sequence[float], rounds: int) -> 
 
 def rows(rounds: int = ROUNDS) -> Iterator[Row]:
     """Measures and yields the rows of the table."""
-    feeds: Dict[str, Feed] = {}
+    contestants: Dict[str, Contestant] = {}
     for window in WINDOWS:
-        feeds[f"observe {window}"] = monitor(window)
-        feeds[f"all {window}"] = monitor(window, **ALL_FEATURES)
-        feeds[f"deque {window}"] = bare_deque(window)
+        contestants[f"observe {window}"] = monitor(window)
+        contestants[f"all {window}"] = monitor(window, **ALL_FEATURES)
+        contestants[f"deque {window}"] = bare_deque(window)
     missing = ""
     try:
-        feeds.update((f"river {window}", river_statistics(window)) for window in WINDOWS)
+        contestants.update((f"river {window}", river_statistics(window)) for window in WINDOWS)
     except ImportError as error:
         missing = f"{error}: pip install -r benchmarks/requirements.txt"
     noise = random.Random(1)
     values = [50.0 + noise.gauss(0.0, 5.0) for _ in range(BATCH)]
-    found = measure(feeds, values, rounds)
+    found = measure(contestants, values, rounds)
 
     def row(contestant: str, key: str, against: str = "", required: float = 0.0, remark: str = "") -> Row:
         what = f"one sample, window {key.split()[1]}"

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import statistics
-import subprocess
-import sys
 import time
 from typing import Dict, Iterator, List, Tuple
 
+from benchmarks.peer import Peer
 from benchmarks.table import Row, median_ratio
 
 CLIENTS = (1, 10, 50)
@@ -30,35 +29,6 @@ QUEUE_KB = 1000
 """The server's bound for one client."""
 
 
-class Peer:
-    """A process of `rosbridge_peers.py`, or of another such module."""
-
-    def __init__(self, *arguments: object, module: str = "benchmarks.rosbridge_peers") -> None:
-        """Starts it, and waits for its first line."""
-        command = [sys.executable, "-m", module, *map(str, arguments)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self.first = self._answer()
-
-    def ask(self, line: str) -> str:
-        """Writes a line and returns the reply."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(line + "\n")
-        self._process.stdin.flush()
-        return self._answer()
-
-    def end(self) -> None:
-        """Ends it."""
-        self._process.kill()
-        self._process.communicate()
-
-    def _answer(self) -> str:
-        assert self._process.stdout is not None
-        answer = self._process.stdout.readline().strip()
-        if not answer:
-            raise RuntimeError("a peer of the rosbridge benchmark has ended")
-        return answer
-
-
 def rows(rounds: int = ROUNDS) -> Iterator[Row]:
     """Measures and yields the rows of the table."""
     for clients in CLIENTS:
@@ -73,9 +43,9 @@ def _broadcast(clients: int, rate_hz: float, rounds: int) -> Iterator[Row]:
     with contextlib.ExitStack() as running:
         pairs: Dict[str, Tuple[Peer, Peer]] = {}
         for name in cpu_us:
-            server = Peer(name)
+            server = Peer("rosbridge_peers", name)
             running.callback(server.end)
-            pairs[name] = server, Peer("clients", server.first, clients)
+            pairs[name] = server, Peer("rosbridge_peers", "clients", server.first, clients)
             running.callback(pairs[name][1].end)
         for number in range(rounds + 1):
             for name, (server, readers) in pairs.items():
@@ -99,12 +69,12 @@ def _broadcast(clients: int, rate_hz: float, rounds: int) -> Iterator[Row]:
 def _stalled() -> Row:
     """Measures the memory of a client that subscribes and never reads."""
     with contextlib.ExitStack() as running:
-        server = Peer("server")
+        server = Peer("rosbridge_peers", "server")
         running.callback(server.end)
-        warm = Peer("clients", server.first, 1)
+        warm = Peer("rosbridge_peers", "clients", server.first, 1)
         running.callback(warm.end)
         server.ask(f"1000 1 {STALLED_CHARS}")
-        stalled = Peer("clients", server.first, 1, "stalled")
+        stalled = Peer("rosbridge_peers", "clients", server.first, 1, "stalled")
         running.callback(stalled.end)
         before_kb = int(server.ask(f"1 1 {STALLED_CHARS}").split()[2])
         after_kb = int(server.ask(f"1000 {STALLED_S} {STALLED_CHARS}").split()[2])

@@ -21,6 +21,7 @@ from typing import Any, Awaitable, Callable, List
 import psutil
 from aiohttp import web
 
+from benchmarks.peer import requests
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.rosbridge.server.server import Server
 
@@ -28,22 +29,15 @@ TOPIC = "/battery_level"
 FLOAT, TEXT = "std_msgs/Float32", "std_msgs/String"
 
 
-async def lines() -> Any:
-    """Returns a reader of stdin."""
-    reader = asyncio.StreamReader()
-    await asyncio.get_event_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
-    return reader
-
-
 async def serve(port: int, send: Callable[[int, int], Awaitable[None]]) -> None:
-    """Takes orders until stdin ends: `send(number, payload_chars)` at an even pace."""
+    """Processes requests until stdin ends: `send(number, payload_chars)` at an even pace."""
     print(port, flush=True)
-    orders = await lines()
+    lines = await requests()
     while True:
-        order = (await orders.readline()).split()
-        if not order:
+        words = (await lines.readline()).split()
+        if not words:
             return
-        rate_hz, seconds, payload = float(order[0]), float(order[1]), int(order[2])
+        rate_hz, seconds, payload = float(words[0]), float(words[1]), int(words[2])
         count = int(rate_hz * seconds)
         begin_cpu_s, begin_s = time.process_time(), time.monotonic()
         for number in range(count):
@@ -133,8 +127,8 @@ async def clients(port: int, count: int, stalled: bool) -> None:
             kept.append(asyncio.ensure_future(read(index, reader)))
     await asyncio.sleep(0.3)  # for the subscriptions to be taken
     print("ready", flush=True)
-    questions = await lines()
-    while await questions.readline():
+    lines = await requests()
+    while await lines.readline():
         print(min(counts), flush=True)
 
 

@@ -12,10 +12,10 @@ import time
 import urllib.request
 from typing import Dict, Iterator, List
 
-from benchmarks.rosbridge_cost import Peer
+from benchmarks.peer import Peer
 from benchmarks.table import Row
 
-MODULE = "benchmarks.web_peers"
+MODULE = "web_peers"
 CLIENTS = 10
 SIGNALS = 10
 RATE_HZ = 10.0
@@ -36,13 +36,13 @@ def rows() -> Iterator[Row]:
 def _open_pages() -> Iterator[Row]:
     cpu_ms: Dict[str, List[float]] = {"none": [], "pages": [], "subscribers": []}
     with contextlib.ExitStack() as running:
-        server = Peer("monitor", 1, SIGNALS, RATE_HZ, module=MODULE)
+        server = Peer(MODULE, "monitor", 1, SIGNALS, RATE_HZ)
         running.callback(server.end)
         for number in range(ROUNDS + 1):
             for kind, found in cpu_ms.items():
                 with contextlib.ExitStack() as connected:
                     if kind != "none":
-                        clients = Peer(kind, server.first, CLIENTS, module=MODULE)
+                        clients = Peer(MODULE, kind, server.first, CLIENTS)
                         connected.callback(clients.end)
                     used_ms = float(server.ask(str(SLICE_S))) / SLICE_S * 1e3
                 if number:  # the first round warms up
@@ -60,8 +60,8 @@ def _no_page() -> Iterator[Row]:
     cpu_ms: Dict[str, List[float]] = {"bare": [], "web": []}
     with contextlib.ExitStack() as running:
         servers = {
-            "bare": Peer("monitor", 1, SIGNALS, RATE_HZ, "bare", module=MODULE),
-            "web": Peer("monitor", 1, SIGNALS, RATE_HZ, module=MODULE),
+            "bare": Peer(MODULE, "monitor", 1, SIGNALS, RATE_HZ, "bare"),
+            "web": Peer(MODULE, "monitor", 1, SIGNALS, RATE_HZ),
         }
         for server in servers.values():
             running.callback(server.end)
@@ -78,7 +78,7 @@ def _no_page() -> Iterator[Row]:
 
 def _scrape() -> Iterator[Row]:
     with contextlib.ExitStack() as running:
-        server = Peer("monitor", FLEET, SIGNALS, 1.0, module=MODULE)
+        server = Peer(MODULE, "monitor", FLEET, SIGNALS, 1.0)
         running.callback(server.end)
         times_ms: List[float] = []
         for number in range(SCRAPES + 1):

@@ -18,7 +18,7 @@ from typing import Any, List
 
 from aiohttp import ClientSession, ClientTimeout
 
-from benchmarks.rosbridge_peers import lines
+from benchmarks.peer import requests
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.ops.web import WebInterface
@@ -75,13 +75,13 @@ async def monitor(count: int, signals: int, rate_hz: float, bare: bool) -> None:
 
     tasks = [asyncio.ensure_future(publish()), asyncio.ensure_future(run_timers())]
     print(server.port, flush=True)
-    orders = await lines()
+    lines = await requests()
     while True:
-        order = await orders.readline()
-        if not order:
+        seconds = await lines.readline()
+        if not seconds:
             break
         begin_cpu_s = time.process_time()
-        await asyncio.sleep(float(order))
+        await asyncio.sleep(float(seconds))
         print(time.process_time() - begin_cpu_s, flush=True)
     for task in tasks:
         task.cancel()
@@ -111,8 +111,8 @@ async def clients(kind: str, port: int, count: int) -> None:
         tasks = [asyncio.ensure_future(read(number, session, event)) for number, event in enumerate(events)]
         await asyncio.gather(*(event.wait() for event in events))
         print("ready", flush=True)
-        orders = await lines()
-        while await orders.readline():
+        lines = await requests()
+        while await lines.readline():
             print(min(got), flush=True)
         for task in tasks:
             task.cancel()

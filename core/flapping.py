@@ -18,6 +18,7 @@ CHANGES = 20
 _WEIGHTS = tuple(95 - 2 * place for place in range(CHANGES))
 """Newest change first."""
 _TOTAL = sum(_WEIGHTS)
+_KEPT = 2**CHANGES - 1
 
 
 class FlapDetector:
@@ -83,7 +84,7 @@ class FlapDetector:
 
     def add(self, level: Level) -> None:
         """Processes the level after a good sample."""
-        self._changes = (self._changes << 1 | (level is not self._last)) % 2**CHANGES
+        self._changes = (self._changes << 1 | (level is not self._last)) & _KEPT
         self._last = level
         percent = 0.0 if self.is_at_rest else self.percent
         self.flapping = percent >= (self._low if self.flapping else self._high)
