@@ -192,7 +192,7 @@ def _signal_table(report: Report) -> Iterable[str]:
     plotted = {(signal.config.name, signal.file): place for place, signal in enumerate(report.signals)}
     several = any(signal.file for signal in report.signals)
     numbers = 2 if several else 1  # the first columns are texts
-    heads = (f'<th scope="col"{_class(place, numbers)}>{_text(head)}</th>' for place, head in enumerate(report.header))
+    heads = (f'<th scope="col"{_class(at, numbers)}>{_text(head)}</th>' for at, head in enumerate(report.header))
     yield f'<div class="table"><table><thead><tr>{"".join(heads)}</tr></thead><tbody>'
     for row in report.rows:
         place = plotted.get((row[0], row[1] if several else ""))
@@ -202,8 +202,11 @@ def _signal_table(report: Report) -> Iterable[str]:
     yield "</tbody></table></div>"
 
 
-def _class(place: int, first: int) -> str:
-    return ' class="number"' if place >= first else ""
+def _class(at: int, numbers: int) -> str:
+    """Returns the class of a cell: a name, the file of a configuration if it is not a number, a number."""
+    if at >= numbers:
+        return ' class="number"'
+    return ' class="file"' if at else ""
 
 
 def _alert_table(report: Report, several: bool) -> Iterable[str]:
@@ -224,7 +227,7 @@ def _alert_table(report: Report, several: bool) -> Iterable[str]:
         time = _text(_time(alert.wall_s, report.utc_offset_s))
         if place is not None:
             time = f'<a href="#signal-{place}" data-alert="alert-{number}" data-at="{alert.wall_s!r}">{time}</a>'
-        file = f"<td>{_text(alert.file)}</td>" if several else ""
+        file = f'<td class="file">{_text(alert.file)}</td>' if several else ""
         yield (
             f'<tr id="alert-{number}"><td class="time">{time}</td><td class="level {level.lower()}">{level}</td>'
             f'{file}<td class="text">{_text(alert.transition.text)}</td></tr>'

@@ -145,6 +145,8 @@ def test_two_configurations_have_a_plot_each() -> None:
     assert (first["name"], second["name"]) == ("battery (a.yaml)", "battery (b.yaml)")
     assert [len(first["alerts"]), len(second["alerts"])] == [0, 1]
     assert '<a href="#signal-1" data-alert="alert-0"' in page
+    # Long paths are broken, so that the numbers beside them fit on paper.
+    assert [page.count(f'<td class="file">{name}</td>') for name in ("a.yaml", "b.yaml")] == [1, 2]
 
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\"'&\u202e\x1b[2J<!--"
