@@ -289,7 +289,7 @@ async def serve(
         await server.start()
     except ModuleNotFoundError as error:
         node.close()
-        monitor.faults.report(_FAULT, f"not served: {error.name} is not installed")
+        monitor.faults.report(_FAULT, f"not served: {_missing(error)}")
         return None
     except OSError as error:
         node.close()
@@ -342,7 +342,7 @@ def serve_in_thread(
         server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, web, threads=True)
         thread = ServerThread(server)
     except ModuleNotFoundError as error:
-        problem = f"{error.name} is not installed"
+        problem = _missing(error)
     except ConfigError as error:
         problem = str(error)
     except OSError as error:
@@ -356,6 +356,10 @@ def serve_in_thread(
         node.close()
     middleware.faults.report(_FAULT, f"not served: {problem}")
     return None
+
+
+def _missing(error: ModuleNotFoundError) -> str:
+    return f"{error.name} is not installed; the web page and /metrics need it too"
 
 
 def _cause(error: OSError) -> str:

@@ -282,7 +282,9 @@ def test_without_aiohttp_it_monitors_and_says_what_is_missing(
     (hidden / "aiohttp.py").write_text("raise ModuleNotFoundError(\"No module named 'aiohttp'\", name='aiohttp')\n")
     path = f"{hidden}{os.pathsep}{Path(__file__).resolve().parents[2]}"
     process = robot_health("run", "--thresholds", restless, "--port", 0, PYTHONPATH=path)
-    process.wait_for_text("[ERROR] alert_system: rosbridge: not served: aiohttp is not installed")
+    process.wait_for_text(
+        "[ERROR] alert_system: rosbridge: not served: aiohttp is not installed; the web page and /metrics need it too"
+    )
     process.wait_for_text("battery_level OK: ")
     process.signal()
     assert process.wait() == 0
