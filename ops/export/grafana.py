@@ -178,6 +178,7 @@ def _panel(
         "datasource": _DATASOURCE,
         "targets": targets,
         "gridPos": {"w": width, "h": height},
+        "options": {},
         "fieldConfig": {"defaults": {"unit": unit}, "overrides": []},
     }
 

@@ -157,3 +157,32 @@ def test_panels_have_numbers_and_do_not_overlap() -> None:
     assert [panel["id"] for panel in panels] == list(range(1, len(panels) + 1))
     assert len(cells) == len(set(cells))
     assert max(x for x, _ in cells) == 23
+
+
+def test_the_structure_is_that_of_grafanas_schema() -> None:
+    """The keys and limits are those of kinds/dashboard/dashboard_kind.cue in Grafana's repository, version 36."""
+    board = dashboard()
+
+    assert board.keys() == {
+        "title", "uid", "tags", "schemaVersion", "refresh", "time", "templating", "panels",
+    }  # fmt: skip
+    assert board["schemaVersion"] == 36
+    assert 8 <= len(board["uid"]) <= 40
+    assert [variable["type"] for variable in board["templating"]["list"]] == ["datasource", "query"]
+    for panel in board["panels"]:
+        assert panel.keys() == {
+            "type", "title", "datasource", "targets", "gridPos", "options", "fieldConfig", "id",
+        }  # fmt: skip
+        assert panel["type"] in ("stat", "table", "state-timeline", "timeseries")
+        at = panel["gridPos"]
+        assert at["h"] > 0 and 0 < at["w"] <= 24 and 0 <= at["x"] < 24 and at["x"] + at["w"] <= 24
+        assert panel["fieldConfig"].keys() == {"defaults", "overrides"}
+        defaults = panel["fieldConfig"]["defaults"]
+        assert defaults.keys() <= {"unit", "mappings", "thresholds", "custom"}
+        for mapping in defaults.get("mappings", []):
+            assert mapping["type"] == "value"
+            assert all(result.keys() <= {"text", "color", "icon", "index"} for result in mapping["options"].values())
+        if "thresholds" in defaults:
+            assert defaults["thresholds"]["mode"] == "absolute"
+            first, *others = [step["value"] for step in defaults["thresholds"]["steps"]]
+            assert first is None and others == sorted(others)
