@@ -13,6 +13,8 @@ from .formatting import printable
 from .model import Level
 
 _MAX_PARTS = 100
+OTHER_PARTS = "other parts"
+"""Part under which the faults of parts beyond the limit are reported, as one."""
 
 
 class Fault(NamedTuple):
@@ -25,7 +27,11 @@ class Fault(NamedTuple):
 
 
 class Faults:
-    """The faults of one node, by part. May be used from any thread; bounded to 100 parts."""
+    """The faults of one node, by part. May be used from any thread.
+
+    Bounded to 100 parts; the faults of further ones are one fault, which ends when any part works again. A part that
+    still fails then reports again.
+    """
 
     def __init__(self) -> None:
         """Starts without faults."""
@@ -40,15 +46,18 @@ class Faults:
             text: one line: what does not work and why.
             level: WARN or ERROR.
         """
+        text = printable(" ".join(text.split()))
         with self._lock:
-            if part in self._faults or len(self._faults) < _MAX_PARTS:
-                self._faults[part] = Fault(level, printable(" ".join(text.split())))
+            if part not in self._faults and len(self._faults) >= _MAX_PARTS:
+                part, text = OTHER_PARTS, f"more than {_MAX_PARTS} faults, the last one of {part}: {text}"
+            self._faults[part] = Fault(level, text)
 
     def clear(self, part: str) -> None:
         """Reports that a part works again; does nothing if it had no fault."""
         if part in self._faults:
             with self._lock:
                 self._faults.pop(part, None)
+                self._faults.pop(OTHER_PARTS, None)
 
     def current(self) -> Mapping[str, Fault]:
         """Returns a copy of the faults, by part, oldest first."""

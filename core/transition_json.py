@@ -13,10 +13,14 @@ FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "stat
 """The fields of a transition that are written. Its status is left out: it repeats them as text."""
 
 _LARGE = 10**1000
+_MOST_VALUE_CHARS = 2_000
+"""Longest value that is written in full: a robot may send a text of a megabyte where a number belongs."""
 
 
 def json_line(transition: object, **further: object) -> str:
     """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
+
+    A value of more than 2,000 characters, which is no number, is shortened to its beginning.
 
     Args:
         transition: what to format: a Transition, or another object with its fields.
@@ -24,7 +28,10 @@ def json_line(transition: object, **further: object) -> str:
     """
     fields: Dict[str, Any] = {name: getattr(transition, name) for name in FIELDS}
     fields.update(further)
-    return json.dumps({name: _as_json(value) for name, value in fields.items()})
+    written = {name: _as_json(value) for name, value in fields.items()}
+    if not isinstance(fields["value"], float) and len(json.dumps(written["value"])) > _MOST_VALUE_CHARS:
+        written["value"] = datum_text(fields["value"])
+    return json.dumps(written)
 
 
 def _as_json(value: object) -> object:

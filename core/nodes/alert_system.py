@@ -323,7 +323,8 @@ class AlertSystem:
         transitions = self.monitor.reset()
         self._announce(transitions, self._middleware.now_s())
         if self._continuity is not None:
-            self._continuity.record_reset(self._middleware.now_s())
+            now_s = self._middleware.now_s()
+            self._middleware.faults.guard("storing the reset", self._continuity.record_reset, now_s)
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
         return {"success": True, "message": f"reset: {cleared}"}
 
@@ -339,7 +340,8 @@ class AlertSystem:
             self._report_timer = self._middleware.create_timer(1.0 / config.publish_rate, self._report)
         self._config = config
         if self._continuity is not None:
-            self._continuity.record_configuration(_sections(config))
+            record = self._continuity.record_configuration
+            self._middleware.faults.guard("storing the configuration", record, _sections(config))
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
         self._unavailable &= same
         self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())

@@ -86,6 +86,9 @@ class BatterySensor:
             except SensorError as error:
                 self._note_failure(metric, error)
                 continue
+            except Exception as error:  # one broken source must not stop the others
+                self._note_failure(metric, SensorError(f"{type(error).__name__}: {error}"))
+                continue
             self._seen.add(metric)
             if self._failed.pop(metric, None):
                 self._middleware.log(Severity.INFO, f"{metric} can be read again")

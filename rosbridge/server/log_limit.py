@@ -8,9 +8,12 @@ from typing import Callable
 
 from aiohttp.http import HttpProcessingError
 
+from robot_health_monitor.core.formatting import printable
+
 __all__ = ["LogLimit"]
 
 _PERIOD_S = 60.0
+_LONGEST_TEXT = 500
 
 
 class LogLimit:
@@ -42,7 +45,7 @@ class LogLimit:
             self._begin_s, self._written, self._suppressed = now_s, 0, 0
         if self._written < self._most:
             self._written += 1
-            self._write(" ".join(text.split()))
+            self._write(printable(" ".join(text[:_LONGEST_TEXT].split())))
         else:
             self._suppressed += 1
 

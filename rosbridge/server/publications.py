@@ -13,7 +13,10 @@ from .access import Access
 from .graph import ServedGraph
 from .node_access import NodeAccess
 
-__all__ = ["Publications"]
+__all__ = ["MOST_TOPICS", "Publications"]
+
+MOST_TOPICS = 1_000
+"""Most topics that clients may advertise, in sum. They stay advertised: others may have subscribed to them."""
 
 
 class Publications:
@@ -44,12 +47,14 @@ class Publications:
             id: of the operation.
 
         Raises:
-            ProtocolError: clients may not publish on the topic, the type is not known or is not that of the topic, or
-                the middleware does not respond.
+            ProtocolError: clients may not publish on the topic, have advertised too many, the type is not known or is
+                not that of the topic, or the middleware does not respond.
         """
         topic = self._graph.resolve(topic)
         if not self._access.may_publish(topic):
             raise ProtocolError(f"clients may not publish on {topic}", "advertise", id)
+        if topic not in self._types and len(self._types) >= MOST_TOPICS:
+            raise ProtocolError(f"clients have advertised {MOST_TOPICS} topics already", "advertise", id)
         try:
             known = self._types.get(topic) or await self._graph.topic_type(topic)
             if not (known or type_name):

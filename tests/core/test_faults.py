@@ -33,13 +33,29 @@ def test_a_text_of_several_lines_becomes_one() -> None:
     assert faults.current()["log"].text == "No space left on device"
 
 
-def test_the_number_of_parts_is_bounded_and_known_parts_stay_reportable() -> None:
+def test_faults_beyond_the_limit_are_one_fault() -> None:
     faults = Faults()
     for number in range(200):
-        faults.report(f"client {number}", "gone")
-    assert len(faults.current()) == 100
+        faults.report(f"client {number}", "gone", Level.WARN)
+    faults.report("outlet log", "disk\nfull")
+    assert len(faults.current()) == 101
+    assert faults.current()["other parts"] == Fault(
+        Level.ERROR, "more than 100 faults, the last one of outlet log: disk full"
+    )
     faults.report("client 5", "gone again")
     assert faults.current()["client 5"].text == "gone again"
+
+
+def test_the_fault_of_other_parts_ends_with_any_other_one() -> None:
+    faults = Faults()
+    for number in range(101):
+        faults.report(f"client {number}", "gone")
+    faults.clear("client 100")  # not listed
+    assert "other parts" in faults.current()
+    faults.clear("client 0")
+    assert len(faults.current()) == 99
+    faults.report("client 100", "gone")
+    assert faults.current()["client 100"].text == "gone"
 
 
 def test_what_was_read_does_not_change_later() -> None:

@@ -58,3 +58,17 @@ def test_any_value_becomes_valid_json(value: Any, written: Any) -> None:
 def test_an_integer_that_python_refuses_to_print_becomes_valid_json() -> None:
     written = json.loads(json_line(transition(10**5000)))["value"]
     assert isinstance(written, str) and len(written) <= 40
+
+
+@pytest.mark.parametrize("value", ["x" * 1_000_000, [0.0] * 100_000, {"data": ["x"] * 10_000}])
+def test_a_huge_value_that_is_no_number_is_shortened(value: Any) -> None:
+    """It would go to the terminal and to every target of notifications."""
+    line = json_line(transition(value))
+    assert json.loads(line)["value"] == repr(value)[:37] + "..."
+    assert len(line) < 1_000
+
+
+def test_a_value_of_2000_characters_is_written_in_full() -> None:
+    value = "x" * 1998
+    assert json.loads(json_line(transition(value)))["value"] == value
+    assert json.loads(json_line(transition(value + "x")))["value"] != value + "x"

@@ -458,7 +458,7 @@ class FailingHistory:
         return {}
 
     def record_configuration(self, configuration: Mapping[str, Any]) -> None:
-        pass
+        """Works at the start."""
 
     def record(self, *_: object) -> None:
         raise OSError("no space left")
@@ -477,3 +477,18 @@ def test_a_history_that_raises_keeps_no_alert_from_the_outlets_and_stops_no_tick
 
     assert [event.to_level for event in seen if isinstance(event, Transition)] == [Level.WARN, Level.STALE]
     assert "OSError: no space left" in {fault.text for fault in node.faults.current().values()}
+
+
+def test_a_history_that_raises_prevents_no_reset_and_no_change_of_thresholds() -> None:
+    bus = LocalBus()
+    history = FailingHistory()
+    node = bus.node("alert_system", parameters={"signals": {"battery_level": {"warn_below": 20.0, "latch": True}}})
+    alert_system = AlertSystem(node, history=history)
+    alert_system.observe(Sample("battery_level", 15.0, 0.0))
+    alert_system.observe(Sample("battery_level", 50.0, 1.0))
+    assert alert_system.reset() == "reset: battery_level"
+    history.record_configuration = history.record  # type: ignore[method-assign,assignment]
+    assert node.set_parameter("signals.battery_level.warn_below", 60.0) == "battery_level.warn_below: 20 -> 60"
+    alert_system.observe(Sample("battery_level", 50.0, 2.0))
+    assert alert_system.monitor.report(2.0).statuses["battery_level"].level is Level.WARN
+    assert {"storing the reset", "storing the configuration"} <= set(node.faults.current())

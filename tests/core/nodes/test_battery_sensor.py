@@ -123,6 +123,18 @@ def test_a_host_without_a_battery_publishes_the_rest_reports_it_once_and_raises_
     assert values_of(own)["battery_level"].startswith("not published: no battery in ")
 
 
+def test_a_source_that_fails_unexpectedly_stops_no_other(stage: Stage, machine: Machine) -> None:
+    """A driver that reports a charge of 400 digits: more than a double holds."""
+    machine(BATTERY, TEMPERATURE)
+    machine({"/sys/class/power_supply/BAT0/capacity": "9" * 400})
+    temperatures = stage.listen("temperature", "data")
+    start(stage, HOST, machine.paths)
+    stage.bus.run_until(5.0)
+    assert len(temperatures) == 5
+    (line,) = stage.log(Severity.WARN, Severity.ERROR)
+    assert line == "battery_level is not published: OverflowError: int too large to convert to float"
+
+
 def test_a_battery_that_is_removed_is_an_alert(stage: Stage, machine: Machine) -> None:
     machine(BATTERY, TEMPERATURE)
     arrays = stage.listen("/diagnostics")

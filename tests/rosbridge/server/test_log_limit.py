@@ -28,6 +28,13 @@ def test_a_text_is_one_line() -> None:
     assert lines == ["one forged line"]
 
 
+def test_a_text_is_short_and_controls_no_terminal() -> None:
+    """Errors of clients may quote what they sent."""
+    lines: List[str] = []
+    LogLimit(lines.append).write("\x1b[31m" + "x" * 1_000_000)
+    assert lines == ["?[31m" + "x" * 495]
+
+
 def test_a_library_logs_one_line_without_traceback() -> None:
     lines: List[str] = []
     logger = LogLimit(lines.append).logger()

@@ -8,7 +8,9 @@ from typing import Any, List
 from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access, monitor_access
+from robot_health_monitor.rosbridge.server.publications import MOST_TOPICS
 
 OPEN = Access(publish=("/in",))
 
@@ -57,3 +59,19 @@ async def test_while_the_master_is_down_publishing_is_refused_and_the_connection
         await peer.send("advertise", topic="/in", type=FLOAT32, id="a")
         assert (await peer.receive())["msg"] == "advertise: the ROS master does not respond"
         await peer.settle()
+
+
+@with_robot(Access(publish=("*",)), limits=Limits(advertisements=2_000))
+async def test_clients_cannot_invent_any_number_of_topics(robot: Robot) -> None:
+    """Each is advertised on the robot, and stays so when the client has left."""
+    async with robot.peer() as peer:
+        for number in range(MOST_TOPICS):
+            await peer.send("advertise", topic=f"/invented{number}", type=FLOAT32)
+        await peer.settle()
+    async with robot.peer() as peer:
+        await peer.send("set_level", level="error")
+        await peer.send("advertise", topic="/one_more", type=FLOAT32, id="a")
+        assert (await peer.receive())["msg"] == "advertise: clients have advertised 1000 topics already"
+        await peer.send("advertise", topic="/invented7", type=FLOAT32)
+        await peer.settle()
+    assert len(robot.bus.types) == 1 + MOST_TOPICS
