@@ -67,13 +67,7 @@ def write_bag(path: Path, messages: Iterable[Recorded], compression: str = "none
     writer.chunk_threshold = chunk_size
     if compression != "none":
         writer.set_compression(getattr(writer.CompressionFormat, compression.upper()))
-    with writer:
-        connections: Any = {}
-        for time_s, topic, message in messages:
-            found = native(message, ROS1)
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, found.__msgtype__, typestore=ROS1)
-            writer.write(connections[topic], nanoseconds(time_s), serialized(found, "ros1"))
+    _write(writer, messages, "ros1")
     return str(path)
 
 
@@ -105,14 +99,20 @@ def write_folder(
     if compression:
         enums: Any = rosbag2 if hasattr(rosbag2, "CompressionMode") else writer
         writer.set_compression(enums.CompressionMode[compression.upper()], enums.CompressionFormat.ZSTD)
+    _write(writer, messages, "cdr")
+    return str(path)
+
+
+def _write(writer: Any, messages: Iterable[Recorded], encoding: str) -> None:
+    """Writes messages with a writer of rosbags, and closes it."""
+    store = ROS1 if encoding == "ros1" else ROS2
     with writer:
         connections: Any = {}
         for time_s, topic, message in messages:
-            found = native(message, ROS2)
+            found = native(message, store)
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, found.__msgtype__, typestore=ROS2)
-            writer.write(connections[topic], nanoseconds(time_s), serialized(found, "cdr"))
-    return str(path)
+                connections[topic] = writer.add_connection(topic, found.__msgtype__, typestore=store)
+            writer.write(connections[topic], nanoseconds(time_s), serialized(found, encoding))
 
 
 def write_mcap(
