@@ -12,7 +12,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Set
 import numpy as np
 
 from robot_health_monitor.core.config import SignalConfig
-from robot_health_monitor.core.formatting import count_text, duration_text, number_text, with_unit
+from robot_health_monitor.core.formatting import bound_text, count_text, duration_text, number_text, with_unit
 
 from .quantiles import Quantiles
 
@@ -157,8 +157,8 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None) -> 
     settings: Dict[str, Setting] = {}
     left_out: List[str] = []
     reason = measured.unsuitable()
-    if not measured.config.field:
-        reason = reason and "only the arrival of its messages is watched"
+    if reason and not measured.config.field and measured.config.statistic == "last":
+        reason = "only the arrival of its messages is watched"
     if reason:
         left_out.append(f"no bounds: {reason}")
     else:
@@ -207,14 +207,15 @@ def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Sett
 def _beyond_limit(key: str, bound: float, config: SignalConfig, lowest_value: float) -> str:
     """Returns why no value can be beyond a bound; empty if one can."""
     is_low = key == "warn_below"
+    side = "above" if is_low else "below"
     if not math.isfinite(bound):
         return "is no finite number"
     valid = config.valid_min if is_low else config.valid_max
     if valid is not None and (bound <= valid if is_low else bound >= valid):
-        return f"is not within {'valid_min' if is_low else 'valid_max'} {number_text(valid)}"
+        return f"is not {side} {'valid_min' if is_low else 'valid_max'} {bound_text(valid)}"
     possible = (_LOWEST if is_low else _HIGHEST).get(config.unit)
     if possible is not None and (bound <= possible if is_low else bound >= possible):
-        return f"is not within the {'minimum' if is_low else 'maximum'} of {config.unit}"
+        return f"is not {side} {with_unit(bound_text(possible), config.unit)}, the {'minimum' if is_low else 'maximum'}"
     if is_low and bound <= 0.0 <= lowest_value:
         return "is not positive, and no recorded value is negative"
     return ""

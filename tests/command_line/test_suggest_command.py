@@ -128,7 +128,7 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
     # 80 - 1.996 and 99.96 + 1.996, outward to whole numbers; the latter is beyond 100 %.
     assert (charge.scale, charge.latch, charge.bounds) == (2.0, True, {"warn_below": 78.0})
     assert (arm.bounds, arm.stale_after_s) == ({"warn_above": 3.0}, 9.0)
-    assert "        # no warn_above: 102 % is not within the maximum of %" in out(process)
+    assert "        # no warn_above: 102 % is not below 100 %, the maximum" in out(process)
     assert "        # not recorded: unchanged" in out(process)
 
 

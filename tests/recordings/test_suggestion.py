@@ -72,17 +72,19 @@ def test_short_excursions_give_a_duration_and_long_ones_move_the_bound() -> None
 
 
 @pytest.mark.parametrize(
-    ("values", "reason"),
+    ("values", "signal", "reason"),
     [
-        (RAMP[:99], "99 valid samples in 98 s; expected at least 100 in 30 s"),
-        ([float("nan")] * 200, "0 valid samples in 199 s; expected at least 100 in 30 s"),
-        ([7.0] * 1000, "the value is always 7"),
-        ([0.0, 1.0, 4.0] * 400, "only the values 0, 1, 4: looks like a code"),
-        ([float(each) for each in range(1000)], "the value only rises: looks like a counter"),
+        (RAMP[:99], {}, "99 valid samples in 98 s; expected at least 100 in 30 s"),
+        ([float("nan")] * 200, {}, "0 valid samples in 199 s; expected at least 100 in 30 s"),
+        ([7.0] * 1000, {}, "the value is always 7"),
+        ([0.0, 1.0, 4.0] * 400, {}, "only the values 0, 1, 4: looks like a code"),
+        ([float(each) for each in range(1000)], {}, "the value only rises: looks like a counter"),
+        ([1.0] * 1000, {"field": ""}, "only the arrival of its messages is watched"),
+        ([5.0] * 1000, {"field": "", "statistic": "frequency_hz"}, "the value is always 5"),
     ],
 )
-def test_bounds_that_the_data_cannot_justify_are_left_out(values: Sequence[float], reason: str) -> None:
-    suggestion = suggest(measured(values))
+def test_bounds_that_the_data_cannot_justify_are_left_out(values: Sequence[float], signal: Any, reason: str) -> None:
+    suggestion = suggest(measured(values, **signal))
     assert suggestion.left_out == [f"no bounds: {reason}"]
     assert list(suggestion.settings) == ["stale_after_s"]
 
@@ -97,12 +99,12 @@ def test_a_battery_that_only_falls_is_no_counter() -> None:
         (
             [99.0 + 0.001 * each for each in range(999)][::-1],
             {"unit": "%"},
-            "no warn_above: 101 % is not within the maximum of %",
+            "no warn_above: 101 % is not below 100 %, the maximum",
         ),
         (
             [99.0 + 0.001 * each for each in range(999)][::-1],
             {"valid_max": 99.999},
-            "no warn_above: 101 is not within valid_max 100",
+            "no warn_above: 101 is not below valid_max 99.999",
         ),
         (
             [0.001 * each for each in range(1000)][::-1],
