@@ -433,12 +433,15 @@ def test_a_cancellation_is_not_lost_when_the_attempt_ends_at_the_same_moment(err
     @scenario
     async def run() -> None:
         attempt = asyncio.get_event_loop().create_future()
+        waiting: List[bool] = []
 
         async def work() -> None:
+            waiting.append(True)
             await attempt
 
         task = asyncio.ensure_future(_within(10.0, work()))
-        await asyncio.sleep(0.01)
+        while not waiting:
+            await asyncio.sleep(0)
         if error is None:
             attempt.set_result(None)
         else:
