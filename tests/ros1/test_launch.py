@@ -113,7 +113,7 @@ def test_the_thresholds_become_parameters_of_alert_system(roslaunch: Any) -> Non
 def test_arguments_reach_the_parameters(roslaunch: Any, tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("alert_system: {ros__parameters: {signals: {fan: {warn_below: 900.0}}}}\n", encoding="utf-8")
-    arguments = ("log_level:=DEBUG", "use_sim_time:=true", "robot_name:=robot1", f"thresholds:={file}")
+    arguments = ("log_level:=debug", "use_sim_time:=true", "robot_name:=robot1", f"thresholds:={file}")
     tree = dumped(roslaunch("--dump-params", "robot_health_monitor", "health_monitor.launch", *arguments))
     assert tree["/use_sim_time"] is True
     assert tree["/robot1/alert_system/ros__parameters/signals/fan/warn_below"] == 900.0
