@@ -150,16 +150,17 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here.
 
-    Comparisons with Prometheus, Nagios and numpy, and what draws in a browser, run on the newest only: the code that
-    they check is arithmetic and text, and the other tests run it on both.
+    Tests marked `newest_python` run on the newest only: comparisons with Prometheus, Nagios and numpy, and drawing in a
+    browser. The code that they check is arithmetic and text, and the other tests run it on both.
     """
     set_up(session, {}, "apprise")
     if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
         for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
             session.install(package, success_codes=range(256))
     others = ("ros1", "ros2", "packaging", "chaos/test_ros1.py", "chaos/test_ros2.py")
-    chosen = [] if session.python == NEWEST else ["-m", "not newest_python"]
-    run_pytest(session, "tests", *chosen, *(f"--ignore=tests/{name}" for name in others))
+    if session.python != NEWEST:
+        session.env["NEWEST_PYTHON_SESSION"] = f"core-{NEWEST}"
+    run_pytest(session, "tests", *(f"--ignore=tests/{name}" for name in others))
 
 
 @nox.session(python=SYSTEM_PYTHON, venv_params=["--system-site-packages"], requires=["apt"])

@@ -1,7 +1,8 @@
-"""Before the tests start: are the packages they need here, in a version that is new enough? Names of tests."""
+"""Checks that the packages that the tests need are here; sets up hypothesis; chooses and names tests."""
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from importlib import metadata
@@ -27,6 +28,16 @@ def pytest_configure() -> None:
     every_check = list(HealthCheck)
     settings.register_profile("tests", derandomize=True, deadline=None, suppress_health_check=every_check)
     settings.load_profile("tests")
+
+
+def pytest_collection_modifyitems(items: List[pytest.Item]) -> None:
+    """Skips what another session runs: noxfile.py names it."""
+    session = os.environ.get("NEWEST_PYTHON_SESSION")
+    if session:
+        skip = pytest.mark.skip(reason=f"does not depend on the version of Python: runs in {session}")
+        for item in items:
+            if item.get_closest_marker("newest_python"):
+                item.add_marker(skip)
 
 
 def pytest_make_parametrize_id(val: object) -> Optional[str]:
