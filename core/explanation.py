@@ -33,7 +33,7 @@ class Judgement(NamedTuple):
     since_s: float
     """Since when the level has lasted, in seconds."""
     latest: object
-    """The latest datum as it came; None before the first."""
+    """The latest datum as received; None before the first."""
     judged: Optional[float]
     """Value of the signal's statistic; None while it is undefined."""
     rule: Optional[Rule]
@@ -174,9 +174,9 @@ def _link_reason(judgement: Judgement) -> str:
 
 
 def _invalid_reason(judgement: Judgement) -> str:
-    config, came = judgement.config, as_float(judgement.latest)
-    number = converted(config, came)
-    if math.isnan(number) and not math.isnan(came) and config.placeholders:
+    config, raw = judgement.config, as_float(judgement.latest)
+    number = converted(config, raw)
+    if math.isnan(number) and not math.isnan(raw) and config.placeholders:
         return f"invalid data: {datum_text(judgement.latest)} is a placeholder for 'not measured'"
     for name, limit, is_beyond in (
         ("below valid_min", config.valid_min, operator.lt),

@@ -1,4 +1,4 @@
-"""Flap detection after Nagios: how much of the recent past was changes of level.
+"""Flap detection after Nagios: how often the level changed in the recent past.
 
 Source of the formula: Nagios Core documentation, "Detection and Handling of State Flapping". The last 21 levels hold
 20 possible changes; the oldest weighs 0.75, the newest 1.25, those between linearly, and all 20 make 100 %.

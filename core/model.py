@@ -59,7 +59,7 @@ class Sample(NamedTuple):
     signal: str
     """Name of the signal, as in the configuration."""
     value: object
-    """The number as it came; anything but a finite real number is bad data."""
+    """The number as received; anything but a finite real number is bad data."""
     now_s: float
     """When it arrived, in seconds on the adapter's clock (monotonic, or ROS time under use_sim_time)."""
 
@@ -94,7 +94,7 @@ class Transition:
     to_level: Level
     """The level announced from now on; the same as `from_level` only in a repetition (`repeat_s`)."""
     value: Optional[object]
-    """Value of the statistic, or the bad datum as it came; None before any sample."""
+    """Value of the statistic, or the bad datum as received; None before any sample."""
     statistic: str
     """Which statistic of the window `value` is."""
     bound: Optional[float]

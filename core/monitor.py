@@ -139,8 +139,8 @@ class Monitor:
     def skip(self, since_s: float, until_s: float) -> Changes:
         """Leaves a time out of durations and silences: nothing is known of it.
 
-        For the time between two recordings, which is no silence of the robot. Like downtime of the link (step 8 of
-        docs/rules.md), but without an alert.
+        For the time between two recordings, which does not count as silence of the robot. Like downtime of the link
+        (step 8 of docs/rules.md), but without an alert.
 
         Args:
             since_s: when it begins, in seconds; the time of the last call if that is later.

@@ -57,7 +57,7 @@ class Suspicion:
         self._fractions = 0
         self._between = False
         self._zeros = 0
-        # a flag, which has no unit, may well be 0 for hours
+        # A flag has no unit, and may be 0 for hours.
         self._only_zeros = config.unit != "" and any(name.endswith("below") for name in config.bounds)
         self._unreadable = 0
         unit = _UNITS.get(config.unit)
@@ -70,31 +70,31 @@ class Suspicion:
         self.watching = self._only_zeros
         """Whether every good sample matters; otherwise only those outside the ordinary limits."""
 
-    def see_good(self, came: float, number: float) -> None:
+    def see_good(self, raw: float, number: float) -> None:
         """Processes a good sample.
 
         Args:
-            came: the number as it came.
+            raw: the number as received.
             number: the same in the signal's unit.
         """
         self._unreadable = 0
-        self.text = self._explain_good(came, number)
+        self.text = self._explain_good(raw, number)
         self.watching = self._only_zeros or self._fractions > 0 or self.text != ""
 
-    def see_bad(self, came: float, number: float) -> None:
+    def see_bad(self, raw: float, number: float) -> None:
         """Processes a sample that is not valid.
 
         Args:
-            came: the number as it came, NaN if it was none.
+            raw: the number as received, NaN if it was none.
             number: the same in the signal's unit, NaN for a placeholder.
         """
         self._fractions = 0
         self._between = False
-        self._unreadable = self._unreadable + 1 if math.isnan(came) else 0
-        self.text = self._explain_bad(came, number)
+        self._unreadable = self._unreadable + 1 if math.isnan(raw) else 0
+        self.text = self._explain_bad(raw, number)
         self.watching = self._only_zeros or self._unreadable > 0 or self.text != ""
 
-    def _explain_good(self, came: float, number: float) -> str:
+    def _explain_good(self, raw: float, number: float) -> str:
         if self._only_zeros:
             self._zeros += 1
             self._only_zeros = number == 0.0
@@ -113,11 +113,11 @@ class Suspicion:
         self._fractions = 0
         self._between = False
         if number > self.ordinary_max:
-            return self._explain_large(came, number, math.inf)
-        return _explain_not_measured(came) if self._config.unit == "%" else ""
+            return self._explain_large(raw, number, math.inf)
+        return _explain_not_measured(raw) if self._config.unit == "%" else ""
 
-    def _explain_bad(self, came: float, number: float) -> str:
-        if math.isnan(came):
+    def _explain_bad(self, raw: float, number: float) -> str:
+        if math.isnan(raw):
             if self._unreadable < RUN:
                 return ""
             seen = f"{self._unreadable} values in a row are not numbers"
@@ -126,13 +126,13 @@ class Suspicion:
             return ""
         largest = self._config.valid_max
         if largest is not None and number > largest:
-            return self._explain_large(came, number, largest)
-        return _explain_not_measured(came)
+            return self._explain_large(raw, number, largest)
+        return _explain_not_measured(raw)
 
-    def _explain_large(self, came: float, number: float, largest: float) -> str:
+    def _explain_large(self, raw: float, number: float, largest: float) -> str:
         config = self._config
-        shown = number_text(came)
-        if config.unit == "%" and config.scale == 100.0 and 1.0 < came <= 100.0:
+        shown = number_text(raw)
+        if config.unit == "%" and config.scale == 100.0 and 1.0 < raw <= 100.0:
             return _suspect(f"{shown} looks like a percentage already, not like a fraction", "if so, set scale: 1")
         if config.unit == "" and config.valid_max == 1.0 and number <= 100.0:
             return _suspect(f"{shown} looks like a percentage, not like a fraction", "if so, set scale: 0.01")
@@ -147,9 +147,9 @@ class Suspicion:
         return _suspect(f"{shown} is implausibly high for {config.unit}", "check unit and scale, or set valid_max")
 
 
-def _explain_not_measured(came: float) -> str:
+def _explain_not_measured(raw: float) -> str:
     # BatteryState.percentage as some drivers send it; Float32 brings it as -0.009999999776
-    if not math.isclose(came, _NOT_MEASURED, rel_tol=1e-6):
+    if not math.isclose(raw, _NOT_MEASURED, rel_tol=1e-6):
         return ""
     return _suspect("-0.01 is what some drivers send for 'not measured'", "if so, set placeholders: [-0.01]")
 

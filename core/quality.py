@@ -34,7 +34,7 @@ class Quality:
         self.good_samples = 0
         self.bad_samples = 0
         self.latest: object = None
-        """The latest datum as it came."""
+        """The latest datum as received."""
         self.configure(config)
 
     def configure(self, config: SignalConfig) -> None:
@@ -53,16 +53,16 @@ class Quality:
     def judge(self, value: object) -> float:
         """Processes a datum; returns the number in the signal's unit, NaN if it is bad."""
         self.latest = value
-        came = value if type(value) is float else as_float(value)
-        number = converted(self._config, came) if self._converts else came
+        raw = value if type(value) is float else as_float(value)
+        number = converted(self._config, raw) if self._converts else raw
         suspicion = self.suspicion
         if self._valid_min <= number <= self._valid_max:  # False for NaN; infinities lie outside
             self.good_samples += 1
             if suspicion.watching or not suspicion.ordinary_min < number <= suspicion.ordinary_max:
-                suspicion.see_good(came, number)
+                suspicion.see_good(raw, number)
             return number
         self.bad_samples += 1
-        suspicion.see_bad(came, number)
+        suspicion.see_bad(raw, number)
         return math.nan
 
 
@@ -74,9 +74,9 @@ def as_float(value: object) -> float:
         return math.nan
 
 
-def converted(config: SignalConfig, came: float) -> float:
+def converted(config: SignalConfig, raw: float) -> float:
     """Returns a number in the signal's unit; NaN for a placeholder."""
     for number in config.placeholders:
-        if math.isclose(came, number, rel_tol=1e-6):  # Float32 brings -0.01 as -0.009999999776
+        if math.isclose(raw, number, rel_tol=1e-6):  # Float32 brings -0.01 as -0.009999999776
             return math.nan
-    return came * config.scale
+    return raw * config.scale

@@ -28,6 +28,7 @@ import enum
 from typing import Any, Dict, NamedTuple, Optional
 
 from .config import SignalConfig
+from .formatting import datum_text
 from .model import Level
 from .saved_state import Saved, UnusableStateError
 
@@ -242,9 +243,11 @@ class Rule:
         """
         bound = saved.number("bound")
         is_below, crossed, allowed = saved.flag("is_below"), saved.flag("crossed"), saved.flag("allowed")
-        state = _STATE_OF_WORD.get(saved.text("state", State.INACTIVE.value))
+        word = saved.text("state", State.INACTIVE.value)
+        state = _STATE_OF_WORD.get(word)
         if state is None:
-            raise UnusableStateError(f"unknown state of a rule {saved.text('state')!r}"[:80])
+            words = ", ".join(_STATE_OF_WORD)
+            raise UnusableStateError(f"state of a rule: expected one of {words}, got {datum_text(word)}")
         condition = saved.flag("condition")
         waited_s = saved.duration_s("waited_s")
         self.freeze(now_s)

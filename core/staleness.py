@@ -75,7 +75,7 @@ class Staleness:
         self.stale, self.waiting = stale, not stale
 
     def await_first(self) -> None:
-        """A signal without a sample is no longer silent for too long: it waits again."""
+        """Waits for the first sample again, because the limit was raised."""
         self.stale, self.waiting = False, True
 
     def end_downtime(self, now_s: float) -> float:

@@ -20,7 +20,7 @@ _MOST_VALUE_CHARS = 2_000
 def json_line(transition: object, **further: object) -> str:
     """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
 
-    A value of more than 2,000 characters, which is no number, is shortened to its beginning.
+    A value longer than 2,000 characters, which is not a measurement, is truncated.
 
     Args:
         transition: what to format: a Transition, or another object with its fields.

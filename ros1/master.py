@@ -30,7 +30,7 @@ _ERRORS = (
     TypeError,
     LookupError,
 )
-"""A call that failed, and answers that are no XML, no XML-RPC, or no answer of a master."""
+"""What a failed call raises, and an answer that is not XML, not XML-RPC, or not of the expected form."""
 _TIMEOUT_S = 3.0
 _ROSPY_TIMEOUT_S = 10.0
 _LONGEST_ERROR = 200

@@ -22,7 +22,7 @@ async def run_in_daemon_thread(function: Callable[[], _Result]) -> _Result:
     Cancelling the wait abandons the thread.
 
     Raises:
-        Exception: whatever the function raises.
+        Exception: what the function raised.
     """
     loop = asyncio.get_event_loop()
     done: asyncio.Future[_Result] = loop.create_future()

@@ -163,6 +163,13 @@ class AlertSystem:
         status = self.monitor.status(signal, self._middleware.now_s())
         return None if status is None else self._with_silence(status)
 
+    def count_silenced(self) -> int:
+        """Counts the signals that are not OK and silenced."""
+        now_s = self._middleware.now_s()
+        silenced = [name for name in self.monitor.signals() if self.silence_of(name) is not None]
+        statuses = [self.monitor.status(name, now_s) for name in silenced]
+        return sum(1 for status in statuses if status is not None and status.level is not Level.OK)
+
     @property
     def node_name(self) -> str:
         """The full name of the node."""
@@ -311,13 +318,6 @@ class AlertSystem:
         """Adds the silence of a signal to its status."""
         text = self.silence_of(status.name)
         return status if text is None else replace(status, values={**status.values, "silenced": text})
-
-    def count_silenced(self) -> int:
-        """Counts the signals that are not OK and silenced."""
-        now_s = self._middleware.now_s()
-        silenced = [name for name in self.monitor.signals() if self.silence_of(name) is not None]
-        statuses = [self.monitor.status(name, now_s) for name in silenced]
-        return sum(1 for status in statuses if status is not None and status.level is not Level.OK)
 
     def _reset(self, request: Message) -> Message:
         transitions = self.monitor.reset()

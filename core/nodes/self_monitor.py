@@ -96,8 +96,8 @@ class SelfMonitor:
     def tick_age_s(self) -> float:
         """Time since the last tick, in s. Grows only while the node's clock and steady time both pass.
 
-        While a simulator is paused, or its clock has not come, there are no ticks: then the time since the last `check`
-        counts, which shows that the node runs.
+        While a simulator is paused, or before its first clock message, there are no ticks: then the time since the last
+        `check` counts, which shows that the node runs.
         """
         steady_s = self._middleware.steady_s()
         since_tick_s = self._since_tick_s(self._middleware.now_s(), steady_s)

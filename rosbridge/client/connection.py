@@ -179,7 +179,7 @@ class ServerConnection:
     def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
         """Connects again, to another address or with another token or trust. Called in the loop.
 
-        The end of the present connection is not reported, so that a move that succeeds is no alert.
+        The end of the present connection is not reported, so that a successful move raises no alert.
 
         Raises:
             ConfigError: `url` is not the address of a WebSocket server; nothing has changed.
@@ -450,7 +450,7 @@ async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> C
 def _kernel_silence_s(socket: aiohttp.ClientWebSocketResponse) -> float:
     """Returns how long ago the kernel received data of a connection, in s; infinite if it does not say.
 
-    A large message that arrives slowly is no silence.
+    A large message that arrives slowly does not count as silence.
     """
     raw = socket.get_extra_info("socket")
     try:

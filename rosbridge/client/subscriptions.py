@@ -1,4 +1,4 @@
-"""Subscriptions to the server's topics: sent here, sent again after a reconnection, and fed with what arrives.
+"""Subscriptions to the server's topics: sent, sent again after a reconnection, and supplied with what arrives.
 
 Several receivers of one topic share one subscription at the server.
 """

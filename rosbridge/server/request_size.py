@@ -43,7 +43,7 @@ class SizeLimitedProtocol(asyncio.Protocol):
         self._protocol.connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Passes data on, unless it is too much."""
+        """Passes data on, up to the limit."""
         since_s = self._waiting_since_s()
         if since_s is not None:
             if since_s != self._since_s:

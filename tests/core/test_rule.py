@@ -8,6 +8,7 @@ from typing import List, Optional, Tuple
 import pytest
 
 from robot_health_monitor.core.rule import Rule, RuleConfig, State
+from robot_health_monitor.core.saved_state import Saved, UnusableStateError
 
 
 def rule(
@@ -187,3 +188,12 @@ def test_a_rule_that_keeps_firing_under_a_new_bound_still_knows_the_side_it_cros
     under_test.judge(30.0, 1.0)
     under_test.configure(RuleConfig(25.0, None, 0.0, 0.0, 10.0))
     assert (under_test.bound, under_test.is_below) == (20.0, True)
+
+
+def test_a_saved_state_that_is_unknown_is_refused_with_those_that_are_known() -> None:
+    rule = Rule(RuleConfig(below=20.0, above=None, hysteresis=0.0, for_s=0.0, keep_firing_for_s=0.0))
+    with pytest.raises(UnusableStateError) as error:
+        rule.restore(Saved({"state": "asleep"}), 0.0)
+    assert str(error.value) == (
+        "state of a rule: expected one of inactive, pending, firing, keeps firing, got 'asleep'"
+    )
