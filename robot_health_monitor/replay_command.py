@@ -201,12 +201,15 @@ class _Replay:
     def _write_report(self, head: List[str], rows: List[List[str]], problems: List[str]) -> None:
         path, end_s = self._arguments.report, self._player.wall_s
         names = ", ".join(os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings)
+        period = "no messages"
+        if self._recordings.span_ns is not None:
+            period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
+            period += f", times in UTC{_utc_offset(self._start_s)}"
         page = render(
             Report(
                 title=f"Replay of {names}",
                 facts=[
-                    f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)}), "
-                    f"times in UTC{_utc_offset(self._start_s)}",
+                    period,
                     f"judged by {' and '.join(each.name for each in self._configurations)}; "
                     f"robot-health {package_version()}",
                 ],

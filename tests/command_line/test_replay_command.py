@@ -182,8 +182,10 @@ def test_a_recording_without_any_signal_is_named(
         "WARN: no signal is recorded: expected one of /battery, /gps, got /robot1/battery; is a --namespace missing?\n"
     )
     empty = write_bag(tmp_path / "empty.bag", [])
-    assert main(["replay", empty, "--thresholds", thresholds]) == 0
+    report = tmp_path / "report.html"
+    assert main(["replay", empty, "--thresholds", thresholds, "--report", str(report)]) == 0
     assert capsys.readouterr().err == ("WARN: no signal is recorded: the recordings have no topics with ROS messages\n")
+    assert '<p class="facts">no messages</p>' in report.read_text(encoding="utf-8")
 
 
 def test_messages_that_cannot_be_decoded_are_reported(
