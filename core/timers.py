@@ -16,6 +16,7 @@ class PeriodicSchedule:
     def __init__(self, period_s: float, now_s: float) -> None:
         """Starts a period at `now_s`."""
         self._period_s = period_s
+        self._periods: int
         self.restart(now_s)
 
     def advance(self, now_s: float) -> None:
