@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+import warnings
 from typing import TYPE_CHECKING, Any, Callable, List, Tuple
 
 import rclpy
@@ -18,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninsta
 from rclpy.task import Future
 from std_msgs.msg import Empty
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level
 
@@ -41,6 +42,8 @@ _IDLE_S = 0.2
 _MAX_IDLE_LOAD = 0.1
 """Share of a core above which an executor that has nothing to do is taken for a busy loop."""
 _SPIN_S = 3600.0
+_MAX_DOMAIN_ID = 232
+"""Ports of DDS: 7400 + 250 per domain (https://docs.ros.org/en/jazzy/Concepts/Intermediate/About-Domain-ID.html)."""
 
 
 class Ros2Process:
@@ -73,10 +76,22 @@ class Ros2Process:
             raise self._files.explained(str(error)) from None
         finally:
             set_logger_level("rcl", LoggingSeverity.UNSET)
+        _check_domain(rclpy.utilities.get_default_context().get_domain_id())
 
     def create_node(self, name: str) -> Ros2Middleware:
-        """Creates the middleware of one node."""
-        self.middlewares.append(Ros2Middleware(name))
+        """Creates the middleware of one node.
+
+        Raises:
+            ServiceError: the RMW refuses, for instance because of a network interface that does not exist.
+        """
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # of rclpy, about the node that was not created
+                middleware = Ros2Middleware(name)
+        except RuntimeError as error:
+            rmw = rclpy.get_rmw_implementation_identifier()
+            raise ServiceError(f"{rmw} cannot create a node; it may have printed the reason above: {error}") from None
+        self.middlewares.append(middleware)
         if self._log_problem:
             self.middlewares[-1].faults.report("log file", self._log_problem, Level.WARN)
         return self.middlewares[-1]
@@ -177,7 +192,12 @@ def _probe(executor: Any, nodes: List[Any]) -> str:
     node = nodes[0]
     subscription = node.create_subscription(Empty, _PROBE_TOPIC, delivered.set_result, 1)
     publisher = node.create_publisher(Empty, _PROBE_TOPIC, 1)
-    timer = node.create_timer(0.01, lambda: publisher.publish(Empty()), clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def publish() -> None:
+        if not delivered.done():  # a call may be waiting when the timer is destroyed
+            publisher.publish(Empty())
+
+    timer = node.create_timer(0.01, publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
     try:
         executor.spin_until_future_complete(delivered, _PROBE_S)
     finally:
@@ -185,6 +205,16 @@ def _probe(executor: Any, nodes: List[Any]) -> str:
         node.destroy_publisher(publisher)
         node.destroy_subscription(subscription)
     return "" if delivered.done() else f"it delivers no message within {_PROBE_S:g} s"
+
+
+def _check_domain(domain_id: int) -> None:
+    """Checks that DDS has ports for this domain. Fast DDS would end the process in the middle of its output.
+
+    Raises:
+        ConfigError: it has none.
+    """
+    if domain_id > _MAX_DOMAIN_ID and rclpy.get_rmw_implementation_identifier() != "rmw_zenoh_cpp":
+        raise ConfigError(f"expected at most {_MAX_DOMAIN_ID}, got {domain_id}", ("ROS_DOMAIN_ID",))
 
 
 def log_folder_problem() -> str:

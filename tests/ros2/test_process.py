@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -126,6 +127,31 @@ def test_composed_without_sensors_there_is_no_battery_sensor(start: Any, ros: An
     assert process.wait(30.0) == 0
 
 
+def test_a_domain_without_ports_is_one_line(start: Any) -> None:
+    process = start("alert_system", environment={"ROS_DOMAIN_ID": "233"})
+    assert process.wait() == 2
+    assert process.errors == ["alert_system: ROS_DOMAIN_ID: expected at most 232, got 233"]
+
+
+def test_a_node_that_dds_refuses_is_one_line_after_those_of_dds(start: Any, tmp_path: Path) -> None:
+    profile = tmp_path / "fastdds.xml"
+    profile.write_text(
+        '<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>'
+        '<participant profile_name="without_transport" is_default_profile="true">'
+        "<rtps><useBuiltinTransports>false</useBuiltinTransports></rtps></participant></profiles></dds>"
+    )
+    interface = '<General><Interfaces><NetworkInterface name="none"/></Interfaces></General>'
+    variables = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",  # with others, Fast DDS does not follow the profile
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
+        "CYCLONEDDS_URI": f"<CycloneDDS><Domain>{interface}</Domain></CycloneDDS>",
+    }
+    process = start("alert_system", environment=variables)
+    assert process.wait() == 3
+    assert re.match(r"alert_system: rmw_\w+ cannot create a node; it may have printed", process.errors[-1])
+    assert not any("Warning" in line or "Traceback" in line for line in process.errors)
+
+
 @pytest.mark.parametrize("arguments", [(), ("-p", "start_type_description_service:=true")])
 def test_the_nodes_describe_their_types_only_on_request(start: Any, ros: Any, arguments: Sequence[str]) -> None:
     namespace = f"/described{len(arguments)}"  # not that of an earlier node, which discovery may still list
@@ -164,6 +190,25 @@ class TestExecutor:
         pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
         assert self.choose("auto", node, lines) == "EventsExecutor"
         assert lines == []
+
+    def test_a_call_of_its_timer_that_comes_late_does_nothing(
+        self, node: Any, lines: List[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The EventsExecutor calls back what was waiting when the timer was destroyed."""
+        experimental = pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
+        from rclpy.executors import SingleThreadedExecutor
+
+        late: List[Callable[[], None]] = []
+
+        class Late(SingleThreadedExecutor):
+            def spin_until_future_complete(self, future: Any, timeout_sec: Any = None) -> None:
+                super().spin_until_future_complete(future, timeout_sec)
+                late.extend(timer.callback for timer in node.timers)
+
+        monkeypatch.setattr(experimental, "EventsExecutor", Late)
+        assert self.choose("auto", node, lines) == "Late"
+        (call,) = late
+        call()
 
     def test_single_is_single(self, node: Any, lines: List[str]) -> None:
         assert self.choose("single", node, lines) == "SingleThreadedExecutor"
