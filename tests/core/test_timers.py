@@ -36,6 +36,16 @@ def test_timers_are_called_in_the_order_of_their_times() -> None:
     assert timers.next_s() is None and timers.take_due(5.0) == []
 
 
+def test_cancelled_timers_are_forgotten() -> None:
+    timers = ClockTimers()
+    for _ in range(10):
+        timer = ClockTimer(1.0, lambda now_s: None, 0.0)
+        timers.add(timer)
+        timer.cancel()
+    assert len(timers._timers) == 1  # until the next one is added
+    assert timers.take_due(1.0) == []
+
+
 def test_a_schedule_skips_the_periods_that_were_missed_and_keeps_its_phase() -> None:
     schedule = PeriodicSchedule(0.5, 10.0)
     assert schedule.due_s == 10.5

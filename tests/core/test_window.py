@@ -232,6 +232,23 @@ def test_fewer_samples_keep_the_first_the_last_and_the_extremes(count: int, limi
     assert (min(values), max(values)) == (min(value for _, value in full), max(value for _, value in full))
 
 
+def test_samples_that_have_left_appear_nowhere() -> None:
+    window = Window(9.5, 100)
+    for second in range(100):  # the whole window is exchanged ten times
+        window.add(float(second % 7), float(second))
+        newest = [(float(past), float(past % 7)) for past in range(max(0, second - 9), second + 1)]
+        values = [value for _, value in newest]
+        assert window.samples(100) == newest
+        assert window.samples(100, -1.0) == newest
+        assert len(window) == len(newest)
+        assert (window.min(), window.max(), window.last()) == (min(values), max(values), values[-1])
+        if second:
+            assert window.rate() == (values[-1] - values[0]) / (newest[-1][0] - newest[0][0])
+            assert window.frequency_hz() == 1.0
+    window.resize(3.5, 100, 0.0)
+    assert window.samples(100) == newest[-4:]
+
+
 def test_only_samples_after_a_time_are_returned() -> None:
     window = Window(60.0, 100)
     for second in range(5):
