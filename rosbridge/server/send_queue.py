@@ -63,7 +63,8 @@ class SendQueue:
     def flush(self) -> None:
         """Writes queued frames as far as the transport takes them."""
         frames, transport, high = self._frames, self._transport, self._high
-        while frames and transport.get_write_buffer_size() <= high:
+        # The buffer of a broken connection stays empty, and asyncio logs a line for each write.
+        while frames and transport.get_write_buffer_size() <= high and not transport.is_closing():
             first = frames[0]
             if self._sent or len(first) > high:
                 piece = first[self._sent : self._sent + high]

@@ -82,7 +82,7 @@ async def stalled_client(robot: Robot) -> sockets.socket:
     return connection
 
 
-@with_robot(limits=Limits(queue_bytes=100_000), slow_client_timeout_s=0.5, heartbeat_s=60.0)
+@with_robot(limits=Limits(queue_bytes=100_000), slow_client_timeout_s=2.0, heartbeat_s=60.0)
 async def test_a_stalled_client_loses_its_own_messages_and_is_then_cut_off(robot: Robot) -> None:
     robot.node.advertise("/big", "std_msgs/String")
     stalled = await stalled_client(robot)
@@ -96,9 +96,7 @@ async def test_a_stalled_client_loses_its_own_messages_and_is_then_cut_off(robot
             await asyncio.sleep(0.001)
         assert session.dropped > 5
         assert session.queue.waiting_bytes == 0
-    assert [text for text in robot.log if "disconnected" in text] == [
-        "disconnected a client: behind for more than 0.5 s"
-    ]
+    assert [text for text in robot.log if "disconnected" in text] == ["disconnected a client: behind for more than 2 s"]
     stalled.close()
 
 

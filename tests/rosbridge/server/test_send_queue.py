@@ -11,10 +11,19 @@ class SlowTransport:
     def __init__(self) -> None:
         self.buffered = 0
         self.written: List[bytes] = []
+        self.breaks = False
+        """Whether the next write finds that the client has gone."""
+        self.closing = False
 
     def write(self, data: bytes) -> None:
         self.written.append(bytes(data))
-        self.buffered += len(data)
+        if self.breaks:
+            self.closing = True
+        else:
+            self.buffered += len(data)
+
+    def is_closing(self) -> bool:
+        return self.closing
 
     def get_write_buffer_size(self) -> int:
         return self.buffered
@@ -110,3 +119,13 @@ def test_flushing_stops_where_the_transport_is_full_again() -> None:
     queue.flush()
     assert queue.behind
     assert transport.written == [b"12345" * 2] * 2
+
+
+def test_nothing_more_is_written_once_the_connection_has_broken() -> None:
+    transport, queue = send_queue(1000)
+    transport.buffered = 11
+    for _ in range(10):
+        queue.put(b"123456789")
+    transport.buffered, transport.breaks = 0, True
+    queue.flush()
+    assert transport.written == [b"123456789"]
