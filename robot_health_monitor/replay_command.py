@@ -200,7 +200,7 @@ class _Replay:
 
     def _write_report(self, head: List[str], rows: List[List[str]], problems: List[str]) -> None:
         path, end_s = self._arguments.report, self._player.wall_s
-        names = ", ".join(os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings)
+        names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
         period = "no messages"
         if self._recordings.span_ns is not None:
             period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
