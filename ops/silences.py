@@ -47,7 +47,7 @@ _MOST_KEPT = 10_000
 _MOST_CACHED = 20_000
 _REFRESH_S = 1.0
 _TIMEOUT_S = 2.0
-_FAULT = "silences"
+_FAULT = "silence list"
 
 _DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
 _UNITS_S = (604_800, 86_400, 3600, 60, 1)

@@ -321,6 +321,7 @@ class Storage:
             if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
                 connection.execute(f"DELETE FROM {table}")
             _copy_table(memory, connection, table)
+        _number_from(connection, self._last_id, ("transitions",))  # a new file continues, too
 
     def _delete_expired(self, connection: sqlite3.Connection) -> bool:
         max_bytes = self._keep_bytes if self._file is not None else min(self._keep_bytes, _MEMORY_BYTES)

@@ -250,8 +250,8 @@ def test_while_the_file_cannot_be_read_the_last_known_silences_stay_in_force(his
     silences = Silences(unreadable, faults, wall_time_s=clock)
     silence = silences.add(parse_matchers("robot=r3"), for_s=60.0)
     unreadable.problem = "history: no answer within 2 s"
-    wait_for(lambda: "silences" in faults.current())
-    assert faults.current()["silences"].text == (
+    wait_for(lambda: "silence list" in faults.current())
+    assert faults.current()["silence list"].text == (
         "cannot be read, the last known ones stay in force: history: no answer within 2 s"
     )
     assert silences.silence_of("r3", "link") == silence

@@ -179,6 +179,8 @@ def test_a_file_that_is_deleted_while_it_is_used_is_begun_anew(tmp_path: Path) -
     assert fault_texts(faults) == [("history file", text)]
     record(history, faults, 2)
     assert numbers(stored_texts(file)) == [2]
+    query = "SELECT id FROM transitions"
+    assert history.run(lambda connection: connection.execute(query).fetchall()) == [(2,)]  # numbers continue
     history.close()
 
 
