@@ -25,7 +25,7 @@ from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySens
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.configuration import SECTIONS, OpsConfig, read_ops
 
-from .fleet_configuration import RobotEntry, is_fleet_file, read_entries
+from .fleet_configuration import is_fleet_file, read_entries
 from .message_types import check_field, known_definitions
 
 _NODES: Mapping[str, Callable[[Middleware], Any]] = {
@@ -185,9 +185,7 @@ def _check_ops(file: YamlFile, problems: Problems) -> str:
 
 
 def _check_fleet(file: YamlFile, problems: Problems) -> str:
-    entries: List[RobotEntry] = []
-    with problems:
-        entries = read_entries(file)
+    entries = read_entries(file, problems)
     parts = [count_text(len(entries), "robot")]
     thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
     for name in thresholds:

@@ -143,13 +143,17 @@ def read_addresses(texts: Sequence[str]) -> List[Address]:
     return addresses
 
 
-def read_entries(file: YamlFile) -> List[RobotEntry]:
+def read_entries(file: YamlFile, collected: Optional[Problems] = None) -> List[RobotEntry]:
     """Reads a fleet.yaml; the files that it names are not opened.
+
+    Args:
+        file: its contents.
+        collected: receives the mistakes, and the robots without any are returned; None: mistakes are raised.
 
     Raises:
         ConfigError: it cannot be used; every mistake, with file, line and key.
     """
-    problems = Problems()
+    problems = Problems() if collected is None else collected
     entries: List[RobotEntry] = []
     defaults: Dict[str, Any] = {}
     try:
@@ -166,7 +170,8 @@ def read_entries(file: YamlFile) -> List[RobotEntry]:
             for name, found in robots.items():
                 with problems:
                     entries.append(_read_entry(name, found, defaults, os.path.dirname(file.file)))
-        problems.raise_if_any()
+        if collected is None:
+            problems.raise_if_any()
     except ConfigError as error:
         raise file.locate(error) from None
     return entries
