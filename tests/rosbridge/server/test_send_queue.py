@@ -1,32 +1,10 @@
 from __future__ import annotations
 
-from typing import Any, List
+from typing import Any
+
+from harness.slow_transport import SlowTransport
 
 from robot_health_monitor.rosbridge.server.send_queue import SendQueue
-
-
-class SlowTransport:
-    """A transport whose buffer empties when the test says so; a real one cannot be stopped at a byte."""
-
-    def __init__(self) -> None:
-        self.buffered = 0
-        self.written: List[bytes] = []
-        self.breaks = False
-        """Whether the next write finds that the client has gone."""
-        self.closing = False
-
-    def write(self, data: bytes) -> None:
-        self.written.append(bytes(data))
-        if self.breaks:
-            self.closing = True
-        else:
-            self.buffered += len(data)
-
-    def is_closing(self) -> bool:
-        return self.closing
-
-    def get_write_buffer_size(self) -> int:
-        return self.buffered
 
 
 def send_queue(bound: int, high_water: int = 10) -> Any:

@@ -3,27 +3,15 @@ from __future__ import annotations
 import asyncio
 from typing import Any, List
 
+from harness.slow_transport import SlowTransport
+
 from robot_health_monitor.rosbridge.server.send_queue import SendQueue
 from robot_health_monitor.rosbridge.server.slow_clients import SlowClients
 
 
-class Transport:
-    """A transport whose buffer empties when the test says so; a real one cannot be stopped at a byte."""
-
-    def __init__(self) -> None:
-        self.buffered = 1_000_000
-        self.written: List[bytes] = []
-
-    def write(self, data: bytes) -> None:
-        self.written.append(data)
-
-    def get_write_buffer_size(self) -> int:
-        return self.buffered
-
-
 class Client:
     def __init__(self) -> None:
-        self.transport = Transport()
+        self.transport = SlowTransport(1_000_000)
         self.queue = SendQueue(self.transport, 1_000_000)  # type: ignore[arg-type]
         self.events: List[str] = []
 
