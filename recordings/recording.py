@@ -25,7 +25,7 @@ def libraries() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        install = "pip install 'robot_health_monitor[recordings]'"
+        install = "pip install lz4 mcap numpy rosbags zstandard"
         library = str(error.name).partition(".")[0]
         raise MissingLibraryError(f"reading this recording needs the library {library}: {install}") from None
 

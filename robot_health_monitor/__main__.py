@@ -23,7 +23,7 @@ _LIBRARIES = {
     "aiohttp": "aiohttp is not installed: it connects to rosbridge servers",
     "cbor2": "cbor2 is not installed: it decodes messages of rosbridge servers",
     **{
-        name: f"{name} is not installed: it reads recordings; pip install 'robot_health_monitor[recordings]'"
+        name: f"{name} is not installed: it reads recordings; pip install lz4 mcap numpy rosbags zstandard"
         for name in ("rosbags", "mcap", "numpy", "zstandard", "lz4")
     },
 }

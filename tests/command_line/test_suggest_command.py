@@ -190,7 +190,7 @@ def test_a_missing_library_is_one_line_with_the_command_that_installs_it(robot_h
     process = robot_health("suggest", tmp_path / "a.bag", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
     assert process.wait() == 3
     assert [line.text for line in process.lines] == [
-        "robot-health: reading this recording needs the library rosbags: pip install 'robot_health_monitor[recordings]'"
+        "robot-health: reading this recording needs the library rosbags: pip install lz4 mcap numpy rosbags zstandard"
     ]
 
 
