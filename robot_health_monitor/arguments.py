@@ -345,7 +345,7 @@ def _add_history(commands: Any) -> None:
         dest="since_s",
         metavar="TIME",
         type=_moment,
-        help="only what is newer: 90s, 30m, 24h, 7d, or a local time such as 2026-11-22T08:00",
+        help="only what is newer: 90s, 1h30m, 24h, 7d, or a local time such as 2026-11-22T08:00",
     )
     command.add_argument("--robot", metavar="R", help="only this robot; * and ? as in file names")
     command.add_argument("--signal", metavar="S", help="only this signal; * and ? as in file names")
@@ -442,9 +442,9 @@ def _duration(text: str) -> float:
 
 def _moment(text: str) -> float:
     """Returns a time in s since 1970: so long ago, or a date and time by ISO 8601."""
-    found = re.match(r"(\d{1,9}(?:\.\d{1,9})?)(s|m|min|h|d|w)\Z", text, re.ASCII)
-    if found is not None:
-        return time.time() - float(found[1]) * _UNITS_S[found[2]]
+    parts = re.findall(r"(\d{1,9}(?:\.\d{1,9})?)(min|[smhdw])", text, re.ASCII)
+    if parts and "".join(number + unit for number, unit in parts) == text:
+        return time.time() - sum(float(number) * _UNITS_S[unit] for number, unit in parts)
     try:
         return datetime.fromisoformat(text).timestamp()
     except (ValueError, OverflowError, OSError):

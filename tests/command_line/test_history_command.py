@@ -165,7 +165,7 @@ def test_a_damaged_file_is_one_line(file: Path, capsys: pytest.CaptureFixture[st
     assert output(capsys, file, code=2) == f"{file}: cannot be read: database disk image is malformed\n"
 
 
-@pytest.mark.parametrize("since", ["", "24", "-1h", "1y", "yesterday", "999999999999h", "٣h"])
+@pytest.mark.parametrize("since", ["", "24", "-1h", "1h 30m", "1h30", "1y", "yesterday", "999999999999h", "٣h"])
 def test_a_wrong_time_is_one_line(file: Path, capsys: pytest.CaptureFixture[str], since: str) -> None:
     assert "--since: expected a duration such as 24h or a time" in output(capsys, file, f"--since={since}", code=2)
 
