@@ -1,4 +1,4 @@
-"""An rclpy node can be served to rosbridge clients."""
+"""An rclpy node can be served to rosbridge clients, with either executor."""
 
 from __future__ import annotations
 
@@ -22,12 +22,29 @@ class TestRos2Served(ServedConformance):
 
     @pytest.fixture
     def served(self, inside: Any) -> Any:
-        from robot_health_monitor.ros2.introspection import Ros2ServedMiddleware
+        return served_in(inside)
 
-        participant, _ = inside
-        served = Ros2ServedMiddleware("bridge", participant.context, use_global_arguments=False)
-        participant.executor.add_node(served.node)
-        return served
+
+class TestRos2ServedEvents(ServedConformance):
+    @pytest.fixture
+    def harness(self, inside_events: Any, outside: Any) -> Any:
+        from harness.ros2 import Ros2Harness
+
+        participant, spinner = inside_events
+        return Ros2Harness(participant, outside, spinner)
+
+    @pytest.fixture
+    def served(self, inside_events: Any) -> Any:
+        return served_in(inside_events)
+
+
+def served_in(inside: Any) -> Any:
+    from robot_health_monitor.ros2.introspection import Ros2ServedMiddleware
+
+    participant, _ = inside
+    served = Ros2ServedMiddleware("bridge", participant.context, use_global_arguments=False)
+    participant.executor.add_node(served.node)
+    return served
 
 
 def test_the_executable_serves_when_rosbridge_port_is_set(start: Any, tmp_path: Any) -> None:
