@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import math
 import socket as sockets
 import ssl
@@ -33,6 +34,7 @@ from robot_health_monitor.core.middleware import Severity
 
 from .. import protocol
 from ..address import host_and_port, http_address, shown_address
+from ..daemon_thread import run_in_daemon_thread
 from ..flood_limit import FloodLimit
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError
 from ..protocol.codec import decode
@@ -58,6 +60,7 @@ _Result = TypeVar("_Result")
 _CONNECT_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 1.0
 _LONGEST_TEXT = 200
+_LARGE_CBOR_BYTES = 65_536
 _TEXT, _BINARY = aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY
 _WITHOUT_CONTENT = (_TEXT, _BINARY, aiohttp.WSMsgType.PING, aiohttp.WSMsgType.PONG)
 _FLOODED = Cause("connection closed: the server floods it with pings or empty messages")
@@ -305,7 +308,9 @@ class ServerConnection:
             self._received_s = now_s = clock()
             turns.note_received(now_s)
             kind = message.type
-            if (kind is _TEXT or kind is _BINARY) and message.data:
+            if kind is _BINARY and len(message.data) > _LARGE_CBOR_BYTES:
+                await self._receive_large(message.data, now_s)
+            elif (kind is _TEXT or kind is _BINARY) and message.data:
                 self._receive(message.data, now_s)
             elif kind not in _WITHOUT_CONTENT:
                 error = message.data if isinstance(message.data, BaseException) else socket.exception()
@@ -340,11 +345,25 @@ class ServerConnection:
             if min(clock() - self._received_s, _kernel_silence_s(socket)) >= timeout_s:
                 raise asyncio.TimeoutError
 
-    def _receive(self, data: protocol.Wire, now_s: float) -> None:
+    async def _receive_large(self, data: bytes, now_s: float) -> None:
+        """Does what `_receive` does, but decodes in a thread: CBOR takes up to a second per megabyte."""
+        topic = topic_of_message(data)
+        arrivals_only = topic is not None and self.subscriptions.arrivals_only(topic)
+        if arrivals_only or len(data) > self.limits.message_bytes:
+            self._receive(data, now_s)  # is not decoded
+            return
+        decoding = asyncio.ensure_future(run_in_daemon_thread(functools.partial(decode, data, self.limits)))
+        decoding.add_done_callback(_ignore_result)
+        await asyncio.wait({decoding})
+        self._receive(data, now_s, lambda data, limits: decoding.result())
+
+    def _receive(
+        self, data: protocol.Wire, now_s: float, read: Callable[[protocol.Wire, Limits], Dict[str, Any]] = decode
+    ) -> None:
         try:
             if len(data) > HEAD_BYTES and self._receive_undecoded(data):
                 return
-            fields = decode(data, self.limits)
+            fields = read(data, self.limits)
             topic, message = fields.get("topic"), fields.get("msg")
             if fields.get("op") == "publish" and type(topic) is str and type(message) is dict:
                 self.subscriptions.deliver(topic, message)  # by far the most frequent

@@ -9,6 +9,7 @@ import hashlib
 import json
 import socket as sockets
 import ssl
+import threading
 from typing import Any, AsyncIterator, List
 
 import aiohttp
@@ -21,8 +22,10 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError
 from robot_health_monitor.rosbridge.client import RosbridgeClient
 from robot_health_monitor.rosbridge.client.connection import _within
+from robot_health_monitor.rosbridge.protocol.codec import decode
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.rosbridge.server.frames import frame
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.turns import READ_BYTES
 
@@ -540,6 +543,46 @@ async def test_a_message_beyond_every_bound_ends_only_the_connection() -> None:
     await watched.close()
     await server.close()
     assert watched.causes == ["connection closed: a message is larger than this client accepts"]
+
+
+@with_robot()
+async def test_a_large_cbor_message_is_decoded_outside_the_loop(robot: Robot) -> None:
+    """A hostile robot's list of small numbers takes a second per megabyte: the other robots must not wait for it."""
+    threads: List[int] = []
+
+    def note_thread(data: Any, limits: Limits) -> Any:
+        threads.append(threading.get_ident())
+        return decode(data, limits)
+
+    values: List[Any] = []
+    robot.node.advertise("/costs", "std_msgs/Int8MultiArray")
+    watched = Watched(f"ws://127.0.0.1:{robot.server.port}")
+    watched.node.subscribe(
+        "/costs", "std_msgs/Int8MultiArray", lambda value, now_s: values.append(value), field="data[7]"
+    )
+    await until(lambda: watched.ups == [True])
+    await watched.settle()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robot_health_monitor.rosbridge.client.connection.decode", note_thread)
+        for cost in (1, 2):
+            robot.node.publish("/costs", {"data": [cost] * 100_000})
+        await until(lambda: values == [1, 2])
+    await watched.close()
+    assert len(threads) == 2
+    assert threading.get_ident() not in threads
+
+
+@with_robot()
+async def test_a_large_cbor_message_that_is_not_valid_is_one_line(robot: Robot) -> None:
+    watched = Watched(f"ws://127.0.0.1:{robot.server.port}")
+    await until(lambda: watched.ups == [True])
+    for session in robot.server._sessions:
+        session.put(frame(b"\x9f" * 100_000))
+    await watched.settle()
+    await watched.close()
+    assert watched.problems() == [
+        f"invalid message from {watched.client.connection.address}: CBOR items of indefinite length are not supported"
+    ]
 
 
 # What is sent
