@@ -12,8 +12,6 @@ class PeriodicSchedule:
 
     due_s: float
     """When it is due next, in s."""
-    _periods: int
-    """Which period ends then, counted from 1."""
 
     def __init__(self, period_s: float, now_s: float) -> None:
         """Starts a period at `now_s`."""
