@@ -229,7 +229,8 @@ def test_alerts_of_robots_of_an_earlier_run_end(server: HttpServer, tmp_path: Pa
         assert ended["notification"] == "resolved"
 
 
-def test_closing_first_sends_what_waits(server: HttpServer) -> None:
+def test_closing_first_sends_what_waits(server: HttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.notifications.notifier.CLOSE_TIMEOUT_S", DEADLINE_S)
     go = threading.Event()
 
     def behave(handler: Any) -> None:
