@@ -467,14 +467,14 @@ def test_the_page_prints_dark_on_white_with_readable_plots(browser: Browser, ser
     browser.click(".signal-name")
     browser.wait_for("document.querySelector('.plot svg')")
     browser.run(
-        "window.printed = [];"
+        "window.printed = {};"
         "const width = () => document.querySelector('.plot svg').viewBox.baseVal.width;"
-        "addEventListener('beforeprint', () => printed.push(width()));"
+        "addEventListener('beforeprint', () => printed.width = width());"
         "matchMedia('print').addEventListener('change', ({matches}) => {"
-        "  if (matches) printed.push(getComputedStyle(document.body).color); });"
+        "  if (matches) printed.color = getComputedStyle(document.body).color; });"
     )
     browser.driver.execute_cdp_cmd("Page.printToPDF", {})
-    assert browser.run("return printed") == [680, "rgb(27, 31, 36)"]
+    assert browser.run("return printed") == {"width": 680, "color": "rgb(27, 31, 36)"}
     assert browser.run("return document.querySelector('.plot svg').viewBox.baseVal.width") > 1000
 
 
