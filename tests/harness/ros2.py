@@ -77,10 +77,11 @@ class Spinner:
         self._thread.join(10)
         assert not self._thread.is_alive()
 
-    def take_failure(self) -> Optional[BaseException]:
-        """Returns what was raised while spinning since the last call."""
+    def raise_failure(self) -> None:
+        """Raises what was raised while spinning since the last call."""
         failure, self.failure = self.failure, None
-        return failure
+        if failure is not None:
+            raise failure
 
     def _spin(self) -> None:
         while self._participant.context.ok():
@@ -258,7 +259,7 @@ class Ros2Harness:
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
         poll_until(predicate, lambda: self._outside.executor.spin_once(timeout_sec=0.005))
-        assert self._spinner.take_failure() is None
+        self._spinner.raise_failure()
 
     def close(self) -> None:
         for node in self._nodes:
@@ -267,7 +268,7 @@ class Ros2Harness:
             participant.executor.remove_node(own)
             own.destroy_node()
         self._wait_until_forgotten()
-        assert self._spinner.take_failure() is None
+        self._spinner.raise_failure()
 
     def _known_publishers(self, topic: str) -> float:
         """Returns how many publishers each subscription of the nodes under test is matched with, at least."""
