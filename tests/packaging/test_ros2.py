@@ -50,6 +50,9 @@ def test_ros2_run_and_ros2_launch_find_everything(built: Workspace) -> None:
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="rclpy is not installed")
 @pytest.mark.parametrize("node", NODES)
 def test_an_executable_is_a_node_that_ends_cleanly(workspace: Workspace, node: str) -> None:
+    # Its user has sourced ROS 2, if this shell has: rclpy is found through these.
+    sourced = {name: os.environ[name] for name in ("AMENT_PREFIX_PATH", "PYTHONPATH") if name in os.environ}
+    workspace.variables.update(sourced)
     workspace.colcon("build", "2")
     process = workspace.start(str(workspace.prefix / "lib" / NAME / node))
     try:
