@@ -13,7 +13,7 @@ from harness.reserved import free_port
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
 
-DEADLINE_S = 20.0
+DEADLINE_S = 30.0
 
 
 async def until(predicate: Callable[[], bool]) -> None:
@@ -28,7 +28,7 @@ def scenario(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
     """Turns a coroutine function without arguments into a test."""
 
     def run() -> None:
-        asyncio.run(asyncio.wait_for(test(), 60.0))
+        asyncio.run(asyncio.wait_for(test(), 120.0))
 
     run.__name__ = test.__name__
     run.__doc__ = test.__doc__

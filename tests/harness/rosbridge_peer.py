@@ -14,7 +14,7 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
 
-DEADLINE_S = 20.0
+DEADLINE_S = 30.0
 FLOAT32 = "std_msgs/Float32"
 
 
@@ -109,7 +109,7 @@ def with_robot(access: Optional[Access] = None, **options: Any) -> Callable[[Any
             robot = Robot(access, options)
             await robot.server.start()
             try:
-                await asyncio.wait_for(scenario(robot, **arguments), 60.0)
+                await asyncio.wait_for(scenario(robot, **arguments), 120.0)
             finally:
                 await robot.server.close()
 

@@ -95,7 +95,7 @@ def with_site(
         await server.start()
         try:
             async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as session:
-                await asyncio.wait_for(use(Site(served, web, server, session)), 60.0)
+                await asyncio.wait_for(use(Site(served, web, server, session)), 120.0)
         finally:
             await server.close()
             if served.history is not None:

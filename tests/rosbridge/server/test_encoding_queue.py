@@ -26,7 +26,7 @@ class TestQueue:
                 sent.append(int(frames[frames.index(b'"data":"') + 8 :][:4]))
 
             queue: EncodingQueue[str] = EncodingQueue(Encoding(), pool, bound_bytes, send, problems.append)
-            await asyncio.wait_for(scenario(pool, queue, sent, problems), 20.0)
+            await asyncio.wait_for(scenario(pool, queue, sent, problems), 60.0)
             pool.close()
 
         asyncio.run(run())

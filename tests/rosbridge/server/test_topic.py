@@ -27,7 +27,7 @@ def run(scenario: Callable[[Topic, List[str]], Awaitable[None]], **options: Any)
         pool = WorkerPool(asyncio.get_event_loop(), "encode", 1, 100)
         problems: List[str] = []
         topic = Topic("/a", "std_msgs/String", None, pool, problems.append, **options)
-        await asyncio.wait_for(scenario(topic, problems), 20.0)
+        await asyncio.wait_for(scenario(topic, problems), 60.0)
         pool.close()
 
     asyncio.run(start())
