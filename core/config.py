@@ -590,15 +590,25 @@ def _check_unit(signal: SignalConfig, path: Path, problems: Problems) -> None:
         )
 
 
-def described_parameters(config: MonitorConfig) -> Tuple[Parameter, ...]:
-    """Returns every parameter of a node with this configuration, under its dotted name, for `declare_parameters`."""
-    return _described_parameters(tuple(config.signals))
+def described_parameters(config: MonitorConfig, *, are_default: bool = False) -> Tuple[Parameter, ...]:
+    """Returns every parameter of a node with this configuration, under its dotted name, for `declare_parameters`.
+
+    Args:
+        config: the configuration.
+        are_default: its signals are `DEFAULT_SIGNALS`, which give the defaults of their parameters.
+    """
+    return _described_parameters(tuple(config.signals), are_default)
 
 
 @lru_cache(maxsize=4)  # the robots of a fleet have the same signals
-def _described_parameters(signals: Tuple[str, ...]) -> Tuple[Parameter, ...]:
+def _described_parameters(signals: Tuple[str, ...], are_default: bool) -> Tuple[Parameter, ...]:
+    defaults = DEFAULT_SIGNALS if are_default else {}
     return MONITOR_PARAMETERS + tuple(
-        replace(parameter, name=f"signals.{name}.{parameter.name}")
+        replace(
+            parameter,
+            name=f"signals.{name}.{parameter.name}",
+            default=defaults.get(name, {}).get(parameter.name, parameter.default),
+        )
         for name in signals
         for parameter in (*SIGNAL_PARAMETERS, *_CONDITION_PARAMETERS)
     )

@@ -68,7 +68,8 @@ class AlertSystem:
         self._middleware = middleware
         self._node = base_name(middleware)
         given = middleware.given_parameters()
-        config = _read_monitor_config(given)
+        self._watches_defaults = "signals" not in given
+        config = self._read_config(given)
         self._config = config
         self._unavailable: Set[str] = set()
         self.monitor = Monitor(config, config.robot_name or host_name())
@@ -91,7 +92,8 @@ class AlertSystem:
         self.self_report["silenced"] = lambda: str(self.count_silenced())
         self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
-        middleware.declare_parameters(described_parameters(config), self._reconfigure)
+        described = described_parameters(config, are_default=self._watches_defaults)
+        middleware.declare_parameters(described, self._reconfigure)
         middleware.advertise("alerts", STATUS_TYPE)
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
         if self._continuity is not None:
@@ -106,7 +108,7 @@ class AlertSystem:
         middleware.create_timer(CHECK_PERIOD_S, self._check, steady=True)
         self._report_timer = middleware.create_timer(1.0 / config.publish_rate, self._report)
         self._reported_steady_s = middleware.steady_s()
-        if "signals" not in given:
+        if self._watches_defaults:
             middleware.log(Severity.INFO, f"no signals configured: watching {', '.join(DEFAULT_SIGNALS)}")
         for signal in config.signals.values():
             middleware.log(Severity.INFO, f"watching {_summary(signal)}")
@@ -328,9 +330,22 @@ class AlertSystem:
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
         return {"success": True, "message": f"reset: {cleared}"}
 
+    def _read_config(self, tree: Mapping[str, Any]) -> MonitorConfig:
+        """Returns the configuration. A node that started without signals watches the default ones; a change of one key
+        of them leaves the rest in force.
+        """
+        signals = tree.get("signals", {})
+        if self._watches_defaults and isinstance(signals, Mapping):
+            merged = dict(DEFAULT_SIGNALS)
+            for name, given in signals.items():
+                changes_default = name in merged and isinstance(given, Mapping)
+                merged[name] = {**merged[name], **given} if changes_default else given
+            tree = {**tree, "signals": merged}
+        return load_config(tree)
+
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         old = self._config
-        config = _read_monitor_config(tree)
+        config = self._read_config(tree)
         for field in fields(MonitorConfig):
             if field.name not in _CHANGEABLE:
                 refuse_change(field.name, getattr(old, field.name), getattr(config, field.name))
@@ -350,10 +365,6 @@ class AlertSystem:
 
 def _not_silenced(signal: str) -> Optional[str]:
     return None
-
-
-def _read_monitor_config(tree: Mapping[str, Any]) -> MonitorConfig:
-    return load_config(tree if "signals" in tree else {**tree, "signals": DEFAULT_SIGNALS})
 
 
 def _sections(config: MonitorConfig) -> Sections:
