@@ -356,9 +356,10 @@ class SignalMonitor:
             self._advance(now_s)
         if good is self._invalid.condition or self._invalid.state is not _INACTIVE:
             self._invalid.set_condition(not good, now_s)
+        level = self._true_level()
         if good and config.flap_detection:
-            self._announcer.flaps.add(self._true_level())
-        transition = self._settle(now_s)
+            self._announcer.flaps.add(level)
+        transition = self._enter(level, now_s)
         if self._calm_min < number <= self._healthy_max and self._is_at_rest:
             self._calm_max = self._healthy_max
         return transition
@@ -438,8 +439,10 @@ class SignalMonitor:
         return level
 
     def _settle(self, now_s: float) -> Optional[Transition]:
+        return self._enter(self._true_level(), now_s)
+
+    def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
         """Announces the true level unless it is announced already, unknown, or withheld by flapping."""
-        level = self._true_level()
         if level is not self._level:
             self._level = level
             self._level_since_s = now_s

@@ -338,7 +338,7 @@ class Window:
             Mean and variance of the values times a scale, and the scale.
         """
         front = self._front
-        back = len(self) - front
+        back = self._back
         scale = back_scale = self._back_scale
         front_scale = _SCALE if front > self._front_scaled else 1.0
         if front and front_scale < scale:

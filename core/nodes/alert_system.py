@@ -331,8 +331,10 @@ class AlertSystem:
         return {"success": True, "message": f"reset: {cleared}"}
 
     def _read_config(self, tree: Mapping[str, Any]) -> MonitorConfig:
-        """Returns the configuration. A node that started without signals watches the default ones; a change of one key
-        of them leaves the rest in force.
+        """Returns the configuration in a tree of parameters.
+
+        A node that started without signals watches the default ones. The tree then holds changes of them: the rest
+        stays in force.
         """
         signals = tree.get("signals", {})
         if self._watches_defaults and isinstance(signals, Mapping):

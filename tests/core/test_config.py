@@ -171,6 +171,16 @@ def test_every_parameter_is_declared_under_its_dotted_name_with_its_description(
     assert all(each.description for each in described.values())
 
 
+def test_the_defaults_of_the_default_signals_are_those_that_are_watched() -> None:
+    config = load_config({"signals": DEFAULT_SIGNALS})
+    described = {each.name: each.default for each in described_parameters(config, are_default=True)}
+    assert described["signals.battery_level.warn_below"] == 20.0
+    assert described["signals.temperature.unit"] == "degC"
+    assert described["signals.cpu_usage.warn_below"] is None
+    undescribed = {each.name: each.default for each in described_parameters(config)}
+    assert undescribed["signals.battery_level.warn_below"] is None
+
+
 # --- what does not --------------------------------------------------------------------------------------------------
 
 

@@ -221,6 +221,18 @@ def test_the_three_in_one_process_have_the_names_they_have_alone(start: Any, ros
     assert ros.call("/alert_system/reset", TRIGGER)["success"] is True
 
 
+def test_without_a_file_a_reload_changes_one_bound_of_the_default_signals(
+    start: Any, ros: Any, parameters: Any
+) -> None:
+    process = start("alert_system")
+    process.wait_for_text("watching cpu_usage")
+    parameters("/alert_system/ros__parameters/signals/battery_level/warn_below", 30.0)
+    response = ros.call("/alert_system/reload", TRIGGER)
+    assert response == {"success": True, "message": "battery_level.warn_below: 20 -> 30"}
+    ros.publish("/battery_level", FLOAT32, {"data": 25.0})
+    process.wait_for_text("battery_level WARN: 25 % is below 30 %")
+
+
 def test_reload_takes_a_good_change_and_refuses_a_bad_one(start: Any, ros: Any, parameters: Any) -> None:
     bound = "/alert_system/ros__parameters/signals/battery_level/warn_below"
     parameters(bound, 20.0)

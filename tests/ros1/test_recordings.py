@@ -19,6 +19,8 @@ from robot_health_monitor.recordings.reading import Recordings
 FLOAT32 = "std_msgs/Float32"
 TOPICS = ("/battery_level", "/temperature", "/alerts")
 TICK_S = 1.0
+LATENCY_S = 0.5
+"""Largest difference between the arrival of a message at the recorder and at the node on a busy machine."""
 PARAMETERS = {
     "signals": {
         "battery_level": {"warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0},
@@ -98,5 +100,5 @@ def test_a_replay_gives_the_alerts_of_the_run(
     assert {alert[1:] for alert in live} >= {
         ("battery_level", 1), ("battery_level", 2), ("battery_level", 0), ("temperature", 1), ("temperature", 3)
     }  # fmt: skip
-    # Each is up to a tick late: the live ticks and those of the replay are at different times.
-    assert all(abs(found[0] - expected[0]) <= 2.0 * TICK_S for found, expected in zip(replayed, live))
+    # A silence is noticed by a tick: those of the replay are at other times than the live ones.
+    assert all(abs(found[0] - expected[0]) <= TICK_S + LATENCY_S for found, expected in zip(replayed, live))

@@ -256,6 +256,20 @@ def test_a_bound_can_be_changed_while_it_runs(start: Any, ros: Any) -> None:
     process.wait_for_text("battery_level OK")
 
 
+def test_without_a_file_a_bound_can_be_changed_and_the_other_default_signals_stay(start: Any, ros: Any) -> None:
+    process = start("alert_system")
+    process.wait_for_text(READY["alert_system"])
+    reports = ros.listen("/diagnostics", ARRAY)
+    ros.connect_to_process("/battery_level", {"data": 25.0}, "battery_level")
+    assert ros.propose_to("/alert_system", "signals.battery_level.warn_below", 30.0) == ""
+    ros.publish_to_process("/battery_level", FLOAT32, {"data": 25.0})
+    process.wait_for_text("battery_level WARN: 25 % is below 30 %")
+    reports.clear()
+    ros.wait_until(lambda: bool(reports))
+    names = {status["name"] for status in reports[0]["status"]}
+    assert names >= {f"alert_system: {name}" for name in ("battery_level", "temperature", "cpu_usage")}
+
+
 def test_simulated_time_is_followed(start: Any, ros: Any) -> None:
     """Messages carry simulated time, and a signal becomes stale when it jumps."""
     process = start("alert_system", "--ros-args", "-p", "use_sim_time:=true")

@@ -155,6 +155,18 @@ def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
     assert changes == "publish_rate: 1 -> 2; added wheel; removed temperature"
 
 
+def test_a_change_of_a_default_signal_keeps_the_rest_of_it_and_the_other_default_signals() -> None:
+    stage = Stage()
+    alert_system, middleware = stage.alert_system({})
+    assert middleware.set_parameter("signals.battery_level.warn_below", 30.0) == "battery_level.warn_below: 20 -> 30"
+    battery = alert_system.monitor.config.signals["battery_level"]
+    assert (battery.warn_below, battery.error_below, battery.unit, battery.valid_max) == (30.0, 10.0, "%", 100.0)
+    assert list(alert_system.monitor.config.signals) == ["battery_level", "temperature", "cpu_usage"]
+    assert middleware.set_parameter("signals.wheel.warn_above", 1.0) == "added wheel"
+    with pytest.raises(ConfigError, match=r"signals\.battery_level: expected a mapping"):
+        middleware.set_parameters({"signals": {"battery_level": 30.0}})
+
+
 def test_a_signal_that_latches_is_announced_to_begin_anew(stage: Stage) -> None:
     stage.alert_system(LATCHING)
     lines = [text for text in stage.log(Severity.INFO) if "latched" in text]
