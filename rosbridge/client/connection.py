@@ -44,7 +44,6 @@ from .backoff import Backoff
 from .cause import UP, Cause, cause_of_close, cause_of_error
 from .host_lookup import HostLookup
 from .log_limit import LogLimit
-from .receive_buffers import keep_receive_buffers_on_heap
 from .send_queue import SendQueue
 from .services import OfferedServices, ServiceCalls
 from .subscriptions import Subscriptions
@@ -202,7 +201,6 @@ class ServerConnection:
 
     async def run(self) -> None:
         """Keeps the connection up until it is cancelled or `close` is called."""
-        keep_receive_buffers_on_heap()
         self._loop = asyncio.get_event_loop()
         self._thread = threading.get_ident()
         types = asyncio.ensure_future(self.subscriptions.find_types())
