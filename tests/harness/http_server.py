@@ -35,7 +35,10 @@ class Handler(BaseHTTPRequestHandler):
 
     def handle_any(self) -> None:
         self.close_connection = True
-        body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
+        size = int(self.headers.get("Content-Length", 0))
+        body = self.rfile.read(size)
+        if len(body) < size:
+            return  # the client was killed while it sent the request
         self.owner.received.put(Received(self.command, self.path, dict(self.headers.items()), body))
         try:
             self.owner.behave(self)
