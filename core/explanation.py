@@ -152,6 +152,14 @@ def judged_unit(config: SignalConfig) -> str:
     return {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
 
 
+def bounds_text(config: SignalConfig) -> str:
+    """Returns the bounds in words, with the unit of the statistic: `WARN below 20 %, ERROR below 10 %`; empty: none."""
+    unit = judged_unit(config)
+    words = (name.split("_") for name in config.bounds)
+    numbers = (with_unit(bound_text(bound), unit) for bound in config.bounds.values())
+    return ", ".join(f"{level.upper()} {side} {number}" for (level, side), number in zip(words, numbers))
+
+
 def latest_text(judgement: Judgement) -> str:
     """Returns the latest datum, in the unit but without it; empty before the first."""
     if not judgement.seen:

@@ -11,7 +11,8 @@ from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, describ
 from ..continuity import Continuity, SignalHistory
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
-from ..formatting import bound_text, printable, with_unit
+from ..explanation import bounds_text
+from ..formatting import printable
 from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
@@ -377,9 +378,5 @@ def _sections(config: MonitorConfig) -> Sections:
 
 
 def _summary(signal: SignalConfig) -> str:
-    bounds = [
-        f"{name.replace('_', ' ').upper().replace('BELOW', 'below').replace('ABOVE', 'above')} "
-        + with_unit(bound_text(bound), signal.unit)
-        for name, bound in signal.bounds.items()
-    ]
-    return f"{signal.name} on {signal.topic}" + (f": {', '.join(bounds)}" if bounds else "")
+    bounds = bounds_text(signal)
+    return f"{signal.name} on {signal.topic}" + (f": {bounds}" if bounds else "")

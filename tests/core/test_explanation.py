@@ -247,3 +247,17 @@ def test_an_invalid_value_is_shown_on_its_side_of_the_limit(value: float, text: 
     signal = watch(unit="%", valid_min=0.0, valid_max=100.0)
     signal.observe(value, 1.0)
     assert message(signal, 1.0) == text
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"warn_below": 20.0, "error_below": 10.0, "unit": "%"}, "WARN below 20 %, ERROR below 10 %"),
+        ({"error_above": 95.5, "warn_above": 80.0}, "WARN above 80, ERROR above 95.5"),
+        ({"warn_below": 27.0, "statistic": "frequency_hz", "unit": "m"}, "WARN below 27 Hz"),
+        ({"warn_above": 0.5, "statistic": "rate", "unit": "degC"}, "WARN above 0.5 degC/s"),
+        ({"stale_after_s": 3.0}, ""),
+    ],
+)
+def test_bounds_are_put_in_words_with_the_unit_of_the_statistic(settings: Dict[str, Any], text: str) -> None:
+    assert explanation.bounds_text(read_signal("a", settings)) == text
