@@ -54,7 +54,7 @@ NODE_PARAMETERS = (
         str,
         "",
         "source of each metric of battery_sensor that names none: simulated, host or none; empty: simulated. "
-        "none: health_monitor runs without battery_sensor",
+        "none: health_monitor runs without battery_sensor, and without aggregator unless its inputs are configured",
         choices=("", "simulated", "host", "none"),
     ),
     Parameter("rosbridge_port", int, 0, "port of the rosbridge server of alert_system; 0: no server", 0, 65535),

@@ -50,7 +50,7 @@ def generate_launch_description():
                 default_value="simulated",
                 choices=["simulated", "host", "none"],
                 description="source of the metrics of battery_sensor that the thresholds file gives no source; "
-                "none: battery_sensor is not started",
+                "none: battery_sensor is not started, nor is aggregator unless its inputs are configured",
             ),
             DeclareLaunchArgument(
                 "composed",
@@ -124,6 +124,8 @@ def node(executable, **options):
                 "ops": ParameterValue(LaunchConfiguration("ops"), value_type=str),
             }
         ],
+        # With sensors none, aggregator ends at once if no inputs are configured; one that is respawned waits instead.
+        additional_env={"ROBOT_HEALTH_RESPAWN": LaunchConfiguration("respawn")},
         respawn=LaunchConfiguration("respawn"),
         respawn_delay=2.0,
         output="screen",

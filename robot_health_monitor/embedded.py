@@ -14,7 +14,7 @@ from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
-from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
+from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS, has_inputs
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors.configuration import METRICS
@@ -73,7 +73,8 @@ class EmbeddedMonitor:
         self.alert_system: AlertSystem = self._start(
             "alert_system", lambda node: start_alert_system(node, outlets, log_alerts=outlet is None)
         )
-        self._start("aggregator", Aggregator)
+        if has_inputs({**self._section("aggregator").tree, "sensors": source}):
+            self._start("aggregator", Aggregator)
         if source != "none":
             self._start("battery_sensor", BatterySensor)  # last: its first values have subscribers
         self._health: Optional[Tuple[float, float]] = None
@@ -127,7 +128,9 @@ class EmbeddedMonitor:
         if self._health is None:
             return None
         value, published_s = self._health
-        rate_hz = self._middlewares["aggregator"].given_parameters().get(_PUBLISH_RATE.name, _PUBLISH_RATE.default)
+        aggregator = self._middlewares.get("aggregator")
+        given = {} if aggregator is None else aggregator.given_parameters()
+        rate_hz = given.get(_PUBLISH_RATE.name, _PUBLISH_RATE.default)
         return value if self.bus.now_s - published_s <= _KEPT_PERIODS / float(rate_hz) else None
 
     async def run(self) -> None:
@@ -171,7 +174,7 @@ class EmbeddedMonitor:
     def _use_file(self, file: YamlFile, sections: Dict[str, Section]) -> None:
         self._file, self._sections = file, sections
         for name, middleware in self._middlewares.items():
-            section = sections.get(name, Section((), {}))
+            section = self._section(name)
             try:
                 text = middleware.set_parameters(self._parameters(name, section.tree))
             except ConfigError as error:
@@ -183,8 +186,11 @@ class EmbeddedMonitor:
     def _note_health(self, value: float, now_s: float) -> None:
         self._health = value, now_s
 
+    def _section(self, node: str) -> Section:
+        return self._sections.get(node, Section((), {}))
+
     def _start(self, name: str, make: Callable[[LocalMiddleware], Any]) -> Any:
-        section = self._sections.get(name, Section((), {}))
+        section = self._section(name)
         middleware = self.bus.node(name, parameters=self._parameters(name, section.tree))
         try:
             node = make(middleware)

@@ -35,6 +35,9 @@ EXECUTABLES: Mapping[str, Sequence[str]] = {
 }
 """The nodes of each executable, in the order in which they start: alert_system must not miss the first values."""
 
+RESPAWN = "ROBOT_HEALTH_RESPAWN"
+"""Environment variable in which the launch files pass their argument `respawn`."""
+
 Middleware = Any
 """A `core.middleware.Middleware`; that module is imported later."""
 
@@ -118,6 +121,9 @@ def _run(
         process.start()
         streams.on_change = lambda name, problem: _report(process, name, problem)
         _start_nodes(process, EXECUTABLES[executable], interrupts, running)
+        if not process.middlewares:
+            process.close()
+            return _end_without_nodes(interrupts)
         _keep_alive(process.middlewares[0], running.alert_system, service_manager)
         service_manager.ready()
         failure = process.spin()
@@ -165,7 +171,9 @@ def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts,
         KeyboardInterrupt: a signal has come.
     """
     from robot_health_monitor.core.errors import ConfigError
+    from robot_health_monitor.core.middleware import Severity
     from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+    from robot_health_monitor.core.nodes.aggregator import has_inputs
 
     def start_alert_system(middleware: Middleware) -> Any:
         parameters = middleware.given_parameters()
@@ -189,6 +197,11 @@ def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts,
         if name == "battery_sensor" and len(names) > 1 and _without_sensors(process.middlewares[0]):
             continue
         middleware = process.create_node(name)
+        if name == "aggregator" and not has_inputs(middleware.given_parameters()):
+            middleware.log(Severity.INFO, "aggregator is not started: sensors is none, and no inputs are configured")
+            middleware.close()
+            process.middlewares.remove(middleware)
+            continue
         try:
             node = starts[name](middleware)
         except ConfigError as error:
@@ -196,6 +209,13 @@ def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts,
         operations = running.operations if name == "alert_system" else None
         if operations is not None and (operations.server or node.monitor.config.rosbridge_port):
             running.server = _serve(process, node, middleware, operations)
+
+
+def _end_without_nodes(interrupts: Interrupts) -> int:
+    """Ends a process that has nothing to do; one that would be started again waits for a signal first."""
+    if os.environ.get(RESPAWN, "").lower() == "true":
+        interrupts.wait_until(lambda: False)
+    return SUCCESS
 
 
 def _keep_alive(middleware: Middleware, alert_system: Optional[Any], service_manager: ServiceManager) -> None:

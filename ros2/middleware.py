@@ -59,7 +59,7 @@ class Ros2Middleware:
             options: further arguments of rclpy's Node, such as `namespace` and `parameter_overrides`.
 
         """
-        self.node = Node(name, context=context, automatically_declare_parameters_from_overrides=True, **options)
+        self.node = Node(name, context=context, **options)
         self.name: str = self.node.get_fully_qualified_name()
         self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
@@ -78,7 +78,7 @@ class Ros2Middleware:
         self._on_change: Callable[[Mapping[str, Any]], str]
         self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
         self._closed = False
-        given = {name: _plain(parameter.value) for name, parameter in self.node.get_parameters_by_prefix("").items()}
+        given = _declare_given(self.node)
         self._own = {name: given[name] for name in _START_ONLY if name in given}
         self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
         self._jumps = self._ros_clock.create_jump_callback(
@@ -500,6 +500,18 @@ class _Timer:
             self.active = False
             self._on_cancel(self)
             self._node.destroy_timer(self._native)
+
+
+def _declare_given(node: Node) -> Dict[str, Any]:
+    """Declares the parameters that were given to a node, and returns them.
+
+    rclpy does the same on request, but cannot start a node that was given an empty list: rcl has no type for it.
+    """
+    for name, parameter in node._parameter_overrides.items():
+        if not node.has_parameter(name):
+            node.declare_parameter(name, parameter.value, ParameterDescriptor(dynamic_typing=True))
+    given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+    return {name: [] if value is None else _plain(value) for name, value in given.items()}
 
 
 def _arrival(native: Any) -> float:

@@ -23,7 +23,12 @@ AGGREGATOR_PARAMETERS = (
     Parameter("publish_rate", float, 1.0, "rate of system_health and /diagnostics in Hz", 0.01, 100.0),
     Parameter("window_s", float, 60.0, "length of the window of the statistics in s", 0.001),
     Parameter("stale_after_s", float, 5.0, "an input without a sample for longer than this is missing, in s", 0.001),
-    Parameter("inputs", tuple, ("battery_level", "temperature", "cpu_usage"), "topics that are averaged, Float32"),
+    Parameter(
+        "inputs",
+        tuple,
+        ("battery_level", "temperature", "cpu_usage"),
+        "topics that are averaged, Float32; []: nothing is published",
+    ),
     Parameter(
         "method",
         str,
@@ -35,6 +40,14 @@ AGGREGATOR_PARAMETERS = (
 """Parameters of aggregator."""
 
 _MAX_INPUTS = 100
+
+
+def has_inputs(parameters: Mapping[str, Any]) -> bool:
+    """Returns whether an aggregator with these parameters has something to average.
+
+    Its default inputs are the metrics of battery_sensor, which does not run with `sensors: none`.
+    """
+    return parameters.get("sensors") != "none" or "inputs" in parameters
 
 
 class Aggregator:
@@ -59,7 +72,8 @@ class Aggregator:
         self._follow_inputs()
         self._timer = middleware.create_timer(1.0 / self._values["publish_rate"], self._publish)
         inputs = ", ".join(self._values["inputs"])
-        middleware.log(Severity.INFO, f"system_health is the {self._values['method']} of {inputs}")
+        health = f"is the {self._values['method']} of {inputs}" if inputs else "is not published: inputs is empty"
+        middleware.log(Severity.INFO, f"system_health {health}")
 
     def close(self) -> None:
         """Leaves the middleware."""
@@ -83,6 +97,8 @@ class Aggregator:
         return callback
 
     def _publish(self, now_s: float) -> None:
+        if not self._inputs:
+            return
         self._monitor.tick(now_s)
         fresh = {name: self._monitor.fresh_value(name) for name in self._inputs}
         missing = [self._inputs[name] for name, value in fresh.items() if value is None]
@@ -120,8 +136,8 @@ class Aggregator:
 def _read_values(tree: Mapping[str, Any]) -> Dict[str, Any]:
     values = read_parameters(tree, AGGREGATOR_PARAMETERS)
     inputs = values["inputs"]
-    if not 1 <= len(inputs) <= _MAX_INPUTS or len(set(inputs)) != len(inputs):
-        raise ConfigError(f"expected 1 to {_MAX_INPUTS} different topics, got {len(inputs)}", ("inputs",))
+    if len(inputs) > _MAX_INPUTS or len(set(inputs)) != len(inputs):
+        raise ConfigError(f"expected at most {_MAX_INPUTS} different topics, got {len(inputs)}", ("inputs",))
     return values
 
 

@@ -114,6 +114,15 @@ def test_source_none_starts_no_battery_sensor(clock: Clock) -> None:
     assert "/alert_system" in names and "/battery_sensor" not in names
 
 
+def test_source_none_averages_only_inputs_that_are_configured(clock: Clock, tmp_path: Path) -> None:
+    names = {node.name for node in EmbeddedMonitor(clock=clock, source="none").bus.nodes}
+    assert "/aggregator" not in names
+    nodes = "alert_system: {ros__parameters: {}}\naggregator: {ros__parameters: {inputs: [a]}}\n"
+    file = configuration(tmp_path, nodes)
+    names = {node.name for node in EmbeddedMonitor(file, clock=clock, source="none").bus.nodes}
+    assert "/aggregator" in names
+
+
 def test_a_message_between_two_timers_has_its_own_time(clock: Clock) -> None:
     monitor = EmbeddedMonitor(clock=clock, source="none")
     times: List[float] = []

@@ -71,10 +71,47 @@ def test_an_executable_starts_its_nodes_and_closes_them(executable: str, nodes: 
     assert process.closed and process.bus.nodes == []
 
 
-def test_sensors_none_leaves_battery_sensor_out_of_a_composed_process() -> None:
-    process = LocalProcess({"alert_system": {"sensors": "none"}})
+NO_SENSORS = {"sensors": "none"}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "nodes"),
+    [
+        ({}, ["/alert_system"]),
+        ({"inputs": ["pack_level"]}, ["/alert_system", "/aggregator"]),
+        ({"inputs": []}, ["/alert_system", "/aggregator"]),
+    ],
+)
+def test_without_sensors_a_composed_process_averages_only_configured_inputs(inputs: Any, nodes: List[str]) -> None:
+    process = LocalProcess({"alert_system": NO_SENSORS, "aggregator": {**NO_SENSORS, **inputs}})
     assert start("health_monitor", process) == SUCCESS
-    assert [middleware.name for middleware in process.middlewares] == ["/alert_system", "/aggregator"]
+    assert [middleware.name for middleware in process.middlewares] == nodes
+
+
+def test_without_sensors_and_inputs_aggregator_ends_at_once_with_code_0() -> None:
+    process = LocalProcess({"aggregator": NO_SENSORS})
+    assert start("aggregator", process) == SUCCESS
+    assert [line.text for line in process.bus.log_lines] == [
+        "aggregator is not started: sensors is none, and no inputs are configured"
+    ]
+    assert process.bus.now_s == 0.0 and process.closed
+
+
+def test_a_launch_file_that_would_start_it_again_makes_it_wait_for_a_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBOT_HEALTH_RESPAWN", "true")
+    process = LocalProcess({"aggregator": NO_SENSORS})
+    waited: List[bool] = []
+
+    def wait_until(predicate: Callable[[], bool]) -> None:
+        waited.append(predicate())
+        raise KeyboardInterrupt
+
+    def open_process(name: str, interrupts: Any) -> LocalProcess:
+        interrupts.wait_until = wait_until
+        return process
+
+    assert run("aggregator", open_process, ros="ROS") == SUCCESS
+    assert waited == [False] and process.closed
 
 
 def test_a_configuration_that_cannot_be_used_is_one_line_and_code_2(capfd: pytest.CaptureFixture[str]) -> None:

@@ -78,15 +78,12 @@ def dumped(process: LineProcess) -> Dict[str, Any]:
     return tree
 
 
-def wait_for_nodes(ros: Any, wanted: Set[str]) -> None:
-    def there() -> bool:
-        names: Set[str] = set()
-        for kind in ros._master.getSystemState():
-            for _, nodes in kind:
-                names.update(nodes)
-        return wanted <= names
+def nodes_of(ros: Any) -> Set[str]:
+    return {node for kind in ros._master.getSystemState() for _, nodes in kind for node in nodes}
 
-    ros.wait_until(there)
+
+def wait_for_nodes(ros: Any, wanted: Set[str]) -> None:
+    ros.wait_until(lambda: wanted <= nodes_of(ros))
 
 
 def test_every_argument_has_a_description(roslaunch: Any) -> None:
@@ -201,13 +198,54 @@ def test_a_composed_launch_with_a_discharging_battery_warns_on_the_screen(
     assert process.wait(30.0) == 0
 
 
-def test_without_sensors_only_the_robot_publishes_values(roslaunch: Any, ros: Any) -> None:
-    process = roslaunch("robot_health_monitor", "health_monitor.launch", "composed:=true", "sensors:=none")
-    process.wait_for_texts("watching cpu_usage", "system_health is the mean of")
-    wait_for_nodes(ros, {"/health_monitor"})
+@pytest.mark.parametrize("composed", ["false", "true"])
+def test_without_sensors_only_the_robot_publishes_values(roslaunch: Any, ros: Any, composed: str) -> None:
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    process = roslaunch("robot_health_monitor", "health_monitor.launch", f"composed:={composed}", "sensors:=none")
+    process.wait_for_texts("watching cpu_usage", "aggregator is not started")
+    ros.wait_until(lambda: len(reports) >= 3)
     process.signal()
     assert process.wait(30.0) == 0
     assert SENSOR_READY not in process.text
+    names = {status["name"] for report in reports for status in report["status"]}
+    assert {name.partition(":")[0] for name in names} == {"alert_system"}
+
+
+@pytest.mark.parametrize("composed", ["false", "true"])
+def test_without_sensors_inputs_of_the_robot_are_averaged(
+    roslaunch: Any, ros: Any, tmp_path: Path, composed: str
+) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(
+        "alert_system: {ros__parameters: {signals: {pack_level: {warn_below: 20.0}}}}\n"
+        "aggregator: {ros__parameters: {inputs: [pack_level]}}\n",
+        encoding="utf-8",
+    )
+    process = roslaunch(
+        *("robot_health_monitor", "health_monitor.launch", f"thresholds:={file}"),
+        *(f"composed:={composed}", "sensors:=none"),
+    )
+    process.wait_for_text("system_health is the mean of pack_level")
+    heard = ros.listen("/system_health", FLOAT32)
+
+    def is_heard() -> bool:
+        ros.publish("/pack_level", FLOAT32, {"data": 80.0})
+        return bool(heard)
+
+    ros.wait_until(is_heard)
+    assert heard[0] == {"data": 80.0}
+
+
+def test_an_aggregator_without_inputs_is_not_started_again_and_again(roslaunch: Any, ros: Any) -> None:
+    process = roslaunch("robot_health_monitor", "health_monitor.launch", "respawn:=true", "sensors:=none")
+    process.wait_for_texts("watching cpu_usage", "aggregator is not started")
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    ros.wait_until(lambda: len(reports) >= 5)  # longer than the pause before a respawn
+    assert "/aggregator" not in nodes_of(ros)
+    process.signal()
+    assert process.wait(30.0) == 0
+    assert process.text.count("aggregator is not started") == 1
+    assert "restarting process" not in process.text
 
 
 def test_a_node_that_ends_is_started_again_on_request(roslaunch: Any, ros: Any) -> None:

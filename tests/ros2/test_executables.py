@@ -178,6 +178,30 @@ def test_a_wrong_argument_is_one_line(start: Any, arguments: Any, problem: str) 
     assert line.startswith(f"battery_sensor: {problem}")
 
 
+@pytest.mark.parametrize("how", ["file", "argument"])
+def test_an_aggregator_with_an_empty_list_of_inputs_starts(start: Any, tmp_path: Path, how: str) -> None:
+    """rcl has no type for an empty list."""
+    file = parameter_file(tmp_path, "aggregator: {ros__parameters: {inputs: []}}\n")
+    arguments = ("--params-file", file) if how == "file" else ("-p", "inputs:=[]")
+    process = start("aggregator", "--ros-args", *arguments)
+    process.wait_for_text("system_health is not published: inputs is empty")
+    process.signal()
+    assert process.wait(30.0) == 0
+    assert severe_lines(process) == []
+
+
+@pytest.mark.parametrize("executable", ["aggregator", "health_monitor"])
+def test_without_sensors_only_configured_inputs_are_averaged(start: Any, executable: str) -> None:
+    process = start(executable, "--ros-args", "-p", "sensors:=none")
+    process.wait_for_text("aggregator is not started: sensors is none, and no inputs are configured")
+    if executable == "health_monitor":
+        process.signal()
+    assert process.wait(30.0) == 0
+    with_inputs = start(executable, "--ros-args", "-p", "sensors:=none", "-p", "inputs:=[pack_level]")
+    if executable == "aggregator":  # alert_system has no parameter inputs
+        with_inputs.wait_for_text("system_health is the mean of pack_level")
+
+
 def test_a_wrong_field_ends_it_before_it_listens(start: Any, tmp_path: Path) -> None:
     file = parameter_file(
         tmp_path,

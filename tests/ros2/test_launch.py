@@ -132,10 +132,23 @@ def test_nodes_end_cleanly_at_sigterm(ros2_launch: Any, ros: Any) -> None:
 @pytest.mark.parametrize("composed", ["false", "true"])
 def test_without_sensors_only_the_robot_publishes_values(ros2_launch: Any, ros: Any, composed: str) -> None:
     process = ros2_launch(NAME, "health_monitor.launch.py", "sensors:=none", f"composed:={composed}")
-    ros.wait_until(lambda: nodes_of(ros) >= {"/aggregator", "/alert_system"})
-    process.wait_for_text("system_health is the mean of")
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    process.wait_for_texts("watching cpu_usage", "aggregator is not started")
+    ros.wait_until(lambda: len(reports) >= 3)
+    assert "/aggregator" not in nodes_of(ros)
     end(process)
     assert SENSOR_READY not in process.text
+    names = {status["name"] for report in reports for status in report["status"]}
+    assert {name.partition(":")[0] for name in names} == {"alert_system"}
+
+
+def test_an_aggregator_without_inputs_is_not_started_again_and_again(ros2_launch: Any, ros: Any) -> None:
+    process = ros2_launch(NAME, "health_monitor.launch.py", "sensors:=none", "respawn:=true")
+    process.wait_for_texts("watching cpu_usage", "aggregator is not started")
+    reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    ros.wait_until(lambda: len(reports) >= 5)  # longer than the pause before a respawn
+    end(process)
+    assert process.text.count("aggregator is not started") == 1
 
 
 @pytest.mark.parametrize("composed", ["false", "true"])

@@ -9,7 +9,9 @@ import pytest
 from harness.stage import Stage, status, values_of
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import Aggregator
+from robot_health_monitor.core.nodes.aggregator import has_inputs
 
 
 @pytest.fixture
@@ -111,7 +113,7 @@ def test_inputs_can_be_changed_while_the_node_runs(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize(
-    "inputs", [[], ["cpu_usage", "cpu_usage"], ["a b"], ["/"], [""], ["a/b", "a_b"], ["2nd"], "cpu_usage", [1.0]]
+    "inputs", [["cpu_usage", "cpu_usage"], ["a b"], ["/"], [""], ["a/b", "a_b"], ["2nd"], "cpu_usage", [1.0]]
 )
 def test_inputs_that_are_not_topics_are_rejected(stage: Stage, inputs: Any) -> None:
     with pytest.raises(ConfigError, match=r"^inputs: expected"):
@@ -139,6 +141,38 @@ def test_a_rate_below_the_stale_limit_is_kept(stage: Stage) -> None:
         for topic in ("battery_level", "temperature", "cpu_usage"):
             stage.publish(topic, 30.0)
     assert health == [30.0] * 4
+
+
+def test_without_inputs_nothing_is_published_until_there_are_some(stage: Stage) -> None:
+    health, arrays = stage.listen("system_health", "data"), stage.listen("/diagnostics")
+    node = stage.bus.node("aggregator", parameters={"inputs": []})
+    Aggregator(node)
+    stage.publish("cpu_usage", 25.0)
+    stage.bus.run_until(60.0)
+    assert health == [] and arrays == []
+    assert stage.log(Severity.INFO) == ["system_health is not published: inputs is empty"]
+    node.set_parameter("inputs", ["cpu_usage"])
+    stage.publish("cpu_usage", 25.0)
+    stage.bus.run_until(61.0)
+    assert health == [25.0]
+    assert node.set_parameter("inputs", []) == "inputs: [cpu_usage] -> []"
+    arrays.clear()
+    stage.bus.run_until(70.0)
+    assert health == [25.0] and arrays == []
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({}, True),
+        ({"sensors": "host"}, True),
+        ({"sensors": "none"}, False),
+        ({"sensors": "none", "inputs": ["pack_level"]}, True),
+        ({"sensors": "none", "inputs": []}, True),
+    ],
+)
+def test_without_battery_sensor_only_configured_inputs_can_be_averaged(parameters: Any, expected: bool) -> None:
+    assert has_inputs(parameters) is expected
 
 
 def test_another_method_is_a_change(stage: Stage) -> None:
