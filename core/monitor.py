@@ -29,12 +29,12 @@ LINK_CONFIG = read_signal(
         "valid_min": 0.0,
         "valid_max": 1.0,
         "error_below": 1.0,
-        "keep_firing_for_s": 2.0,
+        "keep_firing_for_s": 10.0,
         "flap_detection": True,
         "stale_after_s": 0.0,
     },
 )
-"""How the link to a robot is judged: ERROR at once while it is down, OK once it has been up for 2 s. Never stale."""
+"""How the link to a robot is judged: ERROR at once while it is down, OK once it has been up for 10 s. Never stale."""
 
 
 class Monitor:

@@ -12,8 +12,8 @@ HELD_S = 10.0
 
 _FIRST_S = 0.2
 _LONGEST_S = 1.2
-"""Longest delay while the server cannot be reached or connections break: short, so that recovery takes
-less than 5 s, with the time for which the alert of the link is held."""
+"""Longest delay while the server cannot be reached or connections break: short, so that a robot that can be reached
+again is soon judged again."""
 _SHORT_LIVED_S = 1.0
 _LONGEST_AFTER_CLOSE_S = 30.0
 """Longest delay for a server that accepts connections only to close them within `_SHORT_LIVED_S`."""

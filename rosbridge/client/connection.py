@@ -7,6 +7,7 @@ present state matters. Nothing that a server sends ends more than this connectio
     subscriptions.py   where a subscription is sent, and where its messages arrive
     services.py        calls of the server's services, and services offered here
     send_queue.py      what waits to be sent
+    liveness.py        whether the server still answers
     cause.py           why the connection is down
 
 This project's client and server use CBOR in both directions (they agree on it as a WebSocket subprotocol), which keeps
@@ -20,12 +21,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
-import math
-import socket as sockets
 import ssl
-import struct
 import threading
-from typing import Any, Callable, Coroutine, Dict, Mapping, Optional, Tuple, TypeVar
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 import aiohttp
 
@@ -43,18 +41,18 @@ from ..turns import Turns, limit_reads
 from .backoff import Backoff
 from .cause import UP, Cause, cause_of_close, cause_of_error
 from .host_lookup import HostLookup
+from .liveness import wait_until_unanswered
 from .log_limit import LogLimit
 from .send_queue import SendQueue
 from .services import OfferedServices, ServiceCalls
 from .subscriptions import Subscriptions
+from .timeouts import ignore_result, within
 from .topic_of_message import HEAD_BYTES, topic_of_message
 
 __all__ = ["LARGEST_MESSAGE_BYTES", "ServerConnection"]
 
 LARGEST_MESSAGE_BYTES = 64_000_000
 """Default size above which a message ends the connection."""
-
-_Result = TypeVar("_Result")
 
 _CONNECT_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 1.0
@@ -63,9 +61,6 @@ _LARGE_CBOR_BYTES = 65_536
 _TEXT, _BINARY = aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY
 _WITHOUT_CONTENT = (_TEXT, _BINARY, aiohttp.WSMsgType.PING, aiohttp.WSMsgType.PONG)
 _FLOODED = Cause("connection closed: the server floods it with pings or empty messages")
-_TCP_INFO_BYTES = 104
-_LAST_DATA_RECEIVED = 52
-"""Offset of `tcpi_last_data_recv`, in ms, in Linux' `struct tcp_info` (linux/tcp.h)."""
 
 
 class ServerConnection:
@@ -91,7 +86,7 @@ class ServerConnection:
             url: `ws://host:port` or `wss://host:port`.
             token: presented to the server as `Authorization: Bearer TOKEN`; empty: none.
             ssl_context: for `wss://`; None trusts the system's certificate authorities.
-            heartbeat_s: period of pings in s; without an answer for half of it the connection is down.
+            heartbeat_s: period of pings in s; the connection is down when one is not answered within half of it.
             limits: bounds for messages that are decoded. Of larger ones only the arrival counts.
             largest_message_bytes: a message above this size ends the connection.
             probation_s: how long a connection must last before `on_change` reports it as up, in s: a server that
@@ -220,7 +215,7 @@ class ServerConnection:
                     self._report(False, Cause(f"internal error: {type(error).__name__}"))
                 if not self._closed:
                     with contextlib.suppress(asyncio.TimeoutError):
-                        await _within(backoff.next_s(held_s), moved.wait())
+                        await within(backoff.next_s(held_s), moved.wait())
         finally:
             self.up = False
             types.cancel()
@@ -236,7 +231,7 @@ class ServerConnection:
         connector = _Connector(resolver=self._lookup, use_dns_cache=False)
         async with aiohttp.ClientSession(headers=headers, connector=connector) as session:
             try:
-                socket = await _within(_CONNECT_TIMEOUT_S, self._open(session))
+                socket = await within(_CONNECT_TIMEOUT_S, self._open(session))
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError) as error:
                 self._report(False, cause_of_error(error, has_token))
                 return None
@@ -250,9 +245,10 @@ class ServerConnection:
                 self.up = False
                 self._cancel_probation()
                 self.calls.fail_all(f"the connection to {self.address} went down")
+                if cause is not UP:
+                    self._report(False, cause)
                 if cause is not _FLOODED:  # a closing handshake would read the whole flood
                     await _close(socket)
-            self._report(False, cause)
             return asyncio.get_event_loop().time() - start_s
 
     async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
@@ -324,24 +320,10 @@ class ServerConnection:
                 await asyncio.sleep(0)
 
     async def _watch(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
-        """Waits until the server does not answer.
-
-        In place of aiohttp's heartbeat, which costs a fifth of the CPU time of a small message.
-        """
-        clock = asyncio.get_event_loop().time
-        self._received_s = clock()
-        while True:
-            silent_s = min(clock() - self._received_s, _kernel_silence_s(socket))
-            if silent_s < self._heartbeat_s:
-                await asyncio.sleep(self._heartbeat_s - silent_s)
-                continue
-            timeout_s = self._heartbeat_s / 2.0
-            asked_s = clock()
-            with contextlib.suppress(asyncio.TimeoutError, ConnectionError, RuntimeError, aiohttp.ClientError):
-                await _within(timeout_s, socket.ping())
-            await asyncio.sleep(max(0.0, asked_s + timeout_s - clock()))
-            if min(clock() - self._received_s, _kernel_silence_s(socket)) >= timeout_s:
-                raise asyncio.TimeoutError
+        """Waits until the server does not answer."""
+        self._received_s = asyncio.get_event_loop().time()
+        await wait_until_unanswered(socket, self._heartbeat_s, lambda: self._received_s)
+        return cause_of_error(asyncio.TimeoutError(), bool(self._token))
 
     async def _receive_large(self, data: bytes, now_s: float) -> None:
         """Does what `_receive` does, but decodes in a thread: CBOR takes up to a second per megabyte."""
@@ -351,7 +333,7 @@ class ServerConnection:
             self._receive(data, now_s)  # is not decoded
             return
         decoding = asyncio.ensure_future(run_in_daemon_thread(functools.partial(decode, data, self.limits)))
-        decoding.add_done_callback(_ignore_result)
+        decoding.add_done_callback(ignore_result)
         await asyncio.wait({decoding})
         self._receive(data, now_s, lambda data, limits: decoding.result())
 
@@ -432,23 +414,6 @@ class _Connector(aiohttp.TCPConnector):
         return connection
 
 
-async def _within(timeout_s: float, work: Coroutine[Any, Any, _Result]) -> _Result:
-    """Does what `asyncio.wait_for` does, which can lose a cancellation before Python 3.12: `run` would never end.
-
-    Raises:
-        asyncio.TimeoutError: the work took longer than `timeout_s`.
-    """
-    task = asyncio.ensure_future(work)
-    try:
-        await asyncio.wait({task}, timeout=timeout_s)
-        if not task.done():
-            raise asyncio.TimeoutError
-        return task.result()
-    finally:
-        task.cancel()
-        task.add_done_callback(_ignore_result)
-
-
 async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> Cause:
     while True:
         wire = await queue.get()
@@ -464,19 +429,6 @@ async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> C
             await asyncio.Event().wait()
 
 
-def _kernel_silence_s(socket: aiohttp.ClientWebSocketResponse) -> float:
-    """Returns how long ago the kernel received data of a connection, in s; infinite if it does not say.
-
-    A large message that arrives slowly does not count as silence.
-    """
-    raw = socket.get_extra_info("socket")
-    try:
-        info = raw.getsockopt(sockets.IPPROTO_TCP, sockets.TCP_INFO, _TCP_INFO_BYTES)
-        return float(struct.unpack_from("=I", info, _LAST_DATA_RECEIVED)[0]) / 1000.0
-    except (AttributeError, OSError, struct.error):
-        return math.inf
-
-
 async def _close(socket: aiohttp.ClientWebSocketResponse) -> None:
     """Closes a connection; a server that does not answer does not delay this for long."""
     closing = asyncio.ensure_future(socket.close())
@@ -484,10 +436,4 @@ async def _close(socket: aiohttp.ClientWebSocketResponse) -> None:
         await asyncio.wait({closing}, timeout=_CLOSE_TIMEOUT_S)
     finally:
         closing.cancel()
-        closing.add_done_callback(_ignore_result)
-
-
-def _ignore_result(task: asyncio.Future[Any]) -> None:
-    """Reads the result of a task, so that asyncio does not complain about an unread exception."""
-    if not task.cancelled():
-        task.exception()
+        closing.add_done_callback(ignore_result)

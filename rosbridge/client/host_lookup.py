@@ -14,6 +14,7 @@ from typing import Any, Dict, List, Optional, Sequence
 from aiohttp.abc import AbstractResolver
 
 from ..daemon_thread import run_in_daemon_thread
+from .timeouts import ignore_result
 
 __all__ = ["HostLookup"]
 
@@ -38,7 +39,7 @@ class HostLookup(AbstractResolver):
             look_up = functools.partial(_look_up, host, port, family)
             self._host = host
             self._pending = asyncio.ensure_future(run_in_daemon_thread(look_up))
-            self._pending.add_done_callback(_ignore_result)
+            self._pending.add_done_callback(ignore_result)
         return list(await asyncio.shield(self._pending))
 
     async def close(self) -> None:
@@ -61,9 +62,3 @@ def _look_up(host: str, port: int, family: int) -> Sequence[Dict[str, Any]]:
             }
         )
     return addresses
-
-
-def _ignore_result(task: asyncio.Future[Any]) -> None:
-    """Reads the exception of an abandoned look-up, so that asyncio does not complain."""
-    if not task.cancelled():
-        task.exception()

@@ -72,6 +72,35 @@ def test_a_robot_that_is_killed_and_comes_back_is_one_alert_and_its_end(
     assert alerts(watcher)[0].startswith("link ERROR: down: ") and alerts(watcher)[1:] == ["link OK: up"]
 
 
+@pytest.mark.newest_python
+def test_an_idle_robot_is_up_all_the_time(robot_health: Start, tmp_path: Path) -> None:
+    """Long enough for several pings."""
+    robot = robot_health("run", "--source", "none", "--port", 0)
+    patient = tmp_path / "patient.yaml"
+    patient.write_text("alert_system: {ros__parameters: {signals: {battery_level: {startup_grace_s: 1000.0}}}}\n")
+    url = f"atlas=ws://127.0.0.1:{port_of(robot)}"
+    watcher = robot_health("connect", url, "--thresholds", patient, "--duration", 25)
+    assert watcher.wait(60.0) == 0
+    assert alerts(watcher) == []
+
+
+def test_a_robot_whose_server_is_stopped_is_down_and_up_again_after_it(
+    robot_health: Start, calm: Path, thresholds: Path
+) -> None:
+    robot = start_robot(robot_health, calm)
+    watcher = robot_health("connect", f"atlas=ws://127.0.0.1:{port_of(robot)}", "--thresholds", thresholds)
+    watcher.wait_for_text("atlas: connected to")
+    robot.signal(signal.SIGSTOP)
+    try:
+        watcher.wait_for_text("link ERROR: down: no answer from the host")
+    finally:
+        robot.signal(signal.SIGCONT)
+    watcher.wait_for_text("link OK: up")
+    watcher.signal()
+    assert watcher.wait() == 0
+    assert len([alert for alert in alerts(watcher) if alert.startswith("link")]) == 2
+
+
 def test_each_of_several_robots_has_its_own_link_and_name(robot_health: Start, calm: Path, thresholds: Path) -> None:
     robots = [start_robot(robot_health, calm) for _ in range(2)]
     ports = [port_of(robot) for robot in robots]

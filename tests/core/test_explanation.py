@@ -169,9 +169,9 @@ def test_a_link_is_up_or_down_in_words() -> None:
     assert down is not None and down.text == "link ERROR: down (was OK for 4 s)"
     signal.observe(1.0, 5.0)
     assert message(signal, 5.0) == "up, held by keep_firing_for_s"
-    assert signal.tick(6.9) is None
-    up = signal.tick(7.0)
-    assert up is not None and up.text == "link OK: up (was ERROR for 3 s)"
+    assert signal.tick(14.9) is None
+    up = signal.tick(15.0)
+    assert up is not None and up.text == "link OK: up (was ERROR for 11 s)"
 
 
 def test_a_link_that_is_down_names_the_cause() -> None:

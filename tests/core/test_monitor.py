@@ -690,11 +690,13 @@ def test_a_link_that_is_down_is_one_alert_and_not_one_per_signal() -> None:
 
     announced = monitor.observe(Sample("link", 1.0, 100.0))
     announced += monitor.tick(104.0)  # 1 s of silence before, 4 s after the downtime
-    assert [each.text for each in announced] == ["link OK: up (was ERROR for 103 s)"]
+    assert announced == []
     assert [each.text for each in monitor.tick(104.5)] == [
         "battery_level STALE: no sample for 5.5 s (limit 5 s) (was OK for 104 s)",
         "temperature STALE: no sample for 5.5 s (limit 5 s) (was OK for 104 s)",
     ]
+    assert monitor.tick(109.9) == []
+    assert [each.text for each in monitor.tick(110.0)] == ["link OK: up (was ERROR for 109 s)"]
 
 
 def test_rules_stand_still_while_the_link_is_down() -> None:
@@ -703,7 +705,7 @@ def test_rules_stand_still_while_the_link_is_down() -> None:
     monitor.observe(Sample("link", 0, 2.0))
     monitor.tick(50.0)
     monitor.observe(Sample("link", 1, 100.0))
-    assert [each.signal for each in monitor.tick(102.0)] == ["link"]
+    assert monitor.tick(102.0) == []
     assert [(each.signal, each.to_level) for each in monitor.tick(103.0)] == [("battery_level", WARN)]
 
 
@@ -714,7 +716,7 @@ def test_a_sample_that_was_still_on_its_way_does_not_wake_its_signal_up() -> Non
     monitor.observe(Sample("battery_level", 15.0, 1.5))
     monitor.tick(50.0)
     monitor.observe(Sample("link", 1.0, 100.0))
-    assert [each.signal for each in monitor.tick(104.0)] == ["link"]
+    assert monitor.tick(104.0) == []
     assert [(each.signal, each.to_level) for each in monitor.tick(105.0)] == [("battery_level", WARN)]
 
 
@@ -741,7 +743,8 @@ def test_a_signal_configured_while_the_link_is_down_waits_for_it_too() -> None:
     monitor.observe(Sample("link", 0.0, 0.0))
     monitor.configure(load_config({"signals": {"battery_level": {}, "voltage": {"startup_grace_s": 5.0}}}))
     monitor.observe(Sample("link", 1.0, 100.0))
-    assert [each.signal for each in monitor.tick(104.0)] == ["link"]
+    assert monitor.tick(104.0) == []
+    assert [each.signal for each in monitor.tick(106.0)] == ["voltage"]
 
 
 def test_time_that_goes_back_while_the_link_is_down_wakes_nothing_up() -> None:
@@ -831,8 +834,18 @@ def test_a_link_that_is_down_says_why() -> None:
     assert monitor.set_link(False, "wrong\x1b[2J token", 5.0) == []
     assert monitor.report(5.0).statuses["link"].message == "down: wrong?[2J token"
     monitor.set_link(True, "", 6.0)
-    monitor.tick(9.0)
-    assert monitor.report(9.0).statuses["link"].message == "up"
+    monitor.tick(16.0)
+    assert monitor.report(16.0).statuses["link"].message == "up"
+
+
+def test_a_link_that_breaks_again_within_10_s_is_one_alert() -> None:
+    monitor = Monitor(load_config({"signals": {"battery_level": {"stale_after_s": 0.0, "startup_grace_s": 1000.0}}}))
+    announced = monitor.set_link(True, "", 0.0) + monitor.set_link(False, "refused", 20.0)
+    for now_s in range(21, 100):  # up for 9 s, down for 1 s
+        announced += monitor.set_link(now_s % 10 != 0, "refused", float(now_s)) + monitor.tick(float(now_s))
+    assert [each.text for each in announced] == ["link ERROR: down: refused (was OK for 20 s)"]
+    announced = monitor.tick(100.9) + monitor.tick(101.0)
+    assert [each.text for each in announced] == ["link OK: up (was ERROR for 81 s)"]
 
 
 def test_a_link_needs_no_configuration_and_never_is_stale() -> None:

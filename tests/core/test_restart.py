@@ -258,8 +258,8 @@ class TestTheLink:
         assert robot.announced() == []
         assert robot.shown("link") == ("ERROR", "down: no route")
         robot.system.observe_link(True)
-        robot.run_for(3, battery=50.0)
-        assert robot.announced() == ["link OK: up (was ERROR for 166 s)"]
+        robot.run_for(11, battery=50.0)
+        assert robot.announced() == ["link OK: up (was ERROR for 174 s)"]
 
     def test_that_nothing_reports_any_more_is_no_longer_watched(self) -> None:
         robot = Robot(battery=BATTERY)

@@ -21,7 +21,6 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError
 from robot_health_monitor.rosbridge.client import RosbridgeClient
-from robot_health_monitor.rosbridge.client.connection import _within
 from robot_health_monitor.rosbridge.protocol.codec import decode
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
@@ -429,44 +428,6 @@ async def test_an_observer_of_the_link_that_fails_does_not_end_the_connection() 
     task.cancel()
     await asyncio.wait({task})
     await server.close()
-
-
-@pytest.mark.parametrize("error", [None, ConnectionRefusedError()])
-def test_a_cancellation_is_not_lost_when_the_attempt_ends_at_the_same_moment(error: Any) -> None:
-    @scenario
-    async def run() -> None:
-        attempt = asyncio.get_event_loop().create_future()
-        waiting: List[bool] = []
-
-        async def work() -> None:
-            waiting.append(True)
-            await attempt
-
-        task = asyncio.ensure_future(_within(10.0, work()))
-        while not waiting:
-            await asyncio.sleep(0)
-        if error is None:
-            attempt.set_result(None)
-        else:
-            attempt.set_exception(error)
-        task.cancel()
-        await asyncio.wait({task})
-        assert task.cancelled()
-
-    run()
-
-
-@scenario
-async def test_an_attempt_that_takes_too_long_is_given_up() -> None:
-    work = asyncio.ensure_future(asyncio.sleep(60.0))
-
-    async def wait_for_work() -> None:
-        await work
-
-    with pytest.raises(asyncio.TimeoutError):
-        await _within(0.01, wait_for_work())
-    await asyncio.wait({work})
-    assert work.cancelled()
 
 
 # Large messages

@@ -1,0 +1,114 @@
+"""Whether a server still answers, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, Awaitable, Callable, List, Optional
+
+import pytest
+from harness.virtual_loop import run_in_virtual_time
+
+from robot_health_monitor.rosbridge.client.liveness import wait_until_unanswered
+
+PERIOD_S = 5.0
+DAY_S = 86_400.0
+
+
+class Server:
+    """The end of a connection that this process sees: it answers pings after some time, or not at all."""
+
+    def __init__(self, answers_after_s: Callable[[], Optional[float]]) -> None:
+        self._answers_after_s = answers_after_s
+        self.loop = asyncio.get_event_loop()
+        self.received_s = self.loop.time()
+        self.pings: List[float] = []
+        self.sends: Callable[[], Awaitable[None]] = lambda: asyncio.sleep(0)
+
+    async def ping(self) -> None:
+        self.pings.append(self.loop.time())
+        await self.sends()
+        delay_s = self._answers_after_s()
+        if delay_s is not None:
+            self.loop.call_later(delay_s, self.receive)
+
+    def receive(self) -> None:
+        self.received_s = self.loop.time()
+
+    def get_extra_info(self, name: str) -> None:
+        """There is no kernel below."""
+
+    async def wait_until_unanswered(self) -> float:
+        """Returns when it is down."""
+        socket: Any = self
+        await wait_until_unanswered(socket, PERIOD_S, lambda: self.received_s)
+        return self.loop.time()
+
+
+@pytest.mark.parametrize("answers_after_s", [0.0, 0.001, 1.0, 2.4])
+def test_a_day_without_traffic_is_no_silence_of_a_server_that_answers(answers_after_s: float) -> None:
+    async def run() -> None:
+        server = Server(lambda: answers_after_s)
+        waiting = asyncio.ensure_future(server.wait_until_unanswered())
+        await asyncio.wait({waiting}, timeout=DAY_S)
+        assert not waiting.done()
+        assert len(server.pings) >= 10_000  # it was asked all day long
+        waiting.cancel()
+
+    run_in_virtual_time(run())
+
+
+@pytest.mark.parametrize("stops_s", [0.0, 5.1, 101.7, 104.9])
+def test_a_server_that_stops_answering_is_down_after_at_most_eight_seconds(stops_s: float) -> None:
+    async def run() -> None:
+        server = Server(lambda: None if server.loop.time() >= stops_s else 0.001)
+        assert stops_s <= await server.wait_until_unanswered() <= stops_s + 8.0
+
+    run_in_virtual_time(run())
+
+
+def test_a_server_that_sends_is_never_asked() -> None:
+    async def run() -> None:
+        server = Server(lambda: None)
+        waiting = asyncio.ensure_future(server.wait_until_unanswered())
+        for _ in range(1000):
+            await asyncio.sleep(1.0)
+            server.receive()
+        assert not waiting.done()
+        assert server.pings == []
+        waiting.cancel()
+
+    run_in_virtual_time(run())
+
+
+def test_a_server_that_sends_but_answers_no_ping_is_up() -> None:
+    async def run() -> None:
+        server = Server(lambda: None)
+        waiting = asyncio.ensure_future(server.wait_until_unanswered())
+        for _ in range(1000):
+            await asyncio.sleep(7.0)
+            server.receive()
+        assert not waiting.done()
+        waiting.cancel()
+
+    run_in_virtual_time(run())
+
+
+def test_a_ping_that_cannot_be_sent_delays_nothing() -> None:
+    async def run() -> None:
+        server = Server(lambda: None)
+        server.sends = lambda: asyncio.sleep(1000.0)
+        assert await server.wait_until_unanswered() <= 8.0
+
+    run_in_virtual_time(run())
+
+
+def test_a_connection_that_has_ended_cannot_be_asked() -> None:
+    async def run() -> None:
+        async def fail() -> None:
+            raise ConnectionResetError
+
+        server = Server(lambda: None)
+        server.sends = fail
+        assert await server.wait_until_unanswered() <= 8.0
+
+    run_in_virtual_time(run())
