@@ -1,8 +1,8 @@
 """Silences: suppress notifications of some alerts, for a time or until they resolve.
 
-They are stored in the history file. `Silences` is the copy of the running monitor; the functions that take a
-connection also serve `robot-health silence`, beside a running monitor or without one. Silences never affect judging,
-the log, /diagnostics or the history.
+They are stored in the history file. The functions here serve the running monitor (`active_silences`) and
+`robot-health silence`, beside a running monitor or without one. Silences never affect judging, the log, /diagnostics or
+the history.
 """
 
 from __future__ import annotations
@@ -10,30 +10,29 @@ from __future__ import annotations
 import json
 import re
 import sqlite3
-import threading
 import time
-from dataclasses import dataclass
-from typing import Callable, Dict, FrozenSet, List, Optional, Protocol, Sequence, Set, Tuple, TypeVar
+from dataclasses import dataclass, replace
+from typing import Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
 
-from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import duration_text, printable
-from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.model import Level
 
 from .matchers import Matcher, matchers_text, parse_matchers
 
 __all__ = [
     "Alert",
     "Silence",
-    "SilenceHistory",
-    "Silences",
     "add_silence",
     "expire_silence",
+    "limit_to_durations",
     "open_alerts",
     "parse_duration_s",
     "parse_matchers",
     "read_silences",
+    "resolve_alert",
     "silenced_transitions",
+    "time_text",
 ]
 
 MOST_ACTIVE = 1000
@@ -44,18 +43,13 @@ LONGEST_S = 366 * 86_400.0
 """Longest silence, in s."""
 
 _MOST_KEPT = 10_000
-_MOST_CACHED = 20_000
-_REFRESH_S = 1.0
-_TIMEOUT_S = 2.0
-_FAULT = "silence list"
+_CLOCK_WAS_WRONG = "it was made by a clock that was wrong"
 
 _DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
 _UNITS_S = (604_800, 86_400, 3600, 60, 1)
 
 Alert = Tuple[str, str]
 """An alert: the names of its robot and its signal."""
-
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -75,6 +69,12 @@ class Silence:
     """For a silence until they resolve: the alerts that are still open. None: every alert that matches."""
     ended_s: Optional[float]
     """When it was ended, or its last alert resolved; None: not yet."""
+    noticed_s: Optional[float] = None
+    """When a monitor noticed that it was made in the future, by a clock that was wrong; None: it was not."""
+    ended_by: str = ""
+    """Who ended it; empty: nobody did, or it is not known."""
+    ended_reason: str = ""
+    """Why it was ended."""
 
     @property
     def until_resolved(self) -> bool:
@@ -83,12 +83,27 @@ class Silence:
 
     def is_active(self, now_s: float) -> bool:
         """Returns whether it suppresses notifications at a time."""
-        return self.ended_s is None and (self.until_s is None or now_s < self.until_s)
+        until_s = self.seen_at(now_s).until_s
+        return self.ended_s is None and (until_s is None or now_s < until_s)
 
     def end_s(self, now_s: float) -> float:
         """Returns when it ended or expired; `now_s` if it is active."""
-        ends = [now_s, *(end for end in (self.until_s, self.ended_s) if end is not None)]
+        ends = [now_s, *(end for end in (self.seen_at(now_s).until_s, self.ended_s) if end is not None)]
         return min(ends)
+
+    def is_in_future(self, now_s: float) -> bool:
+        """Returns whether it has a time limit and was made later than now: the clock is wrong, or was."""
+        return self.until_s is not None and self.created_s > now_s
+
+    def seen_at(self, now_s: float) -> Silence:
+        """Returns it with the times that count now: one that was made in the future began when that was noticed.
+
+        So the time that is left is never longer than the duration that was asked for.
+        """
+        if self.until_s is None or not self.is_in_future(now_s):
+            return self
+        begin_s = now_s if self.noticed_s is None else min(self.noticed_s, now_s)
+        return replace(self, created_s=begin_s, until_s=begin_s + self.until_s - self.created_s)
 
     def covers(self, robot: str, signal: str) -> bool:
         """Returns whether it applies to an alert."""
@@ -111,170 +126,6 @@ class Silence:
             ends.append("resolved")
         end = f"until {' or '.join(ends)}"
         return f"{self.reason} ({end})" if self.reason else end
-
-
-class SilenceHistory(Protocol):
-    """What silences need of the history; `ops.history.History`."""
-
-    @property
-    def file(self) -> Optional[str]:
-        """Path of the file; None: the history is in memory."""
-
-    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
-        """Runs a function in a transaction.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-        """
-
-    def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
-        """Runs a query.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-            ConfigError: the file cannot be read.
-        """
-
-    def on_record(self, hook: Callable[[sqlite3.Connection, int, Transition, float], None]) -> None:
-        """Calls a function inside the transaction that stores a transition."""
-
-
-class Silences:
-    """The silences of a running monitor: an in-memory copy, which follows the history file within about a second.
-
-    All methods may be called from any thread.
-    """
-
-    def __init__(
-        self, history: SilenceHistory, faults: Optional[Faults] = None, wall_time_s: Callable[[], float] = time.time
-    ) -> None:
-        """Reads the silences; `close` ends following the file.
-
-        Args:
-            history: where they are stored.
-            faults: receives a fault while they cannot be read. Then the last known ones stay in force.
-            wall_time_s: seconds since 1970.
-        """
-        self._history = history
-        self._faults = faults
-        self._wall_time_s = wall_time_s
-        self._lock = threading.Lock()
-        self._active: Sequence[Silence] = ()
-        self._found: Dict[Alert, Optional[Silence]] = {}
-        self._next_end_s = float("inf")
-        self._version = 0
-        self._closing = threading.Event()
-        history.on_record(self._note_transition)
-        self._refresh(history.run)
-        if history.file is not None:  # others can write only to a file
-            threading.Thread(target=self._follow, name="silences", daemon=True).start()
-
-    def silence_of(self, robot: str, signal: str) -> Optional[Silence]:
-        """Returns the silence of an alert, of several the one that ends last; None: it is not silenced."""
-        if not self._active:
-            return None
-        now_s = self._wall_time_s()
-        with self._lock:
-            if now_s >= self._next_end_s:
-                self._set_active(self._active, now_s)
-            key = printable(robot), printable(signal)
-            if key not in self._found:
-                if len(self._found) >= _MOST_CACHED:
-                    self._found.clear()
-                covering = [silence for silence in self._active if silence.covers(*key)]
-                self._found[key] = max(covering, key=_end_order, default=None)
-            silence = self._found[key]
-        return silence if silence is not None and silence.is_active(now_s) else None
-
-    def active(self) -> List[Silence]:
-        """Returns the active silences, oldest first."""
-        now_s = self._wall_time_s()
-        return [silence for silence in self._active if silence.is_active(now_s)]
-
-    def add(
-        self,
-        matchers: Sequence[Matcher],
-        *,
-        for_s: Optional[float] = None,
-        until_resolved: bool = False,
-        reason: str = "",
-        author: str = "",
-    ) -> Silence:
-        """Adds a silence, as `add_silence`.
-
-        Raises:
-            ConfigError: it is not possible.
-            ServiceError: the history failed or did not answer.
-        """
-        now_s = self._wall_time_s()
-        silence = self._history.run(
-            lambda connection: add_silence(
-                connection, matchers, now_s, for_s=for_s, until_resolved=until_resolved, reason=reason, author=author
-            ),
-            _TIMEOUT_S,
-        )
-        self._refresh(self._history.run)
-        return silence
-
-    def expire(self, number: int) -> Silence:
-        """Ends a silence.
-
-        Raises:
-            ConfigError: there is no such silence, or it has ended.
-            ServiceError: the history failed or did not answer.
-        """
-        now_s = self._wall_time_s()
-        silence = self._history.run(lambda connection: expire_silence(connection, number, now_s), _TIMEOUT_S)
-        self._refresh(self._history.run)
-        return silence
-
-    def close(self) -> None:
-        """Stops following the file; returns at once."""
-        self._closing.set()
-
-    def _follow(self) -> None:
-        while not self._closing.wait(_REFRESH_S):
-            self._refresh(self._history.read)
-
-    def _refresh(self, run: Callable[[Callable[[sqlite3.Connection], List[Silence]], float], List[Silence]]) -> None:
-        version = self._version
-        now_s = self._wall_time_s()
-        try:
-            silences = run(lambda connection: read_silences(connection, active_at_s=now_s), _TIMEOUT_S)
-        except (ConfigError, ServiceError, sqlite3.Error) as error:
-            if self._faults is not None and not self._closing.is_set():
-                self._faults.report(_FAULT, f"cannot be read, the last known ones stay in force: {error}", Level.WARN)
-            return
-        if self._faults is not None:
-            self._faults.clear(_FAULT)
-        with self._lock:
-            if version != self._version:
-                return  # an alert has resolved meanwhile; the next time shows it
-            if silences != list(self._active):
-                self._set_active(silences, now_s)
-
-    def _set_active(self, silences: Sequence[Silence], now_s: float) -> None:
-        """Call with the lock held."""
-        self._active = tuple(silence for silence in silences if silence.is_active(now_s))
-        self._found = {}
-        ends = [silence.until_s for silence in self._active if silence.until_s is not None]
-        self._next_end_s = min(ends, default=float("inf"))
-
-    def _note_transition(
-        self, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float
-    ) -> None:
-        """Ends silences whose last alert has resolved; runs in the transaction that stores the transition."""
-        if transition.to_level is not Level.OK:
-            return
-        alert = printable(transition.robot), printable(transition.signal)
-        if not resolve_alert(connection, alert, wall_s):
-            return
-        with self._lock:
-            self._version += 1
-            without = [
-                silence if silence.alerts is None else _without(silence, alert, wall_s) for silence in self._active
-            ]
-            self._set_active(without, self._wall_time_s())
 
 
 def parse_duration_s(text: str) -> float:
@@ -330,9 +181,7 @@ def add_silence(
         raise ConfigError("expected a duration, or until resolved; got neither")
     if for_s is not None:
         _check_duration(for_s)
-    for name, text in (("reason", reason), ("author", author)):
-        if len(text) > MOST_TEXT or not text.isprintable():
-            raise ConfigError(f"expected a {name} of one line, at most {MOST_TEXT} characters, got {ascii(text)[:60]}")
+    _check_texts(reason, author)
     if not matchers:
         raise ConfigError("expected matchers such as robot=r3,signal=battery*, got none")
     text = _stored_text(matchers)
@@ -364,6 +213,12 @@ def add_silence(
     return Silence(number, tuple(matchers), reason, author, now_s, until_s, alerts, None)
 
 
+def _check_texts(reason: str, author: str) -> None:
+    for name, text in (("reason", reason), ("author", author)):
+        if len(text) > MOST_TEXT or not text.isprintable():
+            raise ConfigError(f"expected a {name} of one line, at most {MOST_TEXT} characters, got {ascii(text)[:60]}")
+
+
 def _stored_text(matchers: Sequence[Matcher]) -> str:
     """Returns matchers as they are stored.
 
@@ -376,19 +231,34 @@ def _stored_text(matchers: Sequence[Matcher]) -> str:
     return text
 
 
-def expire_silence(connection: sqlite3.Connection, number: int, now_s: float) -> Silence:
+def expire_silence(
+    connection: sqlite3.Connection, number: int, now_s: float, *, reason: str = "", author: str = ""
+) -> Silence:
     """Ends a silence. Call inside a transaction.
 
+    Args:
+        connection: the database.
+        number: its id.
+        now_s: in s since 1970.
+        reason: why; one line of at most 200 characters.
+        author: who; one line of at most 200 characters.
+
     Raises:
-        ConfigError: there is no such silence, or it has ended.
+        ConfigError: there is no such silence, it has ended, or a text is too long.
     """
+    _check_texts(reason, author)
     found = [silence for silence in read_silences(connection) if silence.id == number]
     if not found:
         raise ConfigError(f"there is no silence {number}")
     if not found[0].is_active(now_s):
         raise ConfigError(f"silence {number} has ended already, at {time_text(found[0].end_s(now_s))}")
-    connection.execute("UPDATE silences SET ended_s = ? WHERE id = ?", (now_s, number))
+    _end(connection, number, now_s, author, reason)
     return found[0]
+
+
+def _end(connection: sqlite3.Connection, number: int, now_s: float, author: str, reason: str) -> None:
+    update = "UPDATE silences SET ended_s = ?, ended_by = ?, ended_reason = ? WHERE id = ?"
+    connection.execute(update, (now_s, author, reason, number))
 
 
 def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] = None) -> List[Silence]:
@@ -402,8 +272,8 @@ def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] =
     if active_at_s is not None:
         condition, values = "ended_s IS NULL AND (until_s IS NULL OR until_s > ?)", [active_at_s]
     rows = connection.execute(
-        "SELECT id, matchers, reason, author, created_s, until_s, until_resolved, ended_s FROM silences "
-        f"WHERE {condition} ORDER BY id",
+        "SELECT id, matchers, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, ended_by, "
+        f"ended_reason FROM silences WHERE {condition} ORDER BY id",
         values,
     ).fetchall()
     alerts: Dict[int, Set[Alert]] = {}
@@ -413,16 +283,39 @@ def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] =
         ):
             alerts.setdefault(number, set()).add((robot, signal))
     silences = []
-    for number, text, reason, author, created_s, until_s, until_resolved, ended_s in rows:
+    for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why in rows:
         try:
             matchers = parse_matchers(text)
         except ConfigError:  # of a newer version, or edited by hand
             continue
         of_silence = frozenset(alerts.get(number, ())) if until_resolved else None
         silences.append(
-            Silence(number, matchers, printable(reason), printable(author), created_s, until_s, of_silence, ended_s)
-        )
+            Silence(
+                number, matchers, printable(reason), printable(author), created_s, until_s, of_silence, ended_s,
+                noticed_s, printable(by), printable(why),
+            )
+        )  # fmt: skip
     return silences
+
+
+def limit_to_durations(connection: sqlite3.Connection, now_s: float) -> List[Silence]:
+    """Limits the silences that were made in the future to their duration from now on; ends those where that is over.
+
+    Call inside a transaction, about once a second while there are any.
+
+    Returns:
+        Those that are limited since this call.
+    """
+    noticed = []
+    for each in read_silences(connection, active_at_s=now_s):
+        if not each.is_in_future(now_s):
+            continue
+        if not each.is_active(now_s):
+            _end(connection, each.id, now_s, "", _CLOCK_WAS_WRONG)
+        elif each.noticed_s is None or each.noticed_s > now_s:
+            connection.execute("UPDATE silences SET noticed_s = ? WHERE id = ?", (now_s, each.id))
+            noticed.append(each)
+    return noticed
 
 
 def resolve_alert(connection: sqlite3.Connection, alert: Alert, now_s: float) -> bool:
@@ -461,6 +354,7 @@ def open_alerts(connection: sqlite3.Connection) -> Dict[Alert, Level]:
 
 def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s: float) -> int:
     """Returns how many changes to a level other than OK a silence has applied to so far."""
+    silence = silence.seen_at(now_s)
     counts = connection.execute(
         "SELECT robot, signal, count(*) FROM transitions WHERE wall_s >= ? AND wall_s < ? AND to_level <> 0 "
         "AND NOT repeated GROUP BY robot, signal",
@@ -475,15 +369,3 @@ def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s
         for robot, signal, count in counts
         if silence.matches(robot, signal) and (alerts is None or (robot, signal) in alerts)
     )
-
-
-def _end_order(silence: Silence) -> float:
-    return float("inf") if silence.until_s is None else silence.until_s
-
-
-def _without(silence: Silence, alert: Alert, now_s: float) -> Silence:
-    alerts = (silence.alerts or frozenset()) - {alert}
-    return Silence(
-        silence.id, silence.matchers, silence.reason, silence.author, silence.created_s, silence.until_s, alerts,
-        silence.ended_s if alerts else now_s,
-    )  # fmt: skip

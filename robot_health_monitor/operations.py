@@ -22,9 +22,9 @@ from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions, read_ops
 
 if TYPE_CHECKING:
+    from robot_health_monitor.ops.active_silences import Silences
     from robot_health_monitor.ops.history.history import History, RobotHistory
     from robot_health_monitor.ops.notifications import Notifier
-    from robot_health_monitor.ops.silences import Silences
 
 _CLOSE_S = 1.9
 """Longest time to close everything: a disk or a target may hang."""
@@ -95,8 +95,8 @@ class Operations:
         self._histories: Dict[str, RobotHistory] = {}
         self._fed_s = float("-inf")
         if config.history is not None or config.notify:
+            from robot_health_monitor.ops.active_silences import Silences
             from robot_health_monitor.ops.history.history import History
-            from robot_health_monitor.ops.silences import Silences
 
             # Without a file, the history is in memory, where the notifications have their queue.
             self.history = History(config.history, wall_time_s)

@@ -11,7 +11,7 @@ from typing import Callable, List, Mapping
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Version of the tables, in the SQLite header (`PRAGMA user_version`)."""
 
 _TABLES = """
@@ -87,7 +87,10 @@ CREATE TABLE silences (
     created_s REAL NOT NULL,
     until_s REAL,                        -- NULL: without a time limit
     until_resolved INTEGER NOT NULL,     -- 1: only for the alerts in silenced_alerts, until they resolve
-    ended_s REAL                         -- NULL: not ended, except by until_s
+    ended_s REAL,                        -- NULL: not ended, except by until_s
+    noticed_s REAL,                      -- when a monitor noticed that created_s lies in the future; NULL: it did not
+    ended_by TEXT NOT NULL DEFAULT '',
+    ended_reason TEXT NOT NULL DEFAULT ''
 );
 CREATE TABLE silenced_alerts (
     silence_id INTEGER NOT NULL REFERENCES silences(id),
@@ -144,7 +147,13 @@ written the monitor goes on with a copy of them in memory."""
 SHARED_TABLES = ("silences", "silenced_alerts")
 """Those of the `LIVE_TABLES` that other processes write, too."""
 
-_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {}
+
+def _note_ends_of_silences(connection: sqlite3.Connection) -> None:
+    for column in ("noticed_s REAL", "ended_by TEXT NOT NULL DEFAULT ''", "ended_reason TEXT NOT NULL DEFAULT ''"):
+        connection.execute(f"ALTER TABLE silences ADD COLUMN {column}")
+
+
+_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {1: _note_ends_of_silences}
 """By version: migrates a file from this version to the next one, inside a transaction."""
 
 

@@ -66,15 +66,22 @@ class Taken(NamedTuple):
 class NotificationQueue:
     """Decides what each target is sent."""
 
-    def __init__(self, targets: Sequence[TargetSettings], is_silenced: Callable[[str, str], bool]) -> None:
+    def __init__(
+        self,
+        targets: Sequence[TargetSettings],
+        is_silenced: Callable[[str, str], bool],
+        look: Callable[[sqlite3.Connection], None],
+    ) -> None:
         """Reads nothing yet; see `prepare`.
 
         Args:
             targets: those that are sent alerts.
             is_silenced: whether the alerts of a robot's signal are silenced now; called often.
+            look: reads silences that others have added; called in the transaction that decides what is sent.
         """
         self._targets = {target.name: target for target in targets}
         self._is_silenced = is_silenced
+        self._look = look
         self._lock = threading.Lock()
         self._held: Set[Tuple[str, str]] = set()
         self._waiting = dict.fromkeys(self._targets, 0)
@@ -150,6 +157,7 @@ class NotificationQueue:
 
     def take(self, connection: sqlite3.Connection, target: str) -> Optional[Taken]:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
+        self._look(connection)
         found = None
         for _ in range(_MOST_SKIPPED):
             row = connection.execute(_HEAD, (target,)).fetchone()
@@ -196,6 +204,7 @@ class NotificationQueue:
 
     def reconcile(self, connection: sqlite3.Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence has expired."""
+        self._look(connection)
         with self._lock:
             self._held.clear()
         for name, target in self._targets.items():

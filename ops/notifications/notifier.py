@@ -32,10 +32,13 @@ _CLOSE_POLL_S = 0.02
 
 
 class Silences(Protocol):
-    """`ops.silences.Silences`, as far as it is used here."""
+    """`ops.active_silences.Silences`, as far as it is used here."""
 
     def silence_of(self, robot: str, signal: str) -> Optional[object]:
         """Returns the silence that matches a signal now; None: it is not silenced. Cheap, from any thread."""
+
+    def look(self, connection: sqlite3.Connection) -> None:
+        """Reads what others have changed; inside a transaction of the history."""
 
 
 class Notifier:
@@ -71,7 +74,11 @@ class Notifier:
         def is_silenced(robot: str, signal: str) -> bool:
             return silences is not None and silences.silence_of(robot, signal) is not None
 
-        self._queue = queue = NotificationQueue(alerted, is_silenced)
+        def look(connection: sqlite3.Connection) -> None:
+            if silences is not None:
+                silences.look(connection)
+
+        self._queue = queue = NotificationQueue(alerted, is_silenced, look)
         senders = {target.name: make_sender(target, wall_time_s) for target in alerted}
         self._deliveries = {name: Delivery(name, sender, queue, history, faults) for name, sender in senders.items()}
         self._heartbeats = {target.name: Heartbeat(target, faults) for target in targets if target.type == "heartbeat"}

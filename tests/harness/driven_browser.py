@@ -27,7 +27,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
-from robot_health_monitor.ops.silences import Silences
+from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
 from robot_health_monitor.rosbridge.server.access import monitor_access

@@ -9,6 +9,7 @@ import pytest
 from harness.histories import opened
 
 from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.silences import read_silences
 
 
 def test_an_empty_database_gets_the_tables_of_the_current_version() -> None:
@@ -88,3 +89,24 @@ def test_a_migration_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pyt
         schema.prepare(connection)
     assert connection.execute("SELECT sql FROM sqlite_master ORDER BY name").fetchall() == before
     assert connection.execute("PRAGMA user_version").fetchone() == (version,)
+
+
+def test_silences_of_version_1_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "history.db"
+    connection = sqlite3.connect(path, isolation_level=None)
+    schema.prepare(connection)
+    connection.execute("DROP TABLE silences")
+    connection.execute(
+        "CREATE TABLE silences (id INTEGER PRIMARY KEY AUTOINCREMENT, matchers TEXT NOT NULL, reason TEXT NOT NULL, "
+        "author TEXT NOT NULL, created_s REAL NOT NULL, until_s REAL, until_resolved INTEGER NOT NULL, ended_s REAL)"
+    )
+    connection.execute(
+        "INSERT INTO silences (matchers, reason, author, created_s, until_s, until_resolved) "
+        "VALUES ('robot=r3', 'fan', 'ana', 5.0, 65.0, 0)"
+    )
+    connection.execute("PRAGMA user_version = 1")
+    connection.close()
+    history = opened(path)
+    (silence,) = history.run(read_silences)
+    assert (silence.author, silence.until_s, silence.noticed_s, silence.ended_by) == ("ana", 65.0, None, "")
+    history.close()

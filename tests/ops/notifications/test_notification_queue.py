@@ -31,7 +31,7 @@ class Bench:
     def restart(self, *targets: TargetSettings) -> None:
         """Starts again with the same database."""
         targets = targets or (TargetSettings("chat", "webhook"),)
-        self.queue = NotificationQueue(targets, lambda *alert: alert in self.silenced)
+        self.queue = NotificationQueue(targets, lambda *alert: alert in self.silenced, lambda _: None)
         self.queue.prepare(self.connection)
 
     def change(self, to_level: str, from_level: str = "OK", signal: str = "battery", **fields: Any) -> None:

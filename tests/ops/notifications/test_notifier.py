@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+import time
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Iterator, List, Sequence, Set, Tuple
@@ -21,10 +22,11 @@ from harness.waiting import wait_for
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
 from robot_health_monitor.ops.history.history import History, RobotHistory
 from robot_health_monitor.ops.notifications import Notifier
-from robot_health_monitor.ops.silences import Silences, parse_matchers
+from robot_health_monitor.ops.silences import add_silence, parse_matchers
 
 DEADLINE_S = 30.0
 ROOT = Path(__file__).resolve().parents[3]
@@ -40,6 +42,9 @@ class Silenced:
     def silence_of(self, robot: str, signal: str) -> Any:
         self.asked.set()
         return True if (robot, signal) in self.alerts else None
+
+    def look(self, connection: sqlite3.Connection) -> None:
+        """Nobody else changes these."""
 
 
 @contextmanager
@@ -124,6 +129,28 @@ def test_stored_silences_are_respected(server: HttpServer, tmp_path: Path) -> No
         assert texts(server, 1) == ["cpu WARN"]
         silences.expire(silence.id)
         assert texts(server, 1) == ["battery WARN"]
+    finally:
+        silences.close()
+        notifier.close()
+        history.close()
+
+
+def test_a_silence_of_another_process_is_in_force_at_once(
+    server: HttpServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.active_silences._REFRESH_S", 3600.0)
+    file = str(tmp_path / "history.db")
+    history = History(HistorySettings(file))
+    silences = Silences(history)
+    notifier = Notifier(history, [TargetSettings("chat", "webhook", url=server.url)], silences)
+    robot = history.of_robot("r3", Faults())
+    try:
+        for number in range(20):
+            with closing(sqlite3.connect(file, timeout=DEADLINE_S)) as connection, connection:
+                add_silence(connection, parse_matchers(f"signal=s{number}"), time.time(), for_s=3600.0)
+            record(robot, "WARN", f"s{number}")
+            record(robot, "WARN", f"other{number}")
+            assert texts(server, 1) == [f"other{number} WARN"]
     finally:
         silences.close()
         notifier.close()

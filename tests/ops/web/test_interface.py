@@ -15,8 +15,8 @@ import aiohttp
 from harness.web import Robots, Site, open_page, with_site
 
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.silences import Silences
 from robot_health_monitor.ops.web.sessions import SESSION_S
 from robot_health_monitor.ops.web.worker import BusyError
 

@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
 
+from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.silences import Silences
 from robot_health_monitor.ops.web.requests import ApiError
 from robot_health_monitor.ops.web.silencing import expire_silence, new_silence, silence_json
 

@@ -1,0 +1,33 @@
+"""Fixtures for silences: a wall clock that can be set, a history file, and the silences in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Iterator
+
+import pytest
+from harness.silences import Clock
+
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.ops.active_silences import Silences
+from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history.history import History
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def history(tmp_path: Path, clock: Clock) -> Iterator[History]:
+    opened = History(HistorySettings(str(tmp_path / "history.db")), wall_time_s=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def silences(history: History, clock: Clock) -> Iterator[Silences]:
+    opened = Silences(history, Faults(), wall_time_s=clock)
+    yield opened
+    opened.close()
