@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 import unicodedata
 from typing import Optional, Sequence
 
 _DIGITS = (4, 6, 9, 17)
+_DEGREE_CELSIUS = re.compile(r"\bdegC\b")
 
 
 def number_text(value: float, bound: Optional[float] = None) -> str:
@@ -49,6 +51,15 @@ def duration_text(seconds: float) -> str:
 def with_unit(number: str, unit: str) -> str:
     """Appends the unit, if there is one."""
     return f"{number} {unit}" if unit else number
+
+
+def with_degree_sign(text: str) -> str:
+    """Returns a text with °C in place of the unit degC, for output that can show it.
+
+    >>> with_degree_sign("80.5 degC is above 80 degC")
+    '80.5 °C is above 80 °C'
+    """
+    return _DEGREE_CELSIUS.sub("°C", text)
 
 
 def count_text(number: int, noun: str) -> str:

@@ -12,34 +12,26 @@ import re
 import signal
 import time
 from collections import deque
-from typing import Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
+from typing import Callable, Deque, Dict, List, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
 
 from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.formatting import printable, with_degree_sign
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Level, Status, Transition
+from robot_health_monitor.core.model import Level, Transition
 
 from .display import Shown
 from .events import Entry
 from .fleet_table import FleetState, fleet_lines, fleet_state, fleet_summary
 from .plain import dropped_line, plain_line
-from .status_text import STYLE_OF_LEVEL, level_text, rank, style, value_text
+from .signal_table import TREND_SAMPLES, SignalRow, short_bounds, signal_lines
+from .status_text import STYLE_OF_LEVEL, level_text, rank
 from .stream_writer import StreamWriter
 
-_STYLE_OF_SEVERITY = {Severity.WARN: "yellow", Severity.ERROR: "red", Severity.FATAL: "bold red"}
+_STYLE_OF_SEVERITY = {Severity.WARN: STYLE_OF_LEVEL[Level.WARN], Severity.ERROR: "red", Severity.FATAL: "bold red"}
 _STYLING = re.compile("\x1b\\[[0-9;]*m")
-_BARS = "▁▂▃▄▅▆▇█"
-_TREND_SAMPLES = 16
-_STATISTICS = ("mean", "min", "max")
-_GAP = 2
-"""Blanks between columns."""
-_WIDEST_NAME = 24
-_MIN_MESSAGE = 16
-"""Narrowest message column worth showing, in cells."""
 _REDRAW_S = 0.9
 """Slightly less than the period of the values."""
 _SUSPEND_S = 0.5
@@ -55,10 +47,8 @@ class _State(NamedTuple):
     """What the table of one robot shows."""
 
     robot: str
-    statuses: Sequence[Status]
+    rows: Sequence[SignalRow]
     system_health: Optional[float]
-    trends: Mapping[str, Sequence[float]]
-    """The latest values by signal."""
 
 
 class LiveView:
@@ -77,6 +67,7 @@ class LiveView:
         self._stream = stream
         self._name_robots = name_robots
         self._console = Console(file=stream, highlight=False, soft_wrap=False)
+        self._utf8 = self._console.encoding.lower().startswith("utf")
         self._writer = StreamWriter(stream, self._render, first=_HIDE_CURSOR, last=f"\n{_SHOW_CURSOR}")
         self._frame: List[Tuple[str, int]] = []
         """The lines of the table as it stands on the terminal, and their widths in cells."""
@@ -144,13 +135,21 @@ class LiveView:
             trends = {}
             for name in system.monitor.config.signals:
                 value = system.monitor.fresh_value(name)
-                trend = self._trends.get(name, deque(maxlen=_TREND_SAMPLES))
+                trend = self._trends.get(name, deque(maxlen=TREND_SAMPLES))
                 trend.append(float("nan") if value is None else value)
                 trends[name] = trend
             self._trends = trends
         report = system.monitor.report(robot.now_s)
-        statuses = [system.status(name) or status for name, status in report.statuses.items()]
-        return _State(report.robot, statuses, shown.system_health, {name: tuple(v) for name, v in self._trends.items()})
+        signals = system.monitor.config.signals
+        rows = [
+            SignalRow(
+                system.status(name) or status,
+                short_bounds(signals[name]) if name in signals else "",
+                tuple(self._trends.get(name, ())),
+            )
+            for name, status in report.statuses.items()
+        ]
+        return _State(report.robot, rows, shown.system_health)
 
     # In the writer's thread
 
@@ -163,7 +162,8 @@ class LiveView:
             if dropped:
                 self._console.print(Text(dropped_line(dropped), style="bold red"))
             for entry in entries:
-                self._console.print(_entry_text(entry, self._name_robots))
+                line = self._shown(plain_line(entry, "%H:%M:%S", name_robots=self._name_robots))
+                self._console.print(_entry_text(entry, line, self._shown))
         to_top = self._to_top(width)
         self._frame = self._table_lines(width, height)
         first, _, rest = (lines.get() + "\n".join(line for line, _ in self._frame)).partition("\n")
@@ -186,11 +186,16 @@ class LiveView:
         with self._console.capture() as table:
             self._console.print(self._title(state, width), no_wrap=True, overflow="ellipsis")
             if isinstance(state, FleetState):
-                for line in fleet_lines(state, width, max(2, height - 3)):
-                    self._console.print(line, no_wrap=True, overflow="ellipsis")
+                lines = fleet_lines(state, width, max(2, height - 3), self._shown)
             else:
-                self._print_table(state, width, height)
+                lines = signal_lines(state.rows, width, max(2, height - 2), self._shown, bars=self._utf8)
+            for line in lines:
+                self._console.print(line, no_wrap=True, overflow="ellipsis")
         return [(line, cell_len(_STYLING.sub("", line))) for line in table.get().rstrip().split("\n")]
+
+    def _shown(self, text: str) -> str:
+        """Returns a text from outside as it is written."""
+        return printable(with_degree_sign(text) if self._utf8 else text)
 
     def _size(self) -> Tuple[int, int]:
         try:
@@ -206,11 +211,11 @@ class LiveView:
 
     def _title(self, state: Union[_State, FleetState], width: int) -> Text:
         if isinstance(state, FleetState):
-            title = fleet_summary(state)
+            title = fleet_summary(state, self._shown)
         else:
-            title = Text(printable(state.robot), style="bold")
+            title = Text(self._shown(state.robot), style="bold")
             title.append(" is ", style="not bold")
-            worst = max(state.statuses, key=rank, default=None)
+            worst = max((row.status for row in state.rows), key=rank, default=None)
             title.append(level_text(worst) if worst else Text("OK", style=STYLE_OF_LEVEL[Level.OK]))
             if state.system_health is not None and width >= 60:
                 title.append(f"   system_health {state.system_health:.1f}", style="not bold")
@@ -220,73 +225,16 @@ class LiveView:
             title.append("   Ctrl-C ends", style="not bold dim")
         return title
 
-    def _print_table(self, state: _State, width: int, height: int) -> None:
-        statuses = state.statuses
-        room = max(1, height - 4)
-        hidden = len(statuses) - room
-        if hidden > 0:  # the worst ones
-            statuses = sorted(statuses, key=lambda status: -rank(status))[:room]
-        layout = _Layout(statuses, width)
-        table = Table(box=None, padding=(0, _GAP, 0, 0), pad_edge=False, header_style="bold")
-        table.add_column("signal", no_wrap=True, overflow="ellipsis", max_width=layout.name)
-        table.add_column("value", no_wrap=True, overflow="ellipsis", justify="right", min_width=10)
-        table.add_column("level", no_wrap=True, min_width=5)
-        if layout.statistics:
-            for statistic in _STATISTICS:
-                table.add_column(statistic, no_wrap=True, justify="right", min_width=5)
-            table.add_column("trend", no_wrap=True, min_width=_TREND_SAMPLES)
-        if layout.message:
-            table.add_column("message", no_wrap=True, overflow="ellipsis", max_width=layout.message)
-        for status in statuses:
-            row = [Text(printable(status.name)), Text(value_text(status)), level_text(status)]
-            if layout.statistics:
-                row += [Text(printable(status.values.get(statistic, "-"))) for statistic in _STATISTICS]
-                row.append(Text(self._trend(state.trends.get(status.name, ())), style=style(status)))
-            if layout.message:
-                row.append(Text(printable(status.message)))
-            table.add_row(*row)
-        self._console.print(table)
-        if hidden > 0:
-            self._console.print(Text(f"and {hidden} more", style="dim"))
 
-    def _trend(self, values: Sequence[float]) -> str:
-        """Draws values between their own extremes; a blank where there was none."""
-        known = [value for value in values if value == value]
-        if not known or not self._console.encoding.lower().startswith("utf"):
-            return ""
-        low, span = min(known), max(known) - min(known)
-        top = len(_BARS) - 1
-        return "".join(
-            " " if value != value else _BARS[round((value - low) / span * top) if span > 0.0 else top // 2]
-            for value in values
-        )
-
-
-class _Layout:
-    """Which columns fit. Reasons come first: statistics give way to the message of a signal that is not OK."""
-
-    def __init__(self, statuses: Sequence[Status], width: int) -> None:
-        """Fits columns for `statuses` into `width` cells."""
-        longest = max((cell_len(status.name) for status in statuses), default=6)
-        self.name = min(max(longest, 6), _WIDEST_NAME, max(8, width - 22))
-        """Width of the names."""
-        value = max([10, *(cell_len(value_text(status)) for status in statuses)])
-        level = max([5, *(cell_len(level_text(status).plain) for status in statuses)])
-        room = width - self.name - value - level - 2 * _GAP
-        cells = [max([5, *(cell_len(status.values.get(name, "")) for status in statuses)]) for name in _STATISTICS]
-        statistics = sum(cells) + _TREND_SAMPLES + 4 * _GAP
-        reasons = [cell_len(status.message) for status in statuses if status.level is not Level.OK]
-        self.statistics = room >= statistics + (max(reasons) + _GAP if reasons else 0)
-        """Whether to show statistics and trend."""
-        room -= (statistics if self.statistics else 0) + _GAP
-        self.message = room if room >= _MIN_MESSAGE else 0
-        """Width of the message; 0: not shown."""
-
-
-def _entry_text(entry: Entry, name_robots: bool) -> Text:
+def _entry_text(entry: Entry, line: str, shown: Callable[[str], str]) -> Text:
+    """Returns the line of an event, with the word of its level in colour."""
     event = entry.event
     if isinstance(event, Transition):
-        style = STYLE_OF_LEVEL[event.to_level]
+        word, style = event.to_level.name, STYLE_OF_LEVEL[event.to_level]
+        start = line.find(shown(event.text)) + len(shown(event.signal)) + 1
     else:
-        style = _STYLE_OF_SEVERITY.get(event.severity, "dim")
-    return Text(plain_line(entry, "%H:%M:%S", name_robots=name_robots), style=style)
+        word, style = event.severity.name, _STYLE_OF_SEVERITY.get(event.severity, "dim")
+        start = line.find("[") + 1
+    text = Text(line)
+    text.stylize(style, start, start + len(word))
+    return text

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Sequence
+
 from rich.text import Text
 
-from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.model import Level, Status
 
-__all__ = ["STYLE_OF_LEVEL", "UNKNOWN_STATES", "is_unknown", "level_text", "rank", "rank_of", "style", "value_text"]
+__all__ = ["STYLE_OF_LEVEL", "UNKNOWN_STATES", "is_unknown", "level_text", "rank", "rank_counts", "rank_of"]
 
-STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "magenta"}
+STYLE_OF_LEVEL = {
+    Level.OK: "green",
+    Level.WARN: "black on bright_yellow",  # readable on a dark and on a light terminal
+    Level.ERROR: "bold red",
+    Level.STALE: "magenta",
+}
 _STYLE_OF_UNKNOWN = "cyan"
+_RANKS = ((6, "ERROR"), (4, "STALE"), (2, "WARN"), (1, "unknown"), (0, "OK"))
 UNKNOWN_STATES = ("waiting", "unreachable")
 """States in which the level is not known: neither OK nor an alarm."""
 
@@ -30,17 +37,14 @@ def rank_of(level: Level, state: str) -> int:
     return 1 if state in UNKNOWN_STATES else 2 * level.severity
 
 
-def style(status: Status) -> str:
-    """Returns the colour of a status, as rich names it."""
-    return _STYLE_OF_UNKNOWN if is_unknown(status) else STYLE_OF_LEVEL[status.level]
+def rank_counts(ranks: Sequence[int]) -> str:
+    """Returns how many there are of each rank: `2 ERROR, 198 OK`."""
+    counts = [(ranks.count(number), name) for number, name in _RANKS]
+    return ", ".join(f"{count} {name}" for count, name in counts if count)
 
 
 def level_text(status: Status) -> Text:
     """Returns the level, or the state while the level is not known; says if notifications are silenced."""
-    text = status.values["state"] if is_unknown(status) else status.level.name
-    return Text(f"{text} silenced" if "silenced" in status.values else text, style=style(status))
-
-
-def value_text(status: Status) -> str:
-    """Returns the value with its unit."""
-    return printable(f"{status.values.get('value') or '-'} {status.values.get('unit', '')}".strip())
+    text = Text(status.values["state"] if is_unknown(status) else status.level.name)
+    text.stylize(_STYLE_OF_UNKNOWN if is_unknown(status) else STYLE_OF_LEVEL[status.level])
+    return text.append(" silenced") if "silenced" in status.values else text

@@ -11,6 +11,7 @@ pytest.importorskip("rich", reason="rich, which draws the table, is not installe
 
 from rich.cells import cell_len
 
+from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.model import Sample
 from robot_health_monitor.core.nodes import AlertSystem
@@ -63,7 +64,7 @@ class Robots:
 
     def lines(self, width: int, height: int) -> List[str]:
         state = self.state(height)
-        return [line.plain for line in fleet_lines(state, width, height)]
+        return [line.plain for line in fleet_lines(state, width, height, printable)]
 
     def state(self, height: int = 24) -> FleetState:
         return fleet_state(self, height)  # type: ignore[arg-type]  # its clock is a property of the bus
@@ -86,28 +87,40 @@ def rows(lines: List[str]) -> List[str]:
 
 
 def test_each_robot_has_a_row_with_its_worst_signal_the_worst_robot_first(five: Robots) -> None:
-    assert rows(five.lines(110, 6)) == [
+    assert rows(five.lines(110, 7)) == [
         "robot level since signal reason",
         f"gone ERROR link down: {REFUSED}",
         "empty ERROR battery_level 8.5 % is below 10 %",
+        "WARN motor_temperature 93 degC is above 80 degC",
         "warm WARN motor_temperature 93 degC is above 80 degC",
         "silent waiting no connection yet",
         "calm OK",
     ]
 
 
-def test_further_alarms_come_before_signals_that_are_ok_and_unknown_ones(five: Robots) -> None:
-    shown = rows(five.lines(110, 7))
-    assert shown[3] == "WARN motor_temperature 93 degC is above 80 degC"
-    assert len(shown) == 7
-    everything = rows(five.lines(110, 40))
-    assert everything[1:5] == [
-        f"gone ERROR link down: {REFUSED}",
-        "unreachable battery_level link down, no sample yet",
-        "unreachable motor_temperature link down, no sample yet",
-        "empty ERROR battery_level 8.5 % is below 10 %",
+def test_robots_that_are_ok_take_one_line_however_much_room_there_is(five: Robots) -> None:
+    assert five.lines(110, 40) == five.lines(110, 7)
+
+
+def test_signals_for_which_there_is_no_room_are_counted() -> None:
+    robots = Robots()
+    robots.add("a").measure(8.5, 93.0)
+    robots.add("b").measure(8.5, 93.0)
+    assert rows(robots.lines(110, 4))[1:] == [
+        "a ERROR battery_level 8.5 % is below 10 %",
+        "b ERROR battery_level 8.5 % is below 10 %",
+        "and 2 more signals not OK",
     ]
-    assert everything[-4:] == ["calm OK", "OK battery_level 77 %", "OK motor_temperature 40 degC", "OK link up"]
+    assert len(robots.lines(110, 5)) == 5
+
+
+def test_nine_robots_fit_into_forty_lines() -> None:
+    robots = Robots()
+    for number in range(9):
+        robots.add(f"husky{number}").measure(8.5 if number < 3 else 77.0, 40.0)
+    lines = robots.lines(120, 40)
+    assert len(lines) == 10
+    assert rows(lines)[-1] == "husky8 OK"
 
 
 def test_robots_for_which_there_is_no_room_are_counted_by_level(five: Robots) -> None:
@@ -115,7 +128,7 @@ def test_robots_for_which_there_is_no_room_are_counted_by_level(five: Robots) ->
         "robot level since signal reason",
         f"gone ERROR link down: {REFUSED}",
         "empty ERROR battery_level 8.5 % is below 10 %",
-        "and 3 more: 1 WARN, 1 unknown, 1 OK",
+        "and 3 more robots: 1 WARN, 1 unknown, 1 OK; 1 more signal not OK",
     ]
 
 
@@ -138,16 +151,18 @@ def test_it_fits_and_never_cuts_a_reason(width: int, height: int, count: int) ->
 
 
 def test_the_title_names_the_worst_robot_and_counts_the_levels(five: Robots) -> None:
-    assert fleet_summary(five.state()).plain == "5 robots, worst: gone ERROR   2 ERROR, 1 WARN, 1 unknown, 1 OK"
+    assert (
+        fleet_summary(five.state(), printable).plain == "5 robots, worst: gone ERROR   2 ERROR, 1 WARN, 1 unknown, 1 OK"
+    )
     calm = Robots()
     for name in ("a", "b"):
         calm.add(name).measure(77.0, 40.0)
-    assert fleet_summary(calm.state()).plain == "2 robots   2 OK"
+    assert fleet_summary(calm.state(), printable).plain == "2 robots   2 OK"
 
 
 def test_silenced_alarms_are_marked_and_counted(five: Robots) -> None:
     five.robots[1].alert_system.silence_of = lambda signal: "until 12:00, by ana"
-    assert fleet_summary(five.state()).plain.endswith("   1 silenced")
+    assert fleet_summary(five.state(), printable).plain.endswith("   1 silenced")
     assert any(row.startswith("warm WARN silenced motor_temperature") for row in rows(five.lines(110, 20)))
 
 

@@ -7,7 +7,7 @@ import os
 import re
 import signal
 from pathlib import Path
-from typing import Any, Callable, List
+from typing import Any, Callable, Dict, List
 
 import pytest
 
@@ -20,13 +20,13 @@ def _needs_rich() -> None:
 
 
 def test_the_table_shows_value_unit_level_and_statistics_of_every_signal(on_terminal: Start, calm: Path) -> None:
-    terminal = on_terminal("run", "--thresholds", calm)
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK .*[▁▂▃▄▅▆▇█]", text) is not None)
+    terminal = on_terminal("run", "--thresholds", calm, columns=120)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ % .*[▁▂▃▄▅▆▇█]", text) is not None)
     table = terminal.rows[-5:]
     assert re.match(r"atlas is OK ", table[0])
-    assert table[1].split() == ["signal", "value", "level", "mean", "min", "max", "trend"]
-    assert re.match(r"battery_level +[\d.]+ %  OK  +[\d.]+ +[\d.]+ +100  +[▁▂▃▄▅▆▇█]", table[2])
-    assert re.match(r"temperature +[\d.]+ degC  OK  +[\d.]+ +[\d.]+ +[\d.]+  +[▁▂▃▄▅▆▇█]", table[3])
+    assert table[1].split() == ["signal", "level", "value", "bounds", "mean", "min", "max", "trend"]
+    assert re.match(r"battery_level  OK +[\d.]+ % +WARN < 20 +[\d.]+ +[\d.]+ +100  +[▁▂▃▄▅▆▇█]", table[2])
+    assert re.match(r"temperature +OK +[\d.]+ °C +[\d.]+ +[\d.]+ +[\d.]+  +[▁▂▃▄▅▆▇█]", table[3])
     terminal.wait_until(lambda text: re.search(r"system_health [\d.]+", text) is not None)
 
 
@@ -40,13 +40,23 @@ def test_alerts_scroll_by_above_one_single_table(on_terminal: Start, restless: P
     assert terminal.text.count("signal ") == 1
 
 
-def test_levels_are_coloured(on_terminal: Start, restless: Path) -> None:
+def word_colours(terminal: Any, row: int) -> Dict[str, str]:
+    """Returns the words of a row that are coloured, with their colour."""
+    cells = [terminal.screen.buffer[row][column] for column in range(80)]
+    colours = [cell.bg if cell.bg != "default" else cell.fg for cell in cells]
+    words = {}
+    for colour in set(colours) - {"default"}:
+        words["".join(cell.data for cell, found in zip(cells, colours) if found == colour)] = colour
+    return words
+
+
+def test_only_the_word_of_the_level_is_coloured(on_terminal: Start, restless: Path) -> None:
     terminal = on_terminal("run", "--thresholds", restless)
     terminal.wait_until(lambda text: "battery_level ERROR: " in text)
     row = next(number for number, text in enumerate(terminal.screen.display) if "battery_level WARN: " in text)
-    assert terminal.screen.buffer[row][0].fg == "brown"  # what pyte calls yellow
+    assert word_colours(terminal, row) == {"WARN": "brightbrown"}  # the background; brown is what pyte calls yellow
     row = next(number for number, text in enumerate(terminal.screen.display) if "battery_level ERROR: " in text)
-    assert terminal.screen.buffer[row][0].fg == "red"
+    assert word_colours(terminal, row) == {"ERROR": "red"}
 
 
 def test_no_color_is_respected(on_terminal: Start, restless: Path) -> None:
@@ -58,7 +68,7 @@ def test_no_color_is_respected(on_terminal: Start, restless: Path) -> None:
 @pytest.mark.parametrize("end", ["\x03", signal.SIGTERM, signal.SIGINT])
 def test_the_end_leaves_the_last_table_and_the_cursor_below_it(on_terminal: Start, calm: Path, end: Any) -> None:
     terminal = on_terminal("run", "--thresholds", calm)
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     assert terminal.screen.cursor.hidden
     terminal.type(end) if isinstance(end, str) else terminal.signal(end)
     assert terminal.wait() == 0
@@ -77,9 +87,9 @@ def test_a_duration_leaves_the_terminal_as_cleanly(on_terminal: Start, restless:
 
 def test_a_narrow_terminal_gets_a_narrow_table(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR", columns=40, lines=10)
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     assert len(terminal.rows) == 5
-    assert terminal.rows[1].split() == ["signal", "value", "level"]
+    assert terminal.rows[1].split() == ["signal", "level", "value"]
 
 
 def test_a_terminal_with_few_lines_shows_the_worst_signals(on_terminal: Start, tmp_path: Path) -> None:
@@ -92,28 +102,28 @@ def test_a_terminal_with_few_lines_shows_the_worst_signals(on_terminal: Start, t
     )
     terminal = on_terminal("run", "--thresholds", file, "--log-level", "ERROR", lines=10)
     # of 31, six in ten lines: title, header, the line that counts the others and one for alerts
-    warned = re.compile(r"^cpu_usage +[\d.]+  WARN", re.MULTILINE)
-    terminal.wait_until(lambda text: warned.search(text) is not None and terminal.rows[-1] == "and 25 more")
+    warned = re.compile(r"^cpu_usage +WARN +[\d.]+ is below 101", re.MULTILINE)
+    terminal.wait_until(lambda text: warned.search(text) is not None and terminal.rows[-1] == "and 25 more: 25 unknown")
     table = [row for row in terminal.rows if row.startswith(("cpu_usage ", "signal_"))]
-    assert re.match(r"cpu_usage +[\d.]+  WARN", table[0])
+    assert re.match(r"cpu_usage +WARN +[\d.]+ is below 101", table[0])
     assert len(table) == 6
 
 
 def test_a_window_that_changes_its_size_is_redrawn_at_once_and_once(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR")
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     assert "trend" in terminal.text
     terminal.resize(40, 12)
     terminal.wait_until(lambda text: "trend" not in text and "cpu_usage" in text)
     assert terminal.text.count("battery_level") == 1
     terminal.resize(120, 30)
-    terminal.wait_until(lambda text: "message" in text and "cpu_usage" in text)
+    terminal.wait_until(lambda text: "mean" in text and "cpu_usage" in text)
     assert terminal.text.count("battery_level") == 1
 
 
 def test_tmux_finds_no_full_clear_that_it_would_copy_into_its_history(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, "--log-level", "ERROR")
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     assert b"\r\x1b[J" not in terminal.bytes
     assert b"A\x1b[J" not in terminal.bytes
     assert b"\x1b[J" in terminal.bytes
@@ -121,7 +131,7 @@ def test_tmux_finds_no_full_clear_that_it_would_copy_into_its_history(on_termina
 
 def test_ctrl_z_gives_the_terminal_back_and_going_on_draws_again(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm)
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     terminal.type("\x1a")
     terminal.wait_for_stop()
     assert not terminal.screen.cursor.hidden
@@ -149,7 +159,7 @@ def test_a_terminal_that_is_not_read_stops_neither_the_monitoring_nor_the_end(
 
 def test_a_terminal_paused_by_ctrl_s_is_restored_at_the_end(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm)
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     terminal.type("\x13")
     terminal.signal(signal.SIGTERM)
     assert terminal.wait() == 0
@@ -165,7 +175,7 @@ def test_a_robot_cannot_control_the_terminal(on_terminal: Start, tmp_path: Path)
     )
     terminal = on_terminal("run", "--thresholds", file, columns=120)
     terminal.wait_until(
-        lambda text: "WARN" in text and re.search(r"cpu_usage +[\d.]+ \[red\]%\[/red\]", text) is not None
+        lambda text: "WARN" in text and re.search(r"cpu_usage +WARN +[\d.]+ \[red\]%\[/red\]", text) is not None
     )
 
 
@@ -195,7 +205,7 @@ def test_without_rich_there_are_plain_lines_and_a_hint(on_terminal: Start, restl
 
 def test_an_ascii_terminal_gets_a_table_without_bars(on_terminal: Start, calm: Path) -> None:
     terminal = on_terminal("run", "--thresholds", calm, PYTHONIOENCODING="ascii")
-    terminal.wait_until(lambda text: re.search(r"cpu_usage +[\d.]+ %  OK", text) is not None)
+    terminal.wait_until(lambda text: re.search(r"cpu_usage +OK +[\d.]+ %", text) is not None)
     assert terminal.bytes.isascii()
     assert b"\\u" not in terminal.bytes
 
@@ -210,7 +220,7 @@ def draw(statuses: List[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> Li
 
     monkeypatch.setattr(live.LiveView, "_size", lambda view: (width, 40))
     view = live.LiveView(Terminal())
-    view._state = live._State("atlas", statuses, None, {})
+    view._state = live._State("atlas", [live.SignalRow(status, "", ()) for status in statuses], None)
     text = view._render((), 0)
     return re.sub("\x1b\\[[0-9;?]*[A-Za-z]", "", text).replace("\r", "").split("\n")
 
@@ -225,7 +235,7 @@ def status(name: str, level: int, message: str, **values: str) -> Any:
 def test_an_unknown_level_looks_like_neither_ok_nor_an_alarm(state: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = draw([status("a", 0, "OK"), status("b", 3, "no sample yet", state=state)], 80, monkeypatch)
     assert rows[0].startswith(f"atlas is {state} ")
-    assert re.match(rf"b +19.5 %  {state} ", rows[3])
+    assert re.match(rf"b +{state}  no sample yet", rows[3])
     assert not re.search(r"\b(STALE|OK|ERROR)\b", rows[3])
 
 
@@ -250,7 +260,7 @@ def test_no_status_of_a_robot_controls_the_terminal_or_breaks_the_table(
 ) -> None:
     hostile = "x\x1b[2J\x9b2J\n\u202e[bold]"
     rows = draw([status(hostile, 2, hostile, unit=hostile, mean=hostile, state="firing")], width, monkeypatch)
-    assert len(rows) == 3
+    assert len(rows) == (4 if width < 40 else 3)
     assert all(row.isprintable() for row in rows)
 
 
