@@ -11,7 +11,9 @@ import aiohttp
 
 from robot_health_monitor.core.formatting import printable
 
-__all__ = ["UP", "Cause", "cause_of_close", "cause_of_error"]
+from ..address import shown_address
+
+__all__ = ["UP", "Cause", "RedirectError", "cause_of_close", "cause_of_error"]
 
 _LONGEST_REASON = 100
 _POLICY_VIOLATION = 1008
@@ -30,11 +32,21 @@ class Cause(NamedTuple):
     text: str
     """For instance `connection refused`."""
     own_fault: bool = False
-    """True if no attempt can succeed until the configuration on this side is corrected; the text says `own fault`."""
+    """True if no attempt can succeed until the configuration on this side is corrected."""
 
 
 UP = Cause("")
 """No cause: the connection is up."""
+
+
+class RedirectError(aiohttp.ClientError):
+    """The server redirects to another address. It may be another robot's, and without TLS."""
+
+    def __init__(self, status: int, location: str) -> None:
+        """Takes the status of the answer, and the address that it names; empty: none."""
+        super().__init__(status, location)
+        self.status = status
+        self.location = location
 
 
 def cause_of_error(error: BaseException, has_token: bool) -> Cause:
@@ -46,8 +58,11 @@ def cause_of_error(error: BaseException, has_token: bool) -> Cause:
     """
     if isinstance(error, aiohttp.WSServerHandshakeError):
         return _cause_of_status(error.status, has_token)
+    if isinstance(error, RedirectError):
+        target = f" to {_limited(shown_address(error.location))}" if error.location else ""
+        return Cause(f"the server redirects{target} (HTTP {error.status}); redirects are not followed")
     if isinstance(error, aiohttp.InvalidURL):
-        return Cause("own fault: invalid address", True)
+        return _own_fault("invalid address")
     if isinstance(error, aiohttp.WebSocketError):
         if error.code == _TOO_LARGE:
             return Cause("connection closed: a message is larger than this client accepts")
@@ -83,7 +98,7 @@ def _cause_of_status(status: int, has_token: bool) -> Cause:
     if status == 401:
         return _token_refused(has_token)
     if status == 403:
-        return Cause("own fault: the server refuses this client (HTTP 403)", True)
+        return _own_fault("the server refuses this client (HTTP 403)")
     if status >= 500:
         return Cause(f"the server is not ready (HTTP {status})")
     return Cause(f"not a rosbridge server (HTTP {status})")
@@ -102,15 +117,19 @@ def _cause_of_system_error(error: BaseException) -> Cause:
 
 def _cause_of_tls(error: ssl.SSLError) -> Cause:
     if isinstance(error, ssl.SSLCertVerificationError):
-        return Cause(f"own fault: the server's certificate is not trusted: {_limited(error.verify_message)}", True)
+        return _own_fault(f"the server's certificate is not trusted: {_limited(error.verify_message)}")
     reason = (error.reason or type(error).__name__).replace("_", " ").lower()
     if "certificate required" in reason:
-        return Cause("own fault: the server requires a client certificate", True)
+        return _own_fault("the server requires a client certificate")
     return Cause(f"TLS failed: {_limited(reason)}")
 
 
 def _token_refused(has_token: bool) -> Cause:
-    return Cause("own fault: wrong token" if has_token else "own fault: no token", True)
+    return _own_fault("wrong token" if has_token else "no token")
+
+
+def _own_fault(text: str) -> Cause:
+    return Cause(f"check this computer's settings: {text}", True)
 
 
 def _limited(text: str) -> str:

@@ -39,7 +39,7 @@ from ..protocol.codec import decode
 from ..protocol.definitions import canonical
 from ..turns import Turns, limit_reads
 from .backoff import Backoff
-from .cause import UP, Cause, cause_of_close, cause_of_error
+from .cause import UP, Cause, RedirectError, cause_of_close, cause_of_error
 from .host_lookup import HostLookup
 from .liveness import wait_until_unanswered
 from .log_limit import LogLimit
@@ -229,7 +229,8 @@ class ServerConnection:
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         has_token = bool(self._token)
         connector = _Connector(resolver=self._lookup, use_dns_cache=False)
-        async with aiohttp.ClientSession(headers=headers, connector=connector) as session:
+        traces = [_refusing_redirects()]
+        async with aiohttp.ClientSession(headers=headers, connector=connector, trace_configs=traces) as session:
             try:
                 socket = await within(_CONNECT_TIMEOUT_S, self._open(session))
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError) as error:
@@ -414,6 +415,17 @@ class _Connector(aiohttp.TCPConnector):
         return connection
 
 
+def _refusing_redirects() -> aiohttp.TraceConfig:
+    """Returns hooks that end a request at a redirect: `ws_connect` has no option for it."""
+
+    async def refuse(session: Any, context: Any, redirect: aiohttp.TraceRequestRedirectParams) -> None:
+        raise RedirectError(redirect.response.status, redirect.response.headers.get("Location", ""))
+
+    trace = aiohttp.TraceConfig()
+    trace.on_request_redirect.append(refuse)
+    return trace
+
+
 async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> Cause:
     while True:
         wire = await queue.get()
@@ -431,9 +443,5 @@ async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> C
 
 async def _close(socket: aiohttp.ClientWebSocketResponse) -> None:
     """Closes a connection; a server that does not answer does not delay this for long."""
-    closing = asyncio.ensure_future(socket.close())
-    try:
-        await asyncio.wait({closing}, timeout=_CLOSE_TIMEOUT_S)
-    finally:
-        closing.cancel()
-        closing.add_done_callback(ignore_result)
+    with contextlib.suppress(Exception):
+        await within(_CLOSE_TIMEOUT_S, socket.close())

@@ -136,15 +136,15 @@ def test_a_robot_that_is_not_there_is_one_alert_with_its_cause(robot_health: Sta
 
 
 @pytest.mark.parametrize(("token", "cause"), [("guessed", "wrong token"), ("", "no token")])
-def test_a_wrong_or_missing_token_is_reported_at_once_as_an_own_fault(
+def test_a_wrong_or_missing_token_is_reported_at_once_as_a_mistake_on_this_side(
     robot_health: Start, calm: Path, thresholds: Path, token: str, cause: str
 ) -> None:
     robot = robot_health("run", "--thresholds", calm, "--port", 0, ROBOT_HEALTH_TOKEN="s3cret")
     address = f"atlas=ws://127.0.0.1:{port_of(robot)}"
     watcher = robot_health("connect", address, "--thresholds", thresholds, "--duration", 2, ROBOT_HEALTH_TOKEN=token)
     assert watcher.wait() == 2
-    assert alerts(watcher) == [f"link ERROR: down: own fault: {cause}"]
-    assert watcher.errors == [f"robot-health connect: atlas: own fault: {cause}"]
+    assert alerts(watcher) == [f"link ERROR: down: check this computer's settings: {cause}"]
+    assert watcher.errors == [f"robot-health connect: atlas: check this computer's settings: {cause}"]
 
 
 def test_the_right_token_from_a_file_connects_and_is_never_shown(

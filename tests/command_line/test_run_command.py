@@ -319,7 +319,7 @@ def test_the_token_file_of_the_configuration_protects_the_server(
     process.wait_for_text(f"[WARN] rosbridge: {token}: every user of this machine can read this token")
     url = process.wait_for_text("serving on ws://").rpartition(" ")[2]
     stranger = robot_health("connect", url, "--thresholds", restless, ROBOT_HEALTH_TOKEN="guessed")
-    stranger.wait_for_text("own fault")
+    stranger.wait_for_text("check this computer's settings")
     friend = robot_health("connect", url, "--thresholds", restless, "--token-file", token)
     friend.wait_for_text("battery_level ERROR: ")
     assert "s3cret" not in process.text + stranger.text + friend.text

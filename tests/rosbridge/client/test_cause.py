@@ -9,7 +9,7 @@ from typing import Optional
 import aiohttp
 import pytest
 
-from robot_health_monitor.rosbridge.client.cause import Cause, cause_of_close, cause_of_error
+from robot_health_monitor.rosbridge.client.cause import Cause, RedirectError, cause_of_close, cause_of_error
 
 
 @pytest.mark.parametrize(
@@ -19,8 +19,8 @@ from robot_health_monitor.rosbridge.client.cause import Cause, cause_of_close, c
         (1006, "", False, Cause("connection lost")),
         (1000, "bye", False, Cause("the server closed the connection")),
         (1001, "", False, Cause("the server closed the connection")),
-        (1008, "token required", False, Cause("own fault: no token", True)),
-        (1008, "token required", True, Cause("own fault: wrong token", True)),
+        (1008, "token required", False, Cause("check this computer's settings: no token", True)),
+        (1008, "token required", True, Cause("check this computer's settings: wrong token", True)),
         (1008, "too many clients", False, Cause("the server closed the connection with code 1008: too many clients")),
         (1011, "", False, Cause("the server closed the connection with code 1011")),
         (4000, "\x1b[2J", False, Cause("the server closed the connection with code 4000: ?[2J")),
@@ -39,7 +39,16 @@ def test_a_close_frame_is_explained(code: Optional[int], reason: str, has_token:
         (ConnectionResetError(), "connection lost"),
         (aiohttp.ServerDisconnectedError(), "connection lost"),
         (aiohttp.ServerTimeoutError("No PONG received"), "no answer from the host"),
-        (aiohttp.InvalidURL("ws://user:secret@robot"), "own fault: invalid address"),
+        (aiohttp.InvalidURL("ws://user:secret@robot"), "check this computer's settings: invalid address"),
+        (
+            RedirectError(308, "ws://user:secret@other:9090/a?token=secret"),
+            "the server redirects to ws://other:9090/a (HTTP 308); redirects are not followed",
+        ),
+        (RedirectError(302, ""), "the server redirects (HTTP 302); redirects are not followed"),
+        (
+            RedirectError(302, "/\x1b[2Jlogin"),
+            "the server redirects to /?[2Jlogin (HTTP 302); redirects are not followed",
+        ),
         (ValueError("ws://user:secret@robot"), "no connection: ValueError"),
     ],
 )

@@ -258,15 +258,46 @@ async def test_a_server_that_accepts_only_to_close_is_never_up_and_tried_less_an
     assert waits_s[3] > waits_s[0]
 
 
+@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+def test_a_redirect_is_not_followed(status: int) -> None:
+    """It may lead to another robot, whose state would be taken for this one's, or from TLS to none."""
+
+    @scenario
+    async def run() -> None:
+        other = ForeignServer()
+        target = (await other.start()).replace("ws:", "http:")
+        application = web.Application()
+
+        async def redirect(request: web.Request) -> web.Response:
+            return web.Response(status=status, headers={"Location": f"{target}/?token=s3cret"})
+
+        application.router.add_get("/", redirect)
+        runner = web.AppRunner(application)
+        await runner.setup()
+        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        watched = Watched(f"ws://127.0.0.1:{runner.addresses[0][1]}")
+        await until(lambda: bool(watched.causes))
+        await watched.close()
+        await runner.cleanup()
+        await other.close()
+        assert other.requests == []
+        assert (watched.ups, watched.causes) == (
+            [False],
+            [f"the server redirects to {target}/ (HTTP {status}); redirects are not followed"],
+        )
+
+    run()
+
+
 # The token
 
 
 @with_robot(Access(token="s3cret"))
-async def test_a_wrong_token_is_an_own_fault(robot: Robot) -> None:
+async def test_a_wrong_token_is_a_mistake_on_this_side(robot: Robot) -> None:
     watched = Watched(robot.url, token="guessed")
     await robot.until(lambda: bool(watched.causes))
     await watched.close()
-    assert watched.causes == ["own fault: wrong token"]
+    assert watched.causes == ["check this computer's settings: wrong token"]
 
 
 @with_robot(Access(token="s3cret"))
@@ -281,7 +312,7 @@ async def test_the_right_token_connects(robot: Robot) -> None:
 
 
 @scenario
-async def test_a_missing_token_is_an_own_fault() -> None:
+async def test_a_missing_token_is_a_mistake_on_this_side() -> None:
     server = ForeignServer()
 
     async def require_token(socket: web.WebSocketResponse) -> None:
@@ -292,7 +323,7 @@ async def test_a_missing_token_is_an_own_fault() -> None:
     await until(lambda: bool(watched.causes))
     await watched.close()
     await server.close()
-    assert (watched.ups, watched.causes) == ([False], ["own fault: no token"])
+    assert (watched.ups, watched.causes) == ([False], ["check this computer's settings: no token"])
 
 
 @scenario
@@ -607,7 +638,7 @@ def test_tls_and_a_clients_certificate_carry_a_connection(tmp_path: Any) -> None
         doubter = Watched(url)
         await robot.until(lambda: doubter.ups == [False])
         await doubter.close()
-        assert doubter.causes[0].startswith("own fault: the server's certificate is not trusted: ")
+        assert doubter.causes[0].startswith("check this computer's settings: the server's certificate is not trusted: ")
         stranger = Watched(url, ssl_context=trusting)
         await robot.until(lambda: bool(stranger.ups) and not stranger.ups[-1])
         await stranger.close()
