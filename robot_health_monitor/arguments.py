@@ -22,9 +22,11 @@ def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
         argv: the arguments; None: those of the process.
 
     Raises:
-        SystemExit: they are wrong (code 2, one line on stderr), or requested help or the version (code 0).
+        SystemExit: they are wrong (code 2, one line on stderr), or requested help or the version (code 0). No argument
+            at all requests help.
     """
-    return _parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else list(argv)
+    return _parser().parse_args(words or ["--help"])
 
 
 class _Parser(argparse.ArgumentParser):

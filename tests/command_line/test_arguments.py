@@ -92,3 +92,11 @@ def test_every_command_has_a_help(command: str, capsys: pytest.CaptureFixture[st
         parse([command, "--help"])
     assert end.value.code in (0, None)
     assert capsys.readouterr().out.startswith(f"usage: robot-health {command}")
+
+
+def test_no_argument_at_all_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        parse([])
+    assert end.value.code == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("usage: robot-health ") and "connect" in shown and "replay" in shown
