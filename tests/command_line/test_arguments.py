@@ -52,7 +52,6 @@ def test_connect_takes_several_addresses() -> None:
         (["silence", "add", "robot=r3"], "robot-health silence add: expected --for TIME or --until-resolved"),
         (["check"], "FILE"),
         (["fly"], "fly"),
-        ([], "COMMAND"),
     ],
 )
 def test_wrong_usage_is_one_line_and_code_2(words: List[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
