@@ -22,7 +22,7 @@ class Notified:
     since_s: float
     """Wall time at which the level began, in s since 1970."""
     text: str
-    """The alert line."""
+    """The alert line, after the name of the robot."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class Notification:
 
     @property
     def text(self) -> str:
-        """The alert line."""
-        return str(self.transition["text"])
+        """The alert line, after the name of the robot: many robots may share a channel."""
+        return text_with_robot(self.robot, str(self.transition["text"]))
 
     @property
     def sent(self) -> Notified:
@@ -66,12 +66,22 @@ class Notification:
         return Notified(self.robot, self.signal, self.level, self.at_s, self.text)
 
     def as_json(self) -> str:
-        """Formats the transition as `--json` does, with the fields `notification`, `time` (UTC) and `test`."""
+        """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`."""
         further: Mapping[str, Any] = {
+            "text": self.text,
             "notification": RESOLVED if self.is_resolved else FIRING,
             "time": utc_text(self.at_s),
         }
         return json.dumps({**self.transition, **further, **({"test": True} if self.is_test else {})})
+
+
+def text_with_robot(robot: str, line: str) -> str:
+    """Returns an alert line after the name of its robot.
+
+    >>> text_with_robot("husky1", "link ERROR: down: refused (was OK for 2 h)")
+    'husky1: link ERROR: down: refused (was OK for 2 h)'
+    """
+    return f"{robot}: {line}"
 
 
 def utc_text(wall_s: float) -> str:

@@ -25,7 +25,7 @@ from robot_health_monitor.core.transition_json import json_line
 
 from ..configuration import TargetSettings
 from ..matchers import matches_pattern
-from .notification import Notification, Notified
+from .notification import Notification, Notified, text_with_robot
 
 MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
@@ -324,7 +324,8 @@ def _matches(patterns: Sequence[str], name: str) -> bool:
 
 def _notified(level: int, since_s: float, line: str) -> Notified:
     transition = json.loads(line)
-    return Notified(transition["robot"], transition["signal"], Level(level), since_s, transition["text"])
+    robot, signal, text = (transition[name] for name in ("robot", "signal", "text"))
+    return Notified(robot, signal, Level(level), since_s, text_with_robot(robot, text))
 
 
 def _no_longer_watched(line: str) -> str:

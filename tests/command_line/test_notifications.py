@@ -126,5 +126,5 @@ def test_alertmanager_shows_the_alert(run: Callable[..., LineProcess], tmp_path:
         (found,) = alertmanager.alerts()
         labels = {"alertname": "RobotHealth", "robot": "atlas", "signal": "battery_level"}
         assert found["labels"] == {**labels, "level": "ERROR", "severity": "critical"}
-        assert found["annotations"]["summary"].startswith("battery_level ERROR: ")
+        assert found["annotations"]["summary"].startswith("atlas: battery_level ERROR: ")
         process.end()

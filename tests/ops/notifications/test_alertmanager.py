@@ -20,7 +20,7 @@ from robot_health_monitor.ops.notifications.notification import Notification, No
 from robot_health_monitor.ops.notifications.sender import DeliveryError
 
 BEGIN_S = 1_700_000_000.0
-WARN = Notified("r3", "battery", Level.WARN, BEGIN_S, "battery WARN: 19 %")
+WARN = Notified("r3", "battery", Level.WARN, BEGIN_S, "r3: battery WARN: 19 %")
 
 
 def notification(level: str, at_s: float, **fields: Any) -> Notification:
@@ -44,7 +44,7 @@ def test_an_alert_carries_labels_summary_and_begin(server: HttpServer, level: st
     assert received.json == [
         {
             "labels": labels(level, severity),
-            "annotations": {"summary": f"line {level}"},
+            "annotations": {"summary": f"r3: line {level}"},
             "startsAt": "2023-11-14T22:13:20.000Z",
         }
     ]
@@ -55,13 +55,13 @@ def test_a_change_of_level_ends_the_old_alert_in_the_same_request(server: HttpSe
     assert server.next().json == [
         {
             "labels": labels("WARN", "warning"),
-            "annotations": {"summary": "line ERROR"},
+            "annotations": {"summary": "r3: line ERROR"},
             "startsAt": "2023-11-14T22:13:20.000Z",
             "endsAt": "2023-11-14T22:14:20.000Z",
         },
         {
             "labels": labels("ERROR", "critical"),
-            "annotations": {"summary": "line ERROR"},
+            "annotations": {"summary": "r3: line ERROR"},
             "startsAt": "2023-11-14T22:14:20.000Z",
         },
     ]
@@ -99,7 +99,7 @@ def test_an_alert_appears_changes_level_and_resolves(alertmanager: RunningAlertm
     pager.send(first)
     (alert,) = alertmanager.alerts()
     assert alert["labels"] == labels("WARN", "warning")
-    assert alert["annotations"] == {"summary": "line WARN"}
+    assert alert["annotations"] == {"summary": "r3: line WARN"}
     assert alert["status"]["state"] in ("active", "unprocessed")
     begin = datetime.datetime.strptime(alert["startsAt"][:23] + "+0000", "%Y-%m-%dT%H:%M:%S.%f%z")
     assert begin.timestamp() == pytest.approx(begin_s, abs=0.001)

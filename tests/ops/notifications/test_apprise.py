@@ -38,7 +38,7 @@ def test_each_address_of_the_file_receives_the_alert_line(server: HttpServer, tm
     first, second = server.next(), server.next()
     assert {first.path, second.path} == {"/one/s3cret", "/two/s3cret"}
     assert first.json["title"] == "r3: battery_level WARN" and first.json["type"] == "warning"
-    assert first.json["message"] == "battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
+    assert first.json["message"] == "r3: battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
     assert mail.place == "json://..." and mail.warning == ""
     mail.send(Notification(FIELDS, True, 0.0, is_test=True))
     received = server.next()

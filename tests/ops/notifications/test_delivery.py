@@ -90,7 +90,10 @@ def bench(server: HttpServer) -> Bench:
 
 
 def received(server: HttpServer) -> List[str]:
-    return [f"{request.json['text']} {request.json['notification']}" for request in server.all()]
+    """Returns alert lines and kinds of the requests, all of robot r3."""
+    found = [request.json for request in server.all()]
+    assert all(each["text"].startswith("r3: ") for each in found)
+    return [f"{each['text'][4:]} {each['notification']}" for each in found]
 
 
 def test_notifications_are_sent_in_order_and_nothing_is_left(bench: Bench, server: HttpServer) -> None:
@@ -187,7 +190,7 @@ def test_a_refused_notification_is_given_up_and_reported(bench: Bench, server: H
     bench.change("WARN")
     bench.run(60.0)
     assert len(server.all()) == MOST_REFUSALS
-    text = f"{server.url}: response 404 Not Found; given up after 5 attempts: battery WARN"
+    text = f"{server.url}: response 404 Not Found; given up after 5 attempts: r3: battery WARN"
     assert bench.fault() == (Level.ERROR, text) and bench.queue.waiting("chat") == 0
     server.behave = responding(200)
     bench.change("OK")

@@ -16,14 +16,20 @@ from robot_health_monitor.ops.notifications.notification import Notification, No
 def test_the_json_is_that_of_the_transition_with_kind_and_time() -> None:
     fields = json.loads(json_line(transition()))
     written = json.loads(Notification(fields, False, 1_700_000_000.5).as_json())
-    assert written == {**fields, "notification": "firing", "time": "2023-11-14T22:13:20.500Z"}
+    assert fields["text"] == "battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
+    assert written == {
+        **fields,
+        "text": f"{fields['robot']}: {fields['text']}",
+        "notification": "firing",
+        "time": "2023-11-14T22:13:20.500Z",
+    }
     resolved = json.loads(Notification(fields, True, 0.0, is_test=True).as_json())
     assert (resolved["notification"], resolved["test"]) == ("resolved", True)
 
 
 def test_what_a_target_knows_after_a_notification() -> None:
     notification = Notification(json.loads(json_line(transition(robot="r3"))), False, 12.0)
-    text = "battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
+    text = "r3: battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
     assert notification.sent == Notified("r3", "battery_level", Level.WARN, 12.0, text)
 
 

@@ -317,7 +317,7 @@ def test_alerts_about_which_something_waits_are_not_repeated() -> None:
     bench.change("OK", "WARN")
     open_alerts = bench.queue.open_at(bench.connection, "chat")
     assert [(alert.robot, alert.signal, alert.since_s, alert.text) for alert in open_alerts] == [
-        ("r3", "cpu", 1002.0, "cpu WARN")
+        ("r3", "cpu", 1002.0, "r3: cpu WARN")
     ]
 
 
@@ -378,7 +378,7 @@ def test_alerts_of_robots_that_are_no_longer_watched_end() -> None:
     bench.queue.end_unwatched(bench.connection, {"r4"}, 5000.0)
     taken = bench.take()
     assert taken is not None and described(taken) == ("battery", "resolved", "WARN")
-    assert (taken.notification.text, taken.notification.at_s) == ("battery OK: no longer watched", 5000.0)
+    assert (taken.notification.text, taken.notification.at_s) == ("r3: battery OK: no longer watched", 5000.0)
     bench.queue.finish(bench.connection, taken)
     bench.restart()
     assert bench.deliver() == []

@@ -68,8 +68,15 @@ def record(history: RobotHistory, level: str, signal: str = "battery", robot: st
 
 
 def texts(server: HttpServer, count: int) -> List[str]:
-    """Waits for a number of requests."""
-    return [server.next().json["text"] for _ in range(count)]
+    """Waits for a number of requests and returns their alert lines."""
+    return [line(server.next().json) for _ in range(count)]
+
+
+def line(notification: Any) -> str:
+    """Returns the alert line of a notification, whose text begins with the robot."""
+    robot, _, text = notification["text"].partition(": ")
+    assert robot == notification["robot"]
+    return str(text)
 
 
 @pytest.mark.parametrize("in_file", [False, True])
@@ -83,7 +90,7 @@ def test_transitions_reach_the_targets_that_want_them(server: HttpServer, tmp_pa
             record(history, level)
         received = [server.next() for _ in range(5)]
         wait_for(lambda: notifier.waiting == 0)
-    by_path = {path: [each.json["text"] for each in received if each.path == path] for path in ("/all", "/errors")}
+    by_path = {path: [line(each.json) for each in received if each.path == path] for path in ("/all", "/errors")}
     assert by_path == {
         "/all": ["battery WARN", "battery ERROR", "battery OK"],
         "/errors": ["battery ERROR", "battery OK"],
@@ -176,7 +183,7 @@ def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServ
     )
     assert process.stdout is not None
     assert process.stdout.readline() == b"recorded\n"
-    assert server.next().json["text"] == "s0 WARN"  # no response yet
+    assert line(server.next().json) == "s0 WARN"  # no response yet
     process.send_signal(signal.SIGKILL)
     process.wait()
     process.stdout.close()
@@ -227,14 +234,14 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
     with running([target], file) as (notifier, history):
         record(history, "WARN", "last")
         received = [server.next().json]
-        while received[-1]["text"] != "last WARN":
+        while line(received[-1]) != "last WARN":
             received.append(server.next().json)
         wait_for(lambda: notifier.waiting == 0)
     received += [request.json for request in server.all()]
     with closing(sqlite3.connect(file)) as connection:
         stored = connection.execute("SELECT signal, to_level, text FROM transitions ORDER BY id").fetchall()
     for name in ("s0", "s1", "s2"):
-        sent = [each["text"] for each in received if each["signal"] == name]
+        sent = [line(each) for each in received if each["signal"] == name]
         of_signal = [(level, text) for signal, level, text in stored if signal == name]
         levels = [Level.OK, *(level for level, _ in of_signal)]
         changes = [text for (level, text), before in zip(of_signal, levels) if level != before]
@@ -252,7 +259,7 @@ def test_alerts_of_robots_of_an_earlier_run_end(server: HttpServer, tmp_path: Pa
     with running([target], file) as (notifier, history):
         notifier.end_unwatched({"r4", "r5"})
         ended = server.next().json
-        assert (ended["robot"], ended["text"]) == ("r3", "battery OK: no longer watched")
+        assert ended["text"] == "r3: battery OK: no longer watched"
         assert ended["notification"] == "resolved"
 
 
@@ -279,7 +286,7 @@ def test_closing_does_not_wait_for_a_target_that_fails(server: HttpServer) -> No
     with running([TargetSettings("chat", "webhook", url=server.url)], faults=faults) as (_, history):
         record(history, "WARN")
         wait_for(faults.current)
-    assert server.next().json["text"] == "battery WARN"
+    assert line(server.next().json) == "battery WARN"
     assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("notify")]
 
 

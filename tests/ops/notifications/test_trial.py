@@ -23,7 +23,7 @@ def test_a_webhook_receives_the_test_and_its_end(server: HttpServer) -> None:
     assert set(FIELDS) <= set(firing)
     assert (firing["to_level"], firing["notification"], firing["test"]) == ("ERROR", "firing", True)
     assert (resolved["to_level"], resolved["notification"], resolved["test"]) == ("OK", "resolved", True)
-    assert firing["text"] == "test ERROR: test notification of robot-health notify, nothing is wrong"
+    assert firing["text"] == "r3: test ERROR: test notification of robot-health notify, nothing is wrong"
 
 
 def test_a_failure_is_reported_without_secrets(server: HttpServer, tmp_path: Path) -> None:
