@@ -44,7 +44,9 @@ class SignalSummary(NamedTuple):
     topic: str
     """Its absolute topic."""
     recorded: bool
-    """Whether the recordings have its topic; without it the signal was not judged."""
+    """Whether the recordings have its topic, with its type."""
+    missing: str
+    """Why it was not judged: it is not recorded, or has no sample that can be read; empty if it was."""
     statistics: SignalStatistics
     """Statistics of its samples."""
     shares: Mapping[Level, float]
@@ -88,19 +90,19 @@ class Judge:
             parameters: the mapping under `ros__parameters` of alert_system.
 
         Raises:
-            ConfigError: it cannot be used, or does not match the recorded types. The path of the error begins below
+            ConfigError: it cannot be used, or a field is not in the recorded type. The path of the error begins below
                 `ros__parameters`.
         """
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))
         node_name = self._player.node_name("alert_system")
-        recorded = {
-            name: self._player.is_recorded(resolve_name(signal.topic, node_name))
+        missing = {
+            name: self._player.why_not_recorded(resolve_name(signal.topic, node_name), signal.type)
             for name, signal in config.signals.items()
         }
         # A topic that was not recorded says nothing about the robot: its signal stays `waiting`.
         signals = {
-            name: signal if recorded[name] else {**signal, "stale_after_s": 0.0}
+            name: {**signal, "stale_after_s": 0.0} if missing[name] else signal
             for name, signal in tree["signals"].items()
         }
         node = self._player.node("alert_system", {**tree, "signals": signals})
@@ -108,8 +110,8 @@ class Judge:
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
             topic = node.resolve(signal.topic)
-            judged = self._signals[file, name] = _JudgedSignal(file, signal, topic, recorded[name])
-            if recorded[name]:
+            judged = self._signals[file, name] = _JudgedSignal(file, signal, topic, missing[name])
+            if not missing[name]:
                 self._collect(node, judged, system)
 
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
@@ -205,11 +207,11 @@ class _Tape:
 class _JudgedSignal:
     """One signal of one configuration: its samples, and the time that it spent on each level."""
 
-    def __init__(self, file: str, config: SignalConfig, topic: str, recorded: bool) -> None:
+    def __init__(self, file: str, config: SignalConfig, topic: str, missing: str) -> None:
         self.file = file
         self.config = config
         self.topic = topic
-        self.recorded = recorded
+        self.missing = missing
         self.statistics = SignalStatistics(config)
         self._alerts = 0
         self._skipped_s = 0.0
@@ -253,4 +255,7 @@ class _JudgedSignal:
     def summary(self) -> SignalSummary:
         total_s = sum(self._lasted_s.values())
         shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()} if total_s > 0.0 else {}
-        return SignalSummary(self.file, self.config, self.topic, self.recorded, self.statistics, shares, self._alerts)
+        missing = self.missing or ("" if self.statistics.samples else f"{self.topic} has no samples")
+        return SignalSummary(
+            self.file, self.config, self.topic, not self.missing, missing, self.statistics, shares, self._alerts
+        )

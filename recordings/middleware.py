@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.formatting import count_text
+from robot_health_monitor.core.formatting import count_text, list_text
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
 from robot_health_monitor.core.middleware import Message, Severity
@@ -22,7 +22,7 @@ from robot_health_monitor.core.timers import ClockTimer
 
 from .decoding import types_of
 from .reading import Recordings
-from .recording import Channel, canonical_type
+from .recording import Channel, RecordingError, canonical_type
 
 Callback = Callable[[Any, float], None]
 
@@ -44,26 +44,37 @@ class Subscription:
         self.active = True
 
 
+class _Tally:
+    """How much of one recording could be used."""
+
+    def __init__(self) -> None:
+        self.decoded = 0
+        """Fields that were read."""
+        self.undecodable = 0
+        """Fields that could not be read."""
+
+
 class _Reader:
     """One field of one channel: read once per message, delivered to every subscription."""
 
-    def __init__(self, channel: Channel, field: Optional[str], on_undecodable: Callable[[str], None]) -> None:
+    def __init__(self, channel: Channel, field: Optional[str], on_undecodable: Callable[[], None]) -> None:
         self.subscriptions: List[Subscription] = []
-        self._topic = channel.topic
         self._get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
         self._on_undecodable = on_undecodable
 
-    def bind(self) -> Callable[[bytes, float], None]:
+    def bind(self, tally: _Tally) -> Callable[[bytes, float], None]:
         """Returns a function that passes the field of a serialized message, with its time, to the subscriptions."""
-        get, topic, on_undecodable = self._get, self._topic, self._on_undecodable
+        get, on_undecodable = self._get, self._on_undecodable
         receivers = tuple((subscription, subscription.receive) for subscription in self.subscriptions)
 
         def deliver(data: bytes, wall_s: float) -> None:
             try:
                 value = get(data)
             except ValueError:
-                on_undecodable(topic)
+                tally.undecodable += 1
+                on_undecodable()
                 return
+            tally.decoded += 1
             if value is not ABSENT:
                 for subscription, receive in receivers:
                     if subscription.active:
@@ -209,9 +220,19 @@ class Player:
             lines.append(f"no messages for more than {_LONGEST_SILENCE_S / 3600:g} h: {self._skipped_s:.0f} s skipped")
         return lines
 
-    def is_recorded(self, topic: str) -> bool:
-        """Returns whether the recordings have a topic of this absolute name."""
-        return topic in self._channels
+    def why_not_recorded(self, topic: str, type_name: str) -> str:
+        """Returns why the recordings have no messages of a type on a topic; empty if they do.
+
+        Args:
+            topic: its absolute name.
+            type_name: the type; empty: any.
+        """
+        found = self._channels.get(topic, [])
+        if not found:
+            return f"{topic} is not recorded"
+        if not self._matching(topic, type_name):
+            return f"{topic} is recorded as {found[0].type_name}, configured as {canonical_type(type_name)}"
+        return ""
 
     def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
         """Adds a node.
@@ -231,19 +252,12 @@ class Player:
     def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> Subscription:
         """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
 
-        A topic that is not recorded delivers nothing.
+        A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`.
 
         Raises:
-            ConfigError: the recorded type is another one, has no such field, or has no definition.
+            ConfigError: the recorded type has no such field, or no definition.
         """
-        channels = self._channels.get(subscription.topic, [])
-        wanted = canonical_type(type_name) if type_name else ""
-        matching = [channel for channel in channels if wanted in ("", channel.type_name)]
-        if channels and not matching:
-            raise ConfigError(
-                f"{subscription.topic}: expected messages of type {wanted}, the recording has {channels[0].type_name}"
-            )
-        for channel in matching:
+        for channel in self._matching(subscription.topic, type_name):
             self._reader(channel, field).subscriptions.append(subscription)
         return subscription
 
@@ -254,7 +268,8 @@ class Player:
             on_progress: called about a thousand times with the fraction that has been played, 0 to 1.
 
         Raises:
-            RecordingError: a library that the recording needs is not installed.
+            RecordingError: a library that the recording needs is not installed, or one of the recordings has messages
+                of the subscribed topics, but none that can be read.
         """
         if self._use_sim_time:
             self._follow_clock()
@@ -266,9 +281,14 @@ class Player:
         first_ns, past_ns = self._recordings.span_ns or (0, 0)
         if not self._use_sim_time:
             self._gaps_ns = [gap for gap in self._recordings.gaps_ns if start_ns < gap[0] and gap[1] <= end_ns]
-        deliveries = {
-            channel: tuple(reader.bind() for reader in readers.values()) for channel, readers in self._readers.items()
-        }
+        tallies = [_Tally() for _ in self._recordings.paths]
+        deliveries = [
+            {
+                channel: tuple(each.bind(tally) for each in readers.values())
+                for channel, readers in self._readers.items()
+            }
+            for tally in tallies
+        ]
         for time_ns, of_channel, data in self._recordings.messages(deliveries):
             if not start_ns <= time_ns <= end_ns:
                 self._outside += not first_ns <= time_ns <= past_ns
@@ -297,16 +317,33 @@ class Player:
             self._run_due(end_s)
         self.wall_s = end_s
         report(1.0)
+        self._check_readable(tallies)
 
     def note_timer(self, timer: ClockTimer) -> None:
         """Notes a new timer of a node."""
         self._due_s = min(self._due_s, timer.due_s)
 
+    def _matching(self, topic: str, type_name: str) -> List[Channel]:
+        wanted = canonical_type(type_name) if type_name else ""
+        return [channel for channel in self._channels.get(topic, []) if wanted in ("", channel.type_name)]
+
     def _reader(self, channel: Channel, field: Optional[str]) -> _Reader:
         readers = self._readers.setdefault(channel, {})
         if field not in readers:
-            readers[field] = _Reader(channel, field, lambda topic: self._undecodable.update([(topic, field)]))
+            readers[field] = _Reader(channel, field, lambda: self._undecodable.update([(channel.topic, field)]))
         return readers[field]
+
+    def _check_readable(self, tallies: List[_Tally]) -> None:
+        for number, tally in enumerate(tallies):
+            if tally.decoded:
+                continue
+            path = self._recordings.paths[number]
+            if tally.undecodable:
+                topics = list_text(sorted({topic for topic, _ in self._undecodable}))
+                raise RecordingError(f"{path}: none of its messages on {topics} can be decoded")
+            problem = self._recordings.problem_without(number, self._readers)
+            if problem:
+                raise RecordingError(problem)
 
     def _follow_clock(self) -> None:
         for channel in self._channels[CLOCK]:

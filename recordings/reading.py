@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import tempfile
-from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.formatting import count_text
 
@@ -36,14 +36,19 @@ class Recordings:
             paths: `.bag`, `.mcap` and `.db3` files, and folders of rosbag2.
 
         Raises:
-            RecordingError: one of them cannot be read at all.
+            RecordingError: one of them cannot be read at all, or has no message that can be read.
         """
+        self.paths = [os.fspath(path) for path in paths]
+        """The recordings, as they were given."""
         self._folder: Optional[str] = None
         self._notes: List[str] = []
         self._recordings: List[List[RecordedFile]] = []
         try:
-            for path in paths:
-                self._recordings.append(self._open(os.fspath(path)))
+            for path in self.paths:
+                files = self._open(path)
+                if _span(files) is None:
+                    raise RecordingError(_nothing_readable(path, self.problems + _problems(files)))
+                self._recordings.append(files)
         except BaseException:
             self.close()
             raise
@@ -89,16 +94,33 @@ class Recordings:
     @property
     def problems(self) -> List[str]:
         """One line for each thing that could not be read until now."""
-        return list(dict.fromkeys(self._notes + [file.problem for file in self._files if file.problem]))
+        return list(dict.fromkeys(self._notes + _problems(self._files)))
 
-    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
+    def messages(self, targets: Sequence[Mapping[Channel, Target]]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels in the order of their log times.
 
         Args:
-            targets: the channels, each with what to yield with its messages.
+            targets: for each of `paths` its channels, each with what to yield with its messages.
         """
-        streams = [file.messages(targets) for file in self._files if any(key in targets for key in file.channels)]
+        streams = [
+            file.messages(wanted)
+            for files, wanted in zip(self._recordings, targets)
+            for file in files
+            if any(channel in wanted for channel in file.channels)
+        ]
         return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=log_time)
+
+    def problem_without(self, number: int, wanted: Collection[Channel]) -> str:
+        """Returns why a recording gave no message of some channels: it is damaged. Empty: it is not, or has none.
+
+        Args:
+            number: its place in `paths`.
+            wanted: the channels.
+        """
+        files = self._recordings[number]
+        of_interest = [file for file in files if any(channel in wanted for channel in file.channels)]
+        problems = _problems(of_interest)
+        return _nothing_readable(self.paths[number], problems) if problems else ""
 
     @property
     def _files(self) -> List[RecordedFile]:
@@ -248,6 +270,17 @@ def _unpacked(file: RecordedFile) -> RecordedFile:
     first = next(iter(file.messages(channels)), None) if channels else None
     is_packed = first is not None and first[2].startswith(_ZSTD_MAGIC)  # CDR begins with a zero
     return _PackedMessages(file) if is_packed else file
+
+
+def _problems(files: Sequence[RecordedFile]) -> List[str]:
+    return [file.problem for file in files if file.problem]
+
+
+def _nothing_readable(path: str, problems: Sequence[str]) -> str:
+    """Returns the text of an error: no message of a recording can be read, because of the first problem with it."""
+    of_path = [problem[len(path) :].lstrip("/") for problem in problems if problem.startswith(path)]
+    reason = f": {of_path[0].lstrip(': ')}" if of_path else ""
+    return f"{path}: has no message that can be read{reason}"
 
 
 def _span(files: Sequence[RecordedFile]) -> Optional[Tuple[int, int]]:

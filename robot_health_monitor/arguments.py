@@ -254,6 +254,11 @@ def _add_replay(commands: Any) -> None:
         "--against: if the alerts differ, unless never (default: warn)",
     )
     command.add_argument(
+        "--allow-missing",
+        action="store_true",
+        help="do not fail because a signal is not recorded; otherwise that ends with code 1",
+    )
+    command.add_argument(
         "--from", dest="from_s", metavar="SECONDS", type=_offset, default=0.0, help="begin this long after the start"
     )
     command.add_argument(

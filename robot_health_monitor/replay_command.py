@@ -34,10 +34,10 @@ def replay(arguments: argparse.Namespace) -> bool:
     """Judges recordings, and shows the alerts.
 
     Returns:
-        Whether there were alerts to fail on or, with `--against`, whether the alerts differ.
+        Whether there were alerts to fail on (with `--against`: whether the alerts differ), or a signal was not judged.
 
     Raises:
-        ConfigError: a configuration or an argument cannot be used.
+        ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
         RecordingError: a recording cannot be read.
         OutputError: the report cannot be written.
     """
@@ -98,6 +98,7 @@ class _Replay:
                 self._judge.add(configuration.name, configuration.parameters)
             except ConfigError as error:
                 raise configuration.locate(error) from None
+        self._require_recorded()
         self._prepare_plots()
 
     def run(self) -> bool:
@@ -106,15 +107,24 @@ class _Replay:
             if self._differences is not None:
                 self._differences.flush()
             self._raise_error()
+        self._require_judged()
         summaries = self._summaries()
-        for problem in self._problems(summaries):
+        missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
+        problems = self._player.problems
+        if missing:
+            reasons = ", ".join(f"{name} ({reason})" for name, reason in missing.items())
+            problems.append(f"not judged: {reasons}")
+        for problem in problems:
             output.warn(f"WARN: {problem}")
         head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
-        output.table(head, rows, self._verdict())
+        verdict = self._verdict() + (f"; {count_text(len(missing), 'signal')} not judged" if missing else "")
+        output.table(head, rows, verdict)
         if self._arguments.report:
-            self._write_report(head, rows, self._problems(summaries))
+            self._write_report(head, rows, verdict, problems)
         if self._arguments.fail_on == "never":
             return False
+        if missing and not self._arguments.allow_missing:
+            return True
         if self._several:
             return self._transitions > 0
         return self._worst >= _LEAST_SEVERITY[self._arguments.fail_on]
@@ -198,13 +208,11 @@ class _Replay:
     def _plot(self, file: str, config: SignalConfig, times_s: Any, values: Any, bad_times_s: Any) -> None:
         self._plots[file, config.name].add_samples(times_s, values, bad_times_s)
 
-    def _write_report(self, head: List[str], rows: List[List[str]], problems: List[str]) -> None:
+    def _write_report(self, head: List[str], rows: List[List[str]], verdict: str, problems: List[str]) -> None:
         path, end_s = self._arguments.report, self._player.wall_s
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
-        period = "no messages"
-        if self._recordings.span_ns is not None:
-            period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
-            period += f", times in UTC{_utc_offset(self._start_s)}"
+        period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
+        period += f", times in UTC{_utc_offset(self._start_s)}"
         page = render(
             Report(
                 title=f"Replay of {names}",
@@ -213,7 +221,7 @@ class _Replay:
                     f"judged by {' and '.join(each.name for each in self._configurations)}; "
                     f"robot-health {package_version()}",
                 ],
-                verdict=self._verdict(),
+                verdict=verdict,
                 problems=problems,
                 start_s=self._start_s,
                 end_s=end_s,
@@ -239,18 +247,31 @@ class _Replay:
             return _count(self._transitions, "difference")  # OK included: an alert may end at another time
         return _count(self._alerts, "alert")
 
-    def _problems(self, summaries: List[SignalSummary]) -> List[str]:
-        """Returns everything that makes the verdict less than complete."""
-        problems = self._player.problems
-        if not any(summary.recorded for summary in summaries):
+    def _require_recorded(self) -> None:
+        """Raises ConfigError if no signal of a configuration is recorded."""
+        topics = {channel.topic for channel in self._recordings.channels}
+        for summaries in self._by_configuration():
+            if any(summary.recorded for summary in summaries):
+                continue
             wanted = list_text(list(dict.fromkeys(summary.topic for summary in summaries)))
-            there = list_text(sorted({channel.topic for channel in self._recordings.channels}))
-            if there:
-                difference = f"expected one of {wanted}, got {there}; is a --namespace missing?"
+            if not topics:
+                reason = "the recordings have no topics with ROS messages"
+            elif topics.isdisjoint(summary.topic for summary in summaries):
+                reason = f"expected one of {wanted}, got {list_text(sorted(topics))}; is a --namespace missing?"
             else:
-                difference = "the recordings have no topics with ROS messages"
-            problems.append(f"no signal is recorded: {difference}")
-        return problems
+                reason = list_text([summary.missing for summary in summaries])
+            raise ConfigError(f"no signal is recorded: {reason}")
+
+    def _require_judged(self) -> None:
+        """Raises ConfigError if no signal of a configuration had a sample."""
+        for summaries in self._by_configuration():
+            if all(summary.missing for summary in summaries):
+                reasons = list_text([f"{summary.config.name} ({summary.missing})" for summary in summaries])
+                raise ConfigError(f"no signal was judged: {reasons}")
+
+    def _by_configuration(self) -> List[List[SignalSummary]]:
+        found = self._judge.summaries
+        return [[each for each in found if each.file == configuration.name] for configuration in self._configurations]
 
 
 def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import sqlite3
 import subprocess
 from pathlib import Path
 from typing import Any, Dict, List
 
 import pytest
-from harness.recorded import START_NS, Recorded, values, write_bag, write_mcap
+from harness.recorded import ROS1, ROS2, START_NS, Recorded, values, write_bag, write_folder, write_mcap
 from harness.requirements import recordings_requirements
 
 from robot_health_monitor.__main__ import main
@@ -19,8 +21,8 @@ alert_system:
   ros__parameters:
     signals:
       battery: {type: std_msgs/Float32, unit: "%", warn_below: 20.0, error_below: 10.0}
-      gps: {type: std_msgs/Float32, warn_below: 1.0}
 """
+WITH_GPS = f"{THRESHOLDS}      gps: {{type: std_msgs/Float32, warn_below: 1.0}}\n"
 FALLING = [50.0] * 10 + [15.0] * 10 + [50.0] * 10
 """OK, at 10 s WARN, at 20 s OK."""
 
@@ -56,9 +58,8 @@ def test_alerts_have_the_wall_time_of_the_recording(
         "2023-11-14 22:13:30 battery WARN: 15 % is below 20 % (was OK for 10 s)",
         "2023-11-14 22:13:40 battery OK: 50 % is no longer below 20 % (was WARN for 10 s)",
         "",
-        "signal        samples  bad      OK    WARN  ERROR  STALE  alerts   min     mean   max  longest gap",
-        "battery            30    0  65.5 %  34.5 %    0 %    0 %       1  15 %  38.33 %  50 %          1 s",
-        "gps      not recorded",
+        "signal   samples  bad      OK    WARN  ERROR  STALE  alerts   min     mean   max  longest gap",
+        "battery       30    0  65.5 %  34.5 %    0 %    0 %       1  15 %  38.33 %  50 %          1 s",
         "1 alert",
     ]
     assert printed.err == ""
@@ -96,7 +97,7 @@ def test_json_is_one_object_per_transition(tmp_path: Path, thresholds: str, caps
     assert first["now_s"] == 1_700_000_010.0
     assert second["to_level"] == "OK"
     assert "file" not in first
-    assert "gps      not recorded" in printed.err
+    assert printed.err.endswith("1 alert\n")
 
 
 def test_against_shows_only_what_differs(tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -116,12 +117,7 @@ def test_against_shows_only_what_differs(tmp_path: Path, thresholds: str, capsys
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == (f"2023-11-14 22:13:23 {other}: battery ERROR: 15 % is below 18 % (was WARN for 2 s)")
     assert lines[-1] == "3 differences"
-    assert [line.split()[:2] for line in lines[-5:-1]] == [
-        ["battery", thresholds],
-        ["battery", str(other)],
-        ["gps", thresholds],
-        ["gps", str(other)],
-    ]
+    assert [line.split()[:2] for line in lines[-3:-1]] == [["battery", thresholds], ["battery", str(other)]]
     assert main([*command, "--fail-on", "never"]) == 0
 
 
@@ -174,19 +170,130 @@ def test_a_namespace_is_where_the_topics_are(tmp_path: Path, thresholds: str) ->
     assert main(["replay", recording, "--thresholds", thresholds, "--namespace", "robot1"]) == 1
 
 
-def test_a_recording_without_any_signal_is_named(
+@pytest.fixture
+def with_gps(tmp_path: Path) -> str:
+    """Returns the path of a configuration with a second signal."""
+    file = tmp_path / "with_gps.yaml"
+    file.write_text(WITH_GPS, encoding="utf-8")
+    return str(file)
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        ([], 1),
+        (["--fail-on", "error"], 1),
+        (["--fail-on", "never"], 0),
+        (["--allow-missing"], 0),
+        (["--against", "{file}"], 1),
+        (["--against", "{file}", "--allow-missing"], 0),
+    ],
+)
+@pytest.mark.parametrize("other", [[], [(1.0, "/gps", "std_msgs/msg/Int32")]], ids=["no topic", "another type"])
+def test_a_signal_that_is_not_judged_is_no_success(
+    tmp_path: Path,
+    with_gps: str,
+    capsys: pytest.CaptureFixture[str],
+    options: List[str],
+    code: int,
+    other: List[Any],
+) -> None:
+    gps = [Recorded(at_s, topic, ROS1.types[name](data=5)) for at_s, topic, name in other]
+    recording = write_bag(tmp_path / "test.bag", [*values("/battery", [50.0] * 3), *gps])
+    given = [option.replace("{file}", with_gps) for option in options]
+    assert main(["replay", recording, "--thresholds", with_gps, *given]) == code
+    printed = capsys.readouterr()
+    reason = "/gps is recorded as std_msgs/Int32, configured as std_msgs/Float32" if gps else "/gps is not recorded"
+    assert printed.err == f"WARN: not judged: gps ({reason})\n"
+    assert any(line.startswith("gps ") and line.endswith("not recorded") for line in printed.out.splitlines())
+    assert printed.out.splitlines()[-1] in ("no alerts; 1 signal not judged", "no differences; 1 signal not judged")
+
+
+def test_a_signal_with_undecodable_messages_only_is_not_judged(
+    tmp_path: Path, with_gps: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path(with_gps).write_text(WITH_GPS.replace("gps: {type: std_msgs/Float32", "gps: {type: std_msgs/Int32"))
+    gps = [Recorded(float(at_s), "/gps", ROS2.types["std_msgs/msg/Int32"](data=5)) for at_s in range(3)]
+    too_long = {"std_msgs/msg/Int32": ("ros2msg", "int64 data")}
+    recording = write_mcap(tmp_path / "test.mcap", [*values("/battery", [50.0] * 3), *gps], definitions=too_long)
+    command = ["replay", recording, "--thresholds", with_gps]
+    assert main(command) == 1
+    assert capsys.readouterr().err == (
+        "WARN: /gps: 3 messages could not be decoded and were left out\nWARN: not judged: gps (/gps has no samples)\n"
+    )
+    assert main([*command, "--allow-missing"]) == 0
+
+
+def test_where_no_signal_is_recorded_nothing_helps(
     tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recording = write_bag(tmp_path / "test.bag", values("/robot1/battery", [5.0]))
-    assert main(["replay", recording, "--thresholds", thresholds]) == 0
-    assert capsys.readouterr().err == (
-        "WARN: no signal is recorded: expected one of /battery, /gps, got /robot1/battery; is a --namespace missing?\n"
-    )
-    empty = write_bag(tmp_path / "empty.bag", [])
+    options = ["--thresholds", thresholds, "--allow-missing", "--fail-on", "never"]
     report = tmp_path / "report.html"
-    assert main(["replay", empty, "--thresholds", thresholds, "--report", str(report)]) == 0
-    assert capsys.readouterr().err == ("WARN: no signal is recorded: the recordings have no topics with ROS messages\n")
-    assert '<p class="facts">no messages</p>' in report.read_text(encoding="utf-8")
+    other = write_bag(tmp_path / "test.bag", values("/robot1/battery", [5.0]))
+    assert main(["replay", other, *options, "--report", str(report)]) == 2
+    assert capsys.readouterr().err == (
+        "robot-health replay: no signal is recorded: expected one of /battery, got /robot1/battery; "
+        "is a --namespace missing?\n"
+    )
+    number = ROS1.types["std_msgs/msg/Int32"](data=5)
+    wrong = write_bag(tmp_path / "wrong.bag", [Recorded(0.0, "/battery", number)])
+    assert main(["replay", wrong, *options]) == 2
+    assert capsys.readouterr().err == (
+        "robot-health replay: no signal is recorded: "
+        "/battery is recorded as std_msgs/Int32, configured as std_msgs/Float32\n"
+    )
+    late = write_bag(tmp_path / "late.bag", [*values("/battery", [5.0]), *values("/other", [0.0] * 3, start_s=1.0)])
+    assert main(["replay", late, *options, "--from", "1"]) == 2
+    assert capsys.readouterr().err == ("robot-health replay: no signal was judged: battery (/battery has no samples)\n")
+    assert not report.exists()
+
+
+def test_a_second_configuration_without_a_recorded_signal_is_an_error(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text(THRESHOLDS.replace("battery:", "voltage:"), encoding="utf-8")
+    command = ["replay", bag(tmp_path, FALLING), "--thresholds", thresholds, "--against", str(other)]
+    assert main([*command, "--allow-missing"]) == 2
+    assert "no signal is recorded: expected one of /voltage, got /battery" in capsys.readouterr().err
+
+
+def unreadable(folder: Path, kind: str) -> str:
+    """Returns the path of a recording from which nothing can be read."""
+    if kind == "undecodable":
+        too_long = {"std_msgs/msg/Float32": ("ros2msg", "float64 data")}
+        return write_mcap(folder / "a.mcap", values("/battery", [50.0] * 99), definitions=too_long)
+    if kind == "empty.bag":
+        return write_bag(folder / kind, [])
+    if kind == "damaged.bag":
+        found = Path(bag(folder, [50.0] * 99, kind))
+        found.write_bytes(found.read_bytes().replace(b"compression=none", b"compression=nope"))
+        return str(found)
+    if kind.endswith(".db3"):
+        found = next(Path(write_folder(folder / "rosbag2", values("/battery", [50.0]))).glob("*.db3"))
+        with contextlib.closing(sqlite3.connect(found)) as database:
+            database.execute(f"DROP TABLE {kind[:-4]}")
+        return str(found)
+    whole = Path(bag(folder, [50.0]) if kind == "cut.bag" else write_mcap(folder / "a.mcap", values("/battery", [5.0])))
+    path = folder / kind
+    path.write_bytes(whole.read_bytes()[: 13 if kind == "cut.bag" else 8])
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    "kind", ["undecodable", "empty.bag", "damaged.bag", "messages.db3", "topics.db3", "cut.bag", "cut.mcap"]
+)
+def test_a_recording_from_which_nothing_can_be_read_is_an_error_whatever_the_options(
+    tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    (tmp_path / "other").mkdir()
+    path, good = unreadable(tmp_path / "other", kind), bag(tmp_path, [50.0] * 99, "good.bag")
+    for recordings in ([path], [good, path]):
+        options = ["--thresholds", thresholds, "--allow-missing", "--fail-on", "never"]
+        assert main(["replay", *recordings, *options]) == 2
+        printed = capsys.readouterr()
+        assert (printed.err.count("\n"), printed.err.startswith(f"{path}: ")) == (1, True)
+        assert "alerts" not in printed.out  # neither the table nor a verdict
 
 
 def test_messages_that_cannot_be_decoded_are_reported(
@@ -229,8 +336,10 @@ def test_an_error_in_the_second_file_names_file_and_line(
     tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = tmp_path / "other.yaml"
-    other.write_text(THRESHOLDS.replace("Float32, warn_below: 1.0", "Float64"), encoding="utf-8")
-    recording = write_bag(tmp_path / "test.bag", values("/gps", [5.0]))
+    other.write_text(
+        WITH_GPS.replace("std_msgs/Float32, warn_below: 1.0", "std_msgs/Float32, field: x"), encoding="utf-8"
+    )
+    recording = write_bag(tmp_path / "test.bag", [*values("/gps", [5.0]), *values("/battery", [5.0])])
     assert main(["replay", recording, "--thresholds", thresholds, "--against", str(other)]) == 2
     assert capsys.readouterr().err.startswith(f"{other}:6: alert_system.ros__parameters.signals.gps: ")
 
@@ -254,8 +363,6 @@ def _umask() -> int:
 def test_simulated_time_is_that_of_the_recorded_clock(
     tmp_path: Path, thresholds: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from harness.recorded import ROS1
-
     clock, stamp = ROS1.types["rosgraph_msgs/msg/Clock"], ROS1.types["builtin_interfaces/msg/Time"]
     # Simulated time runs at half speed: 100 s at the start.
     ticks = [

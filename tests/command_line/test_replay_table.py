@@ -19,7 +19,7 @@ def summary(shares: Optional[Mapping[Level, float]] = None, recorded: bool = Tru
     statistics = SignalStatistics(config)
     if samples:
         statistics.add(np.array([0.0, 1.0, 701.0]), np.array([10.0, 20.0, 60.0]))
-    return SignalSummary("a.yaml", config, "/battery", recorded, statistics, shares or {}, 2)
+    return SignalSummary("a.yaml", config, "/battery", recorded, "", statistics, shares or {}, 2)
 
 
 def cells(found: SignalSummary) -> Mapping[str, str]:

@@ -8,7 +8,6 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tup
 import pytest
 from harness.recorded import START_NS, Recorded, values, write_bag
 
-from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.recordings.judging import Judge, JudgedEvent, SignalSummary
 from robot_health_monitor.recordings.middleware import Player
@@ -145,11 +144,20 @@ def test_topics_are_those_of_the_namespace(tmp_path: Path) -> None:
     assert result.transitions == [(0.0, "a", "battery", "WARN")]
 
 
-def test_a_type_that_differs_from_the_recorded_one_is_refused(tmp_path: Path) -> None:
-    config = {"signals": {"battery": {"type": "std_msgs/Float64"}}}
-    with pytest.raises(ConfigError, match=r"std_msgs/Float64.*std_msgs/Float32") as caught:
-        judge(tmp_path, values("/battery", [10.0]), config)
-    assert caught.value.path == ("signals", "battery")
+def test_a_signal_with_another_type_than_the_recorded_one_is_not_judged(tmp_path: Path) -> None:
+    config = {"signals": {"battery": {"type": "std_msgs/Float64", "warn_below": 20.0}}}
+    result = judge(tmp_path, values("/battery", [10.0] * 20), config)
+    summary = result.summaries["a", "battery"]
+    assert (result.transitions, summary.recorded) == ([], False)
+    assert summary.missing == "/battery is recorded as std_msgs/Float32, configured as std_msgs/Float64"
+
+
+def test_a_signal_whose_topic_has_no_messages_has_a_reason(tmp_path: Path) -> None:
+    config = {"signals": {"battery": {"stale_after_s": 0.0, "field": "data"}}}
+    messages = [*values("/battery", [10.0]), *values("/other", [1.0] * 9, start_s=1.0)]
+    result = judge(tmp_path, messages, config, from_s=5.0)
+    summary = result.summaries["a", "battery"]
+    assert (summary.recorded, summary.missing) == (True, "/battery has no samples")
 
 
 def test_the_time_between_two_recordings_is_no_silence(tmp_path: Path) -> None:
