@@ -24,6 +24,8 @@ from robot_health_monitor.core.model import Level, Transition
 from .envelope import Envelope
 from .plot import plot_bounds, plot_script, plot_style
 
+MARK = '<meta name="generator" content="robot-health replay">'
+"""In the head of every report."""
 MOST_ALERTS = 1000
 """Most alerts in the table. All are counted."""
 MOST_LEVELS = 5000
@@ -156,6 +158,7 @@ def render(report: Report) -> str:
         '<html lang="en">',
         "<head>",
         '<meta charset="utf-8">',
+        MARK,
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{_text(report.title)}</title>",

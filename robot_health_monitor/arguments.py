@@ -245,6 +245,11 @@ def _add_replay(commands: Any) -> None:
         "--against", metavar="FILE", help="a second configuration; only the alerts in which the two differ are shown"
     )
     command.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
+    command.add_argument(
+        "--force",
+        action="store_true",
+        help="let --report replace a file that is not a report; never a file that is read",
+    )
     command.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the table on stderr")
     command.add_argument(
         "--fail-on",

@@ -23,9 +23,9 @@ from robot_health_monitor.recordings.reading import Recordings
 
 from .embedded import sections_of_nodes
 from .installed_files import find_installed
-from .output.display import OutputError
 from .replay_output import ReplayOutput
 from .replay_table import header, row
+from .report_file import ReportFile
 
 _LEAST_SEVERITY = {"warn": Level.WARN.severity, "error": Level.ERROR.severity}
 
@@ -42,10 +42,12 @@ def replay(arguments: argparse.Namespace) -> bool:
         OutputError: the report cannot be written.
     """
     configurations = _configurations(arguments)
+    report = None
     if arguments.report:
-        _check_writable(arguments.report)
+        inputs = [*arguments.recordings, *(each.file.file for each in configurations if each.file is not None)]
+        report = ReportFile(arguments.report, inputs, arguments.force)
     with Recordings(arguments.recordings) as recordings:
-        return _Replay(arguments, configurations, recordings).run()
+        return _Replay(arguments, configurations, recordings, report).run()
 
 
 class _Configuration(NamedTuple):
@@ -66,9 +68,14 @@ class _Configuration(NamedTuple):
 
 class _Replay:
     def __init__(
-        self, arguments: argparse.Namespace, configurations: List[_Configuration], recordings: Recordings
+        self,
+        arguments: argparse.Namespace,
+        configurations: List[_Configuration],
+        recordings: Recordings,
+        report_file: Optional[ReportFile],
     ) -> None:
         self._arguments = arguments
+        self._report_file = report_file
         self._several = len(configurations) > 1
         self._configurations = configurations
         self._recordings = recordings
@@ -91,7 +98,7 @@ class _Replay:
         self._error: Optional[OSError] = None
         names = [configuration.name for configuration in configurations]
         self._differences = Differences(names, self._show) if self._several else None
-        self._judge = Judge(self._player, self._on_event, self._plot if arguments.report else None)
+        self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
         self._player.on_gap.append(self._on_gap)
         for configuration in configurations:
             try:
@@ -119,8 +126,8 @@ class _Replay:
         head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
         verdict = self._verdict() + (f"; {count_text(len(missing), 'signal')} not judged" if missing else "")
         output.table(head, rows, verdict)
-        if self._arguments.report:
-            self._write_report(head, rows, verdict, problems)
+        if self._report_file is not None:
+            self._write_report(self._report_file, head, rows, verdict, problems)
         if self._arguments.fail_on == "never":
             return False
         if missing and not self._arguments.allow_missing:
@@ -171,7 +178,7 @@ class _Replay:
         self._transitions += 1
         self._alerts += transition.to_level is not Level.OK
         self._worst = max(self._worst, transition.to_level.severity)
-        if self._arguments.report and len(self._shown) < MOST_ALERTS:
+        if self._report_file and len(self._shown) < MOST_ALERTS:
             self._shown.append(ReportedAlert(judged.wall_s, file, transition))
         self._output.transition(judged.wall_s, transition, file)
 
@@ -193,7 +200,7 @@ class _Replay:
     # The report
 
     def _prepare_plots(self) -> None:
-        summaries = [summary for summary in self._summaries() if summary.recorded] if self._arguments.report else []
+        summaries = [summary for summary in self._summaries() if summary.recorded] if self._report_file else []
         span_s = self._player.end_s - self._start_s
         for summary in summaries:
             file = summary.file if self._several else ""
@@ -208,8 +215,10 @@ class _Replay:
     def _plot(self, file: str, config: SignalConfig, times_s: Any, values: Any, bad_times_s: Any) -> None:
         self._plots[file, config.name].add_samples(times_s, values, bad_times_s)
 
-    def _write_report(self, head: List[str], rows: List[List[str]], verdict: str, problems: List[str]) -> None:
-        path, end_s = self._arguments.report, self._player.wall_s
+    def _write_report(
+        self, file: ReportFile, head: List[str], rows: List[List[str]], verdict: str, problems: List[str]
+    ) -> None:
+        end_s = self._player.wall_s
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
         period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
         period += f", times in UTC{_utc_offset(self._start_s)}"
@@ -233,12 +242,7 @@ class _Replay:
                 all_alerts=self._transitions,
             )
         )
-        try:
-            with open(f"{path}.part", "w", encoding="utf-8") as stream:
-                stream.write(page)
-            os.replace(f"{path}.part", path)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        file.write(page)
 
     # The end
 
@@ -292,24 +296,6 @@ def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
     # The host that replays is not the robot.
     parameters = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
     return _Configuration(name, file, section.path, parameters)
-
-
-def _check_writable(path: str) -> None:
-    """Finds out before a long replay that its report could not be written.
-
-    Raises:
-        ConfigError: it could not.
-    """
-    folder = os.path.dirname(os.path.abspath(path))
-    problem = ""
-    if not os.path.isdir(folder):
-        problem = "there is no such folder"
-    elif os.path.exists(path) and not os.path.isfile(path):
-        problem = "is not a file"
-    elif not os.access(folder, os.W_OK):
-        problem = "the folder cannot be written"
-    if problem:
-        raise ConfigError(f"--report: {problem}", file=path)
 
 
 def _time(wall_s: float) -> str:

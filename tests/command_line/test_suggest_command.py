@@ -160,9 +160,9 @@ def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path
             "no signal is recorded: expected one of arm, ",
         ),
         (
-            [("/level", "Byte", [0] * 3, 1.0)],
+            [("/rosout", "Byte", [0] * 3, 1.0)],
             [],
-            "no signal is recorded: expected topics with messages of std_msgs or sensor_msgs, got /level",
+            "no signal is recorded: expected topics with messages of std_msgs or sensor_msgs, got /rosout",
         ),
     ],
 )

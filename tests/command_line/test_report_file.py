@@ -1,0 +1,114 @@
+"""What a report of `robot-health replay` may replace, and what it never does."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import List
+
+import pytest
+from harness.recorded import values, write_bag, write_folder
+
+from robot_health_monitor.__main__ import main
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.output.display import OutputError
+from robot_health_monitor.report_file import ReportFile
+
+THRESHOLDS = "alert_system: {ros__parameters: {signals: {battery: {warn_below: 20.0}}}}\n"
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """Returns a folder with recordings and configurations, and links to them."""
+    write_bag(tmp_path / "night.bag", values("/battery", [50.0] * 3))
+    write_folder(tmp_path / "night", values("/battery", [50.0] * 3))
+    for name in ("thresholds.yaml", "other.yaml"):
+        (tmp_path / name).write_text(THRESHOLDS, encoding="utf-8")
+    (tmp_path / "symbolic.html").symlink_to("night.bag")
+    os.link(tmp_path / "night.bag", tmp_path / "hard.html")
+    (tmp_path / "to_database.html").symlink_to(next((tmp_path / "night").glob("*.db3")))
+    (tmp_path / "to_folder").symlink_to(".")
+    return tmp_path
+
+
+def replay(folder: Path, report: str, *options: str) -> int:
+    """Replays both recordings with both configurations; returns the exit code."""
+    recordings = [str(folder / "night.bag"), str(folder / "night")]
+    files = ["--thresholds", str(folder / "thresholds.yaml"), "--against", str(folder / "other.yaml")]
+    return main(["replay", *recordings, *files, "--report", str(folder / report), *options])
+
+
+@pytest.mark.parametrize("options", [[], ["--force"]], ids=["", "force"])
+@pytest.mark.parametrize(
+    "report",
+    [
+        "night.bag",
+        "night/metadata.yaml",
+        "thresholds.yaml",
+        "other.yaml",
+        "symbolic.html",
+        "hard.html",
+        "to_database.html",
+        "to_folder/night.bag",
+        "./night/../night.bag",
+    ],
+)
+def test_a_file_that_is_read_is_never_replaced(
+    files: Path, capsys: pytest.CaptureFixture[str], report: str, options: List[str]
+) -> None:
+    before = {path: path.read_bytes() for path in files.rglob("*") if path.is_file()}
+    assert replay(files, report, *options) == 2
+    printed = capsys.readouterr()
+    assert printed.err == f"{files / report}: --report: is one of the files that this command reads\n"
+    assert printed.out == ""
+    assert {path: path.read_bytes() for path in files.rglob("*") if path.is_file()} == before
+
+
+def test_a_file_that_is_not_a_report_is_replaced_with_force_only(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = files / "page.html"
+    for text in ("", "<!DOCTYPE html><title>mine</title>"):
+        other.write_text(text, encoding="utf-8")
+        assert replay(files, "page.html") == 2
+        assert capsys.readouterr().err == (
+            f"{other}: --report: exists and is not a report of robot-health; --force replaces it\n"
+        )
+        assert other.read_text(encoding="utf-8") == text
+    assert replay(files, "page.html", "--force") == 0
+    assert "<h1>Replay of night.bag, night</h1>" in other.read_text(encoding="utf-8")
+
+
+def test_an_earlier_report_is_replaced(files: Path) -> None:
+    assert replay(files, "report.html") == 0
+    first = (files / "report.html").read_bytes()
+    assert replay(files, "report.html", "--to", "1") == 0
+    assert (files / "report.html").read_bytes() != first
+
+
+def test_a_link_to_a_report_stays_a_link(files: Path) -> None:
+    assert replay(files, "report.html") == 0
+    (files / "latest.html").symlink_to("report.html")
+    assert replay(files, "latest.html") == 0
+    assert (files / "latest.html").is_symlink()
+    assert not [path for path in files.iterdir() if "part" in path.name]
+
+
+def test_a_file_that_appears_during_the_replay_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    report = ReportFile(str(path), [], force=False)
+    path.write_text("mine", encoding="utf-8")
+    with pytest.raises(ConfigError, match="is not a report"):
+        report.write("page")
+    assert path.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_report_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(source: str, target: str) -> None:
+        raise OSError(28, "No space left on device")
+
+    report = ReportFile(str(tmp_path / "report.html"), [], force=False)
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OutputError, match=r"report\.html: cannot be written: No space left on device"):
+        report.write("page")
+    assert list(tmp_path.iterdir()) == []
