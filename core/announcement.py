@@ -10,20 +10,24 @@ from .explanation import Judgement
 from .flapping import FlapDetector
 from .model import Level, Transition
 from .rule import TIME_TOLERANCE_S, Rule
-from .saved_state import Saved, age_s
+from .saved_state import Downtime, Saved, age_s
 
 
 class Announcer:
     """Keeps the announced level of one signal. It is OK at first."""
 
-    __slots__ = ("_announced_at_s", "_repeat_s", "flaps", "level", "rule", "since_s")
+    __slots__ = ("_announced_at_s", "_repeat_s", "_unknown_since_s", "_was_known", "flaps", "level", "rule", "since_s")
 
     def __init__(self, config: SignalConfig, now_s: float) -> None:
         """Starts at `now_s`, in seconds."""
         self.level = Level.OK
         """The level of the last transition."""
         self.since_s = now_s
-        """When it was announced first, in seconds."""
+        """When it was announced first, in seconds; for OK moved forward by the time in which the level was unknown."""
+        self._unknown_since_s: Optional[float] = now_s
+        """Since when the level has been unknown, in seconds; None while it is known."""
+        self._was_known = False
+        """Whether the level has ever been known."""
         self.rule: Optional[Rule] = None
         """The rule that explained the last transition."""
         self._announced_at_s = now_s
@@ -37,6 +41,24 @@ class Announcer:
         if not config.flap_detection:
             self.flaps = FlapDetector(config.flap_high, config.flap_low)
         self.flaps.configure(config.flap_high, config.flap_low)
+
+    def note_unknown(self, now_s: float) -> None:
+        """Notes that the level is unknown from `now_s` on, in seconds."""
+        if self._unknown_since_s is None:
+            self._unknown_since_s = now_s
+
+    def note_known(self, now_s: float) -> None:
+        """Notes that the level is known at `now_s`, in seconds."""
+        if self._unknown_since_s is not None:
+            self.since_s = self._known_since_s(now_s)
+            self._unknown_since_s = None
+            self._was_known = True
+
+    def _known_since_s(self, now_s: float) -> float:
+        """Returns since when the announced level has lasted, in seconds. Time that was unknown never counts as OK."""
+        if self._unknown_since_s is None or self.level is not Level.OK:
+            return self.since_s
+        return self.since_s + (now_s - self._unknown_since_s) if self._was_known else now_s
 
     def is_due(self, level: Level, *, is_invalid: bool) -> bool:
         """Whether a level is to be announced; `is_invalid`: it is ERROR for invalid data."""
@@ -59,6 +81,8 @@ class Announcer:
         """
         self.flaps.note_announced(judgement.level)
         status = explanation.status(judgement, message)
+        unknown_s = None if self._was_known else judgement.now_s - self.since_s
+        self.note_known(judgement.now_s)
         transition = Transition(
             signal=judgement.config.name,
             from_level=self.level,
@@ -70,7 +94,7 @@ class Announcer:
             since_s=self.since_s,
             robot=judgement.robot,
             fingerprint=judgement.fingerprint,
-            text=explanation.alert_line(judgement, status.message, self.level, self.since_s),
+            text=explanation.alert_line(judgement, status.message, self.level, self.since_s, unknown_s),
             status=status,
             statistics=judgement.statistics,
             repeat=judgement.level is self.level,
@@ -83,13 +107,15 @@ class Announcer:
         return transition
 
     def snapshot(self, rules: Sequence[Rule], now_s: float) -> Dict[str, Any]:
-        """Returns the state at `now_s` as JSON values, without `since_s`.
+        """Returns the state at `now_s` as JSON values, without its times (`since`).
 
         Args:
             rules: the rules of the signal; the one that explains the announced level is saved by its index.
             now_s: the time in seconds.
         """
         state: Dict[str, Any] = {"level": self.level.name}
+        if not self._was_known:
+            state["never_known"] = True
         if self.rule is not None:
             state["rule"] = rules.index(self.rule)
         if self._repeat_s > 0.0 and self.level is not Level.OK:
@@ -97,18 +123,30 @@ class Announcer:
         flaps = self.flaps.snapshot()
         return {**state, "flaps": flaps} if flaps else state
 
+    def since(self, now_s: float, wall_s: float) -> Dict[str, float]:
+        """Returns the times of the state, in seconds since 1970.
+
+        Args:
+            now_s: the time in seconds.
+            wall_s: the same in seconds since 1970.
+        """
+        times = {"announced": wall_s - (now_s - self.since_s)}
+        if self._unknown_since_s is not None:
+            times["unknown"] = wall_s - (now_s - self._unknown_since_s)
+        return times
+
     def restore(
-        self, saved: Saved, since: Optional[float], rules: Sequence[Rule], flaps: bool, now_s: float, wall_s: float
+        self, saved: Saved, since: Saved, rules: Sequence[Rule], flaps: bool, now_s: float, downtime: Downtime
     ) -> None:
-        """Continues from a snapshot.
+        """Continues from a snapshot. The level is unknown since the end of the earlier run, or longer.
 
         Args:
             saved: the snapshot.
-            since: when the level was announced, in seconds since 1970.
+            since: its times.
             rules: the rules of the signal.
             flaps: whether flap detection is enabled.
             now_s: the time in seconds.
-            wall_s: the same in seconds since 1970.
+            downtime: between the earlier run and this one.
 
         Raises:
             UnusableStateError: the snapshot is malformed.
@@ -118,10 +156,16 @@ class Announcer:
         rule = saved.number("rule")
         self.rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
         self.level = saved.level("level")
-        self.since_s = now_s - age_s(since, wall_s)
+        self.since_s = now_s - age_s(since.number("announced"), downtime.end_s)
+        unknown = since.number("unknown")
+        known_until = downtime.begin_s if unknown is None else min(unknown, downtime.begin_s)
+        self._unknown_since_s = max(self.since_s, now_s - age_s(known_until, downtime.end_s))
+        self._was_known = not saved.flag("never_known")
         self._announced_at_s = now_s - saved.duration_s("repeat_waited_s")
 
     def restart(self, now_s: float) -> None:
         """Time went back to `now_s`, in seconds."""
         self.since_s = min(self.since_s, now_s)
+        if self._unknown_since_s is not None:
+            self._unknown_since_s = min(self._unknown_since_s, now_s)
         self._announced_at_s = min(self._announced_at_s, now_s)

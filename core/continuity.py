@@ -6,7 +6,7 @@ restart".
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping, Protocol, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
 from .model import Changes, Transition
 from .monitor import Monitor
@@ -35,6 +35,9 @@ class SignalHistory(Protocol):
 
     def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last state of each signal, by name; called once, before the first sample."""
+
+    def watched_until_s(self) -> Optional[float]:
+        """Returns when the robot was last watched before this run, in seconds since 1970; None if that is unknown."""
 
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
         """Stores a transition and its signal's state in one transaction; called before the outlets receive it.
@@ -88,7 +91,8 @@ class Continuity:
         """
         states = self._history.restore()
         self._saved = dict(states)
-        return self._monitor.restore(states, None if at_first_call else now_s, self._history.wall_s())
+        stopped_s = self._history.watched_until_s()
+        return self._monitor.restore(states, None if at_first_call else now_s, self._history.wall_s(), stopped_s)
 
     def record(self, transition: Transition) -> None:
         """Stores a transition with the state of its signal."""

@@ -99,7 +99,9 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     return Status(config.name, judgement.level, text, judgement.robot, values)
 
 
-def alert_line(judgement: Judgement, message: str, announced: Level, announced_since_s: float) -> str:
+def alert_line(
+    judgement: Judgement, message: str, announced: Level, announced_since_s: float, unknown_s: Optional[float] = None
+) -> str:
     """Returns the text of a transition.
 
     Args:
@@ -107,11 +109,14 @@ def alert_line(judgement: Judgement, message: str, announced: Level, announced_s
         message: the reason for its level.
         announced: the level that was announced before; the same level makes it a repetition.
         announced_since_s: since when, in seconds.
+        unknown_s: how long the level has been unknown, in seconds, if it was never known; else None.
     """
     config = judgement.config
     lasted = duration_text(judgement.now_s - announced_since_s)
-    before = "for" if announced is judgement.level else f"was {announced.name} for"
-    text = f"{config.name} {judgement.level.name}: {message} ({before} {lasted})"
+    before = f"for {lasted}" if announced is judgement.level else f"was {announced.name} for {lasted}"
+    if unknown_s is not None:
+        before = "was never up" if config.name == LINK else f"was unknown for {duration_text(unknown_s)}"
+    text = f"{config.name} {judgement.level.name}: {message} ({before})"
     if not judgement.flapping:
         return text
     percent = number_text(judgement.state_change_percent, config.flap_high)
@@ -199,6 +204,8 @@ def _invalid_reason(judgement: Judgement) -> str:
 def _value_reason(judgement: Judgement) -> str:
     config, rule, judged = judgement.config, judgement.rule, judgement.judged
     unit = judged_unit(config)
+    if judged is None and judgement.announced is Level.STALE:
+        return "samples again"
     if not judgement.good_samples:
         return f"no valid sample yet: {latest_text(judgement)}"
     if judged is None:

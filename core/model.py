@@ -102,7 +102,10 @@ class Transition:
     now_s: float
     """When it was decided, in seconds on the adapter's clock."""
     since_s: float
-    """Since when `from_level` had been announced, on the same clock: `now_s - since_s` is the time in the text."""
+    """Since when `from_level` had been announced, on the same clock: `now_s - since_s` is the time in the text.
+
+    Time that was unknown never counts as OK: the signal was known to be OK for `now_s - since_s`, which is 0 if it was
+    never known."""
     robot: str
     """The robot's name, which is also the `hardware_id`."""
     fingerprint: str

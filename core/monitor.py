@@ -15,7 +15,7 @@ from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status, Transition
-from .saved_state import SavedSignal, UnusableStateError, without_latch
+from .saved_state import Downtime, SavedSignal, UnusableStateError, without_latch
 from .signal_monitor import SignalMonitor
 
 _LARGEST = sys.float_info.max
@@ -60,7 +60,7 @@ class Monitor:
         self._all_followers: List[SignalMonitor] = []
         self._link_down = False
         self._link_cause = ""
-        self._to_restore: Optional[Tuple[Mapping[str, SavedSignal], float]] = None
+        self._to_restore: Optional[Tuple[Mapping[str, SavedSignal], Downtime]] = None
         self._link_restored_s = math.inf
         """When the state of the link was restored, in seconds; infinite once it was observed."""
 
@@ -242,7 +242,13 @@ class Monitor:
         known = self._signals.get(signal)
         return {} if known is None else known.snapshot(now_s, wall_s)
 
-    def restore(self, states: Mapping[str, SavedSignal], now_s: Optional[float], wall_s: float) -> Changes:
+    def restore(
+        self,
+        states: Mapping[str, SavedSignal],
+        now_s: Optional[float],
+        wall_s: float,
+        stopped_s: Optional[float] = None,
+    ) -> Changes:
         """Continues from the snapshots of an earlier run. To be called before any other method.
 
         Nothing is announced again. A signal waits for its first sample; until then its durations stand still. Windows
@@ -252,11 +258,12 @@ class Monitor:
             states: the snapshots by signal.
             now_s: the time in seconds; None: that of the first call, which then returns the transitions.
             wall_s: the time in seconds since 1970.
+            stopped_s: when the earlier run was last known to watch, in seconds since 1970; None: until now.
 
         Returns:
             The transitions that it causes: a signal that was not OK and is no longer watched ends.
         """
-        self._to_restore = (states, wall_s)
+        self._to_restore = (states, Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s))
         changes = Changes()
         if now_s is not None:
             self._unusual_time(now_s, changes)
@@ -270,8 +277,8 @@ class Monitor:
         """
         changes = Changes()
         if self._to_restore is not None:
-            states, wall_s = self._to_restore
-            self._to_restore = ({name: without_latch(saved) for name, saved in states.items()}, wall_s)
+            states, downtime = self._to_restore
+            self._to_restore = ({name: without_latch(saved) for name, saved in states.items()}, downtime)
         for signal in self._signals.values():
             _add(changes, signal.reset(self._now_s))
         return changes
@@ -350,9 +357,9 @@ class Monitor:
         self._now_s = now_s
         self._signals = self._new_signals(now_s)
         if self._to_restore is not None:
-            states, wall_s = self._to_restore
+            states, downtime = self._to_restore
             self._to_restore = None
-            unusable = [text for text in (self._restore(*state, wall_s, changes) for state in states.items()) if text]
+            unusable = [text for text in (self._restore(*state, downtime, changes) for state in states.items()) if text]
             if len(unusable) > _MOST_NOTICES:
                 unusable[_MOST_NOTICES:] = [f"... and {len(unusable) - _MOST_NOTICES} more saved states"]
             changes.notices = tuple(unusable)
@@ -360,13 +367,13 @@ class Monitor:
                 self._link_restored_s = now_s
         self._find_followers()
 
-    def _restore(self, name: str, saved: SavedSignal, wall_s: float, changes: Changes) -> str:
+    def _restore(self, name: str, saved: SavedSignal, downtime: Downtime, changes: Changes) -> str:
         """Restores one signal; returns a notice if its saved state cannot be used."""
         now_s = self._now_s
         try:
             config = LINK_CONFIG if name == LINK else self.config.signals.get(name)
             signal = SignalMonitor(config or read_signal(name, {}), self.robot, now_s)
-            signal.restore(saved, now_s, wall_s)
+            signal.restore(saved, now_s, downtime)
         except (UnusableStateError, ConfigError) as error:
             return f"{printable(str(name))[:80]}: starts without its saved state: {printable(str(error))}"
         if config is None:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping, NamedTuple, Optional
 
 from .formatting import datum_text
 from .model import Level
@@ -19,6 +19,15 @@ Durations are in seconds. Times are in seconds since 1970, and all of them are i
 
 LONGEST_S = 1e10
 """Longer durations and ages are cut to this: 300 years."""
+
+
+class Downtime(NamedTuple):
+    """The time between two runs of the monitor, in seconds since 1970."""
+
+    begin_s: float
+    """When the earlier run was last known to watch the robot."""
+    end_s: float
+    """When this run continues from its states."""
 
 
 class UnusableStateError(ValueError):
@@ -94,6 +103,27 @@ class Saved:
 
     def _unexpected(self, key: str, expected: str) -> UnusableStateError:
         return UnusableStateError(f"{self._name(key)}: expected {expected}, got {datum_text(self._values.get(key))}")
+
+
+def known_s(state: object, wall_s: float) -> float:
+    """Returns for how long a signal has been known to be at its announced level, in seconds.
+
+    Args:
+        state: its saved state.
+        wall_s: until when, in seconds since 1970.
+
+    Returns:
+        Infinity if the state does not say.
+    """
+    try:
+        saved = Saved(state)
+        if saved.section("announced").flag("never_known"):
+            return 0.0
+        since = saved.section("since")
+        announced, unknown = since.number("announced"), since.number("unknown")
+    except UnusableStateError:
+        return math.inf
+    return math.inf if announced is None else max(0.0, (wall_s if unknown is None else unknown) - announced)
 
 
 def without_latch(state: SavedSignal) -> SavedSignal:

@@ -23,7 +23,7 @@ from .explanation import Judgement
 from .model import Level, Transition
 from .quality import Quality
 from .rule import Rule, RuleConfig, State
-from .saved_state import Saved, SavedSignal, age_s
+from .saved_state import Downtime, Saved, SavedSignal, age_s
 from .staleness import Staleness
 from .window import Window
 
@@ -170,6 +170,7 @@ class SignalMonitor:
         """Freezes the signal: from `now_s` on, in seconds, the robot cannot be reached."""
         if self._staleness.unreachable_since_s is None:
             self._staleness.unreachable_since_s = now_s
+            self._announcer.note_unknown(now_s)
             self._freeze_or_thaw(now_s)
 
     def release(self, now_s: float) -> Optional[Transition]:
@@ -280,10 +281,7 @@ class SignalMonitor:
         """Returns the state at `now_s` as JSON values; see `Monitor.snapshot`. Reads only."""
         announcer = self._announcer
         state: Dict[str, Any] = {
-            "since": {
-                "announced": wall_s - (now_s - announcer.since_s),
-                "level": wall_s - (now_s - self._level_since_s),
-            },
+            "since": {**announcer.since(now_s, wall_s), "level": wall_s - (now_s - self._level_since_s)},
             "announced": announcer.snapshot(self._rules, now_s),
         }
         for name, rule in self._saved_rules():
@@ -296,8 +294,13 @@ class SignalMonitor:
             state["stale"] = True
         return state
 
-    def restore(self, state: SavedSignal, now_s: float, wall_s: float) -> None:
+    def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
         """Continues from a snapshot. To be called before the first sample.
+
+        Args:
+            state: the snapshot.
+            now_s: the time in seconds.
+            downtime: between the earlier run and this one.
 
         Raises:
             UnusableStateError: the snapshot is malformed; the signal must not be used.
@@ -308,15 +311,14 @@ class SignalMonitor:
         for name, rule in self._saved_rules():
             if name == "invalid" or any(bound.startswith(name) for bound in config.bounds):
                 rule.restore(saved.section(name), now_s)
-        self._announcer.restore(
-            saved.section("announced"), since.number("announced"), self._rules, config.flap_detection, now_s, wall_s
-        )
+        announced = saved.section("announced")
+        self._announcer.restore(announced, since, self._rules, config.flap_detection, now_s, downtime)
         latched = saved.level("latched")
         if config.latch and latched is not _STALE:
             self._latched = latched
         self._staleness.restore(stale=saved.flag("stale"))
         self._level = self._true_level()
-        self._level_since_s = now_s - age_s(since.number("level"), wall_s)
+        self._level_since_s = now_s - age_s(since.number("level"), downtime.end_s)
 
     def _saved_rules(self) -> Sequence[Tuple[str, Rule]]:
         warn, error = self._rules
@@ -337,6 +339,8 @@ class SignalMonitor:
         thaws = staleness.stale or staleness.waiting
         if thaws:
             window.begin_anew()
+            if config.statistic != "last":
+                self._judged = None
         staleness.arrive(now_s)
         if not self._quality.seen:
             staleness.configure(config, seen=True)
@@ -446,10 +450,11 @@ class SignalMonitor:
         if level is not self._level:
             self._level = level
             self._level_since_s = now_s
-        announcer = self._announcer
-        if level is announcer.level or self._staleness.unknown:
+        if self._staleness.unknown:
             return None
-        if not announcer.is_due(level, is_invalid=level is _ERROR and self._invalid.fires):
+        announcer = self._announcer
+        if level is announcer.level or not announcer.is_due(level, is_invalid=level is _ERROR and self._invalid.fires):
+            announcer.note_known(now_s)
             return None
         return announcer.announce(self.judgement(now_s))
 

@@ -50,7 +50,9 @@ class SignalSummary(NamedTuple):
     statistics: SignalStatistics
     """Statistics of its samples."""
     shares: Mapping[Level, float]
-    """Share of the recorded time per announced level, 0 to 1, since the first sample or alert; empty without either."""
+    """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
+    unknown: float
+    """Share of the recorded time before the first sample or alert, 0 to 1."""
     alerts: int
     """Number of transitions to a level other than OK, without repetitions."""
 
@@ -110,7 +112,7 @@ class Judge:
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
             topic = node.resolve(signal.topic)
-            judged = self._signals[file, name] = _JudgedSignal(file, signal, topic, missing[name])
+            judged = self._signals[file, name] = _JudgedSignal(file, signal, topic, missing[name], self._player.wall_s)
             if not missing[name]:
                 self._collect(node, judged, system)
 
@@ -207,7 +209,7 @@ class _Tape:
 class _JudgedSignal:
     """One signal of one configuration: its samples, and the time that it spent on each level."""
 
-    def __init__(self, file: str, config: SignalConfig, topic: str, missing: str) -> None:
+    def __init__(self, file: str, config: SignalConfig, topic: str, missing: str, begin_s: float) -> None:
         self.file = file
         self.config = config
         self.topic = topic
@@ -216,6 +218,7 @@ class _JudgedSignal:
         self._alerts = 0
         self._skipped_s = 0.0
         # The following times are log times minus the time that was skipped before them.
+        self._begin_s = self._end_s = begin_s
         self._level = Level.OK
         self._since_s: Optional[float] = None
         self._lasted_s = dict.fromkeys(Level, 0.0)
@@ -241,6 +244,7 @@ class _JudgedSignal:
     def finish(self, wall_s: float) -> None:
         self._note_first_sample()
         sampled_s, end_s = self._sampled_s, wall_s - self._skipped_s
+        self._end_s = end_s
         if self._since_s is not None:
             self._lasted_s[self._level] += end_s - self._since_s
             if sampled_s is not None and sampled_s < self._first_s:
@@ -253,9 +257,19 @@ class _JudgedSignal:
             self._sampled_s = self.statistics.first_s - self._skipped_s
 
     def summary(self) -> SignalSummary:
-        total_s = sum(self._lasted_s.values())
-        shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()} if total_s > 0.0 else {}
+        total_s, known_s = self._end_s - self._begin_s, sum(self._lasted_s.values())
+        shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()} if known_s > 0.0 else {}
+        unknown = 1.0 - min(known_s / total_s, 1.0) if total_s > 0.0 else 1.0
+        unknown = 0.0 if unknown < 1e-9 else unknown
         missing = self.missing or ("" if self.statistics.samples else f"{self.topic} has no samples")
         return SignalSummary(
-            self.file, self.config, self.topic, not self.missing, missing, self.statistics, shares, self._alerts
+            self.file,
+            self.config,
+            self.topic,
+            not self.missing,
+            missing,
+            self.statistics,
+            shares,
+            unknown,
+            self._alerts,
         )

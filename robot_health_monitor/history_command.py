@@ -252,7 +252,9 @@ def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tu
     )
     bound = "none" if transition.bound is None else f"{number_text(transition.bound)} (on {transition.statistic})"
     count = f"{count_text(len(samples), 'sample')} stored"
-    level = f"{transition.from_level.name} for {duration_text(transition.now_s - transition.since_s)}"
+    lasted_s = transition.now_s - transition.since_s
+    never_known = transition.from_level is Level.OK and lasted_s <= 0.0
+    level = "unknown" if never_known else f"{transition.from_level.name} for {duration_text(lasted_s)}"
     return [
         ("level before", level),
         ("bound", bound),

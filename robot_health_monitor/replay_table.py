@@ -14,7 +14,9 @@ _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 _NOT_RECORDED = "not recorded"
 _GAP = 2
 """Blanks between columns."""
-_NUMBERS = ("samples", "bad", *(level.name for level in _LEVELS), "alerts", "min", "mean", "max", "longest gap")
+_NUMBERS = (
+    "samples", "bad", *(level.name for level in _LEVELS), "unknown", "alerts", "min", "mean", "max", "longest gap"
+)  # fmt: skip
 
 
 def header(several_files: bool) -> List[str]:
@@ -32,14 +34,15 @@ def row(summary: SignalSummary, several_files: bool) -> List[str]:
     if not summary.recorded:
         return [*names, _NOT_RECORDED, *[""] * (len(_NUMBERS) - 1)]
     statistics = summary.statistics
-    shares = [_share_text(summary.shares.get(level, 0.0)) if summary.shares else "-" for level in _LEVELS]
+    shares = [_share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     range_texts = [
         "-" if value is None else with_unit(number_text(value), summary.config.unit)
         for value in (statistics.min, statistics.mean, statistics.max)
     ]
     gap = "-" if statistics.longest_gap_s is None else duration_text(statistics.longest_gap_s)
     return [
-        *names, str(statistics.samples), str(statistics.bad_samples), *shares, str(summary.alerts), *range_texts, gap,
+        *names, str(statistics.samples), str(statistics.bad_samples), *shares, _share_text(summary.unknown),
+        str(summary.alerts), *range_texts, gap,
     ]  # fmt: skip
 
 

@@ -217,6 +217,22 @@ class RobotHistory:
             return {}
         return {signal: _decoded(state) for signal, state in rows if isinstance(signal, str)}
 
+    def watched_until_s(self) -> Optional[float]:
+        """Returns when the robot was last watched before this run, in s since 1970; None if that is unknown."""
+        query = """
+            SELECT max(coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s))
+            FROM watches JOIN runs ON runs.id = run_id
+            WHERE robot = ?1 AND watches.id < (SELECT max(id) FROM watches WHERE robot = ?1)
+        """
+        try:
+            row = self._history.run(
+                lambda connection: connection.execute(query, (self._robot,)).fetchone(), _RESTORE_TIMEOUT_S
+            )
+        except ServiceError as error:
+            self._faults.report(PART, str(error))
+            return None
+        return row[0] if isinstance(row[0], float) else None
+
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
         """Stores a transition, and the state of its signal after it, in one transaction. Call before the outlets.
 

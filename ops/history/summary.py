@@ -1,11 +1,15 @@
 """Share of time per level, alerts and longest outage of each signal.
 
 A level is known while a monitor watched the robot and the robot's link was up. Everything else is unknown: before the
-first run, gaps between runs, and link downtime (except for the signal `link` itself).
+first run, gaps between runs, and link downtime (except for the signal `link` itself). OK lasts as long as the
+transition that ends it says, or the saved state while it lasts: the rest, such as the time before the first sample, is
+unknown too.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import sqlite3
 from bisect import bisect_right
 from dataclasses import dataclass, field
@@ -14,6 +18,7 @@ from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.config import LINK
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.saved_state import known_s
 
 from ..matchers import matches_pattern
 from .queries import pattern_condition
@@ -60,16 +65,18 @@ def summarize(
         name: _Robot(spans, max(spans[0][0], since_s or 0.0), now_s)
         for name, spans in _watched(connection, robot).items()
     }
-    for name, signal_name in connection.execute("SELECT robot, signal FROM signal_states"):
+    lasting_s: Dict[Tuple[str, str], float] = {}
+    for name, signal_name, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
         if name in robots:
             robots[name].signals[signal_name] = _Signal(robots[name].begin_s)
+            lasting_s[name, signal_name] = _known_s(state, now_s)
     for row in _transitions(connection, robot):
         if row.robot in robots:
             robots[row.robot].apply(row)
     return [
         summary
         for name in sorted(robots)
-        for summary in robots[name].summaries(name)
+        for summary in robots[name].summaries(name, lasting_s)
         if signal is None or matches_pattern(summary.signal, signal)
     ]
 
@@ -80,6 +87,8 @@ class _Row(NamedTuple):
     signal: str
     from_level: Level
     to_level: Level
+    lasted_s: float
+    """How long `from_level` had been announced; for OK without the time in which it was unknown."""
     repeated: int
 
 
@@ -87,8 +96,10 @@ class _Row(NamedTuple):
 class _Signal:
     """One signal, while its transitions are read in their order."""
 
-    known_from_s: float
+    advanced_to_s: float
     level: Level = Level.OK
+    ok_s: float = 0.0
+    """How long the present OK has lasted, if it was known all the time."""
     times: Dict[Level, float] = field(default_factory=dict)
     alerts: int = 0
     outage_s: float = 0.0
@@ -96,10 +107,17 @@ class _Signal:
     has_transition: bool = False
 
     def add(self, seconds: float) -> None:
-        self.times[self.level] = self.times.get(self.level, 0.0) + seconds
-        if self.level is not Level.OK:
+        if self.level is Level.OK:
+            self.ok_s += seconds
+        else:
+            self.times[self.level] = self.times.get(self.level, 0.0) + seconds
             self.outage_s += seconds
             self.longest_outage_s = max(self.longest_outage_s, self.outage_s)
+
+    def end_ok(self, known_s: float) -> None:
+        """Adds the present OK, of which at most `known_s` seconds were known."""
+        self.times[Level.OK] = self.times.get(Level.OK, 0.0) + min(self.ok_s, max(known_s, 0.0))
+        self.ok_s = 0.0
 
     def set_level(self, level: Level) -> None:
         self.level = level
@@ -130,17 +148,26 @@ class _Robot:
             self._is_link_down = row.to_level is not Level.OK
         else:
             self._advance(row.signal, row.wall_s)
+        if row.from_level is Level.OK:
+            signal.end_ok(row.lasted_s)
         signal.set_level(row.to_level)
         if self.begin_s <= row.wall_s < self._end_s and row.to_level is not Level.OK:
             signal.alerts += 1
 
-    def summaries(self, robot: str) -> Iterator[SignalSummary]:
+    def summaries(self, robot: str, lasting_s: Mapping[Tuple[str, str], float]) -> Iterator[SignalSummary]:
+        """Yields the summary of each signal.
+
+        Args:
+            robot: its name.
+            lasting_s: for how long the present level has been known, in s, by robot and signal; others: always.
+        """
         duration_s = self._end_s - self.begin_s
         if duration_s <= 0.0:
             return
         for name in sorted(self.signals):
             self._advance(name, self._end_s)
             signal = self.signals[name]
+            signal.end_ok(lasting_s.get((robot, name), math.inf))
             shares = {level: seconds / duration_s for level, seconds in sorted(signal.times.items()) if seconds > 0.0}
             unknown = max(0.0, 1.0 - sum(shares.values()))
             yield SignalSummary(
@@ -152,11 +179,11 @@ class _Robot:
         """Adds the time since the last call to the signal's level, as far as it is known."""
         signal = self.signals[name]
         until_s = min(until_s, self._end_s)
-        if until_s <= signal.known_from_s:
+        if until_s <= signal.advanced_to_s:
             return  # the wall clock was set back
         if name == LINK or not self._is_link_down:
-            signal.add(self._spans.overlap_s(signal.known_from_s, until_s))
-        signal.known_from_s = until_s
+            signal.add(self._spans.overlap_s(signal.advanced_to_s, until_s))
+        signal.advanced_to_s = until_s
 
 
 class _Spans:
@@ -176,6 +203,14 @@ class _Spans:
         if number < 0:
             return 0.0
         return self._sums_s[number] + min(time_s - self._begins_s[number], self._lengths_s[number])
+
+
+def _known_s(state: object, now_s: float) -> float:
+    """Returns how long the level in a saved state has been known, in s."""
+    try:
+        return known_s(json.loads(state), now_s)  # type: ignore[arg-type]
+    except (TypeError, ValueError, RecursionError):
+        return math.inf
 
 
 def _watched(connection: sqlite3.Connection, robot: Optional[str]) -> Dict[str, List[Tuple[float, float]]]:
@@ -198,14 +233,14 @@ def _watched(connection: sqlite3.Connection, robot: Optional[str]) -> Dict[str, 
 def _transitions(connection: sqlite3.Connection, robot: Optional[str]) -> Iterator[_Row]:
     condition, values = pattern_condition(connection, "robot", robot)
     query = f"""
-        SELECT id, wall_s, robot, signal, from_level, to_level, repeated FROM transitions
+        SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, repeated FROM transitions
         WHERE id > ? AND {condition} ORDER BY id LIMIT {_PAGE}
     """
     number = 0
     while True:
         rows = connection.execute(query, [number, *values]).fetchall()
-        for _, wall_s, name, signal, from_level, to_level, repeated in rows:
-            yield _Row(wall_s, name, signal, Level(from_level), Level(to_level), repeated)
+        for _, wall_s, name, signal, from_level, to_level, lasted_s, repeated in rows:
+            yield _Row(wall_s, name, signal, Level(from_level), Level(to_level), lasted_s, repeated)
         if len(rows) < _PAGE:
             return
         number = rows[-1][0]

@@ -45,9 +45,17 @@ def file(tmp_path: Path) -> Path:
     robot.record_configuration({})
     statistics = {"last": 15.0}
     for second, each, samples in (
-        (20.0, transition(1, Level.WARN, statistics=statistics), [(START_S + n, 35.0 - n) for n in range(21)]),
+        (
+            20.0,
+            transition(1, Level.WARN, since_s=81.0, statistics=statistics),
+            [(START_S + n, 35.0 - n) for n in range(21)],
+        ),
         (50.0, transition(2, Level.OK, from_level=Level.WARN), []),
-        (90.0, transition(3, Level.STALE, signal="cpu_usage", value=None, bound=None, text="=cpu\x1b[31m"), []),
+        (
+            90.0,
+            transition(3, Level.STALE, signal="cpu_usage", since_s=13.0, value=None, bound=None, text="=cpu\x1b[31m"),
+            [],
+        ),
     ):
         now_s[0] = START_S + second
         robot.record(each, {"level": 1}, samples)
@@ -97,7 +105,7 @@ def test_json_has_the_fields_of_a_transition(file: Path, capsys: pytest.CaptureF
     first, _, third = (json.loads(line) for line in output(capsys, file, "--json").splitlines())
     assert first == {
         "id": 1, "time": "2023-11-14T22:13:40.000+00:00", "signal": "battery_level", "from_level": "OK",
-        "to_level": "WARN", "value": 15.0, "statistic": "last", "bound": 20.0, "now_s": 101.0, "since_s": 90.0,
+        "to_level": "WARN", "value": 15.0, "statistic": "last", "bound": 20.0, "now_s": 101.0, "since_s": 81.0,
         "robot": "r1", "fingerprint": "0123456789abcdef", "text": "battery_level WARN: number 1",
         "statistics": {"last": 15.0}, "repeat": False,
     }  # fmt: skip
@@ -138,7 +146,7 @@ def test_one_alert_with_a_plot_of_its_samples(file: Path, capsys: pytest.Capture
     lines = output(capsys, file, "--alert", "#1").splitlines()
     assert lines[:4] == [
         "2023-11-14 22:13:40 +0000 #1 r1: battery_level WARN: number 1",
-        "  level before: OK for 11 s",
+        "  level before: OK for 20 s",
         "  bound: 20 (on last)",
         "  window: 21 samples stored; last 15",
     ]

@@ -58,8 +58,8 @@ def test_alerts_have_the_wall_time_of_the_recording(
         "2023-11-14 22:13:30 battery WARN: 15 % is below 20 % (was OK for 10 s)",
         "2023-11-14 22:13:40 battery OK: 50 % is no longer below 20 % (was WARN for 10 s)",
         "",
-        "signal   samples  bad      OK    WARN  ERROR  STALE  alerts   min     mean   max  longest gap",
-        "battery       30    0  65.5 %  34.5 %    0 %    0 %       1  15 %  38.33 %  50 %          1 s",
+        "signal   samples  bad      OK    WARN  ERROR  STALE  unknown  alerts   min     mean   max  longest gap",
+        "battery       30    0  65.5 %  34.5 %    0 %    0 %      0 %       1  15 %  38.33 %  50 %          1 s",
         "1 alert",
     ]
     assert printed.err == ""

@@ -33,8 +33,8 @@ def test_a_terminal_shows_progress_alerts_and_the_table(tmp_path: Path, on_termi
     first, *rest = program.rows
     assert first == alert
     assert [" ".join(line.split()) for line in rest if line][:2] == [
-        "signal samples bad OK WARN ERROR STALE alerts min mean max longest gap",
-        "battery 20000 0 50.0 % 50.0 % 0 % 0 % 1 10 % 30 % 50 % 0.1 s",
+        "signal samples bad OK WARN ERROR STALE unknown alerts min mean max longest gap",
+        "battery 20000 0 50.0 % 50.0 % 0 % 0 % 0 % 1 10 % 30 % 50 % 0.1 s",
     ]
     assert rest[-2:] == ["gps      not recorded", "1 alert"]
     assert b"\x1b[?25h" in program.bytes  # the cursor is visible again
@@ -72,11 +72,11 @@ def test_a_narrow_terminal_gets_the_table_in_parts(tmp_path: Path, on_terminal: 
     program = on_terminal(*replay(tmp_path, [50.0] * 20 + [10.0] * 20), columns=64, TZ="UTC")
     assert program.wait() == 1
     assert program.rows[-7:] == [
-        "signal        samples  bad      OK    WARN  ERROR  STALE  alerts",
-        "battery            40    0  51.3 %  48.7 %    0 %    0 %       1",
+        "signal        samples  bad      OK    WARN  ERROR  STALE",
+        "battery            40    0  51.3 %  48.7 %    0 %    0 %",
         "gps      not recorded",
         "",
-        "signal    min  mean   max  longest gap",
-        "battery  10 %  30 %  50 %        0.1 s",
+        "signal   unknown  alerts   min  mean   max  longest gap",
+        "battery      0 %       1  10 %  30 %  50 %        0.1 s",
         "1 alert",
     ]

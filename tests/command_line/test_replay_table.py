@@ -13,13 +13,15 @@ from robot_health_monitor.recordings.signal_statistics import SignalStatistics
 from robot_health_monitor.replay_table import header, plain_table, row
 
 
-def summary(shares: Optional[Mapping[Level, float]] = None, recorded: bool = True, samples: int = 3) -> SignalSummary:
+def summary(
+    shares: Optional[Mapping[Level, float]] = None, recorded: bool = True, samples: int = 3, unknown: float = 0.0
+) -> SignalSummary:
     """Returns the summary of a battery with the values 10, 20 and 60."""
     config = read_signal("battery", {"unit": "%"})
     statistics = SignalStatistics(config)
     if samples:
         statistics.add(np.array([0.0, 1.0, 701.0]), np.array([10.0, 20.0, 60.0]))
-    return SignalSummary("a.yaml", config, "/battery", recorded, "", statistics, shares or {}, 2)
+    return SignalSummary("a.yaml", config, "/battery", recorded, "", statistics, shares or {}, unknown, 2)
 
 
 def cells(found: SignalSummary) -> Mapping[str, str]:
@@ -28,10 +30,11 @@ def cells(found: SignalSummary) -> Mapping[str, str]:
 
 
 def test_a_row_has_the_figures_of_a_signal() -> None:
-    shares = {Level.OK: 0.75, Level.WARN: 0.25, Level.ERROR: 0.0, Level.STALE: 0.0}
-    assert cells(summary(shares)) == {
-        "signal": "battery", "samples": "3", "bad": "0", "OK": "75.0 %", "WARN": "25.0 %", "ERROR": "0 %",
-        "STALE": "0 %", "alerts": "2", "min": "10 %", "mean": "30 %", "max": "60 %", "longest gap": "11 min 40 s",
+    shares = {Level.OK: 0.75, Level.WARN: 0.125, Level.ERROR: 0.0, Level.STALE: 0.0}
+    assert cells(summary(shares, unknown=0.125)) == {
+        "signal": "battery", "samples": "3", "bad": "0", "OK": "75.0 %", "WARN": "12.5 %", "ERROR": "0 %",
+        "STALE": "0 %", "unknown": "12.5 %", "alerts": "2",
+        "min": "10 %", "mean": "30 %", "max": "60 %", "longest gap": "11 min 40 s",
     }  # fmt: skip
 
 
@@ -43,8 +46,9 @@ def test_a_share_is_0_or_100_only_if_it_is() -> None:
 
 
 def test_a_signal_without_samples_has_no_figures() -> None:
-    found = cells(summary(samples=0))
-    assert [found[name] for name in ("samples", "OK", "min", "mean", "max", "longest gap")] == ["0", *"-----"]
+    found = cells(summary(samples=0, unknown=1.0))
+    assert [found[name] for name in ("samples", "OK", "unknown")] == ["0", "0 %", "100 %"]
+    assert [found[name] for name in ("min", "mean", "max", "longest gap")] == [*"----"]
 
 
 def test_a_signal_that_is_not_recorded_says_so() -> None:
@@ -61,9 +65,9 @@ def test_with_two_configurations_a_row_names_its_own() -> None:
 
 def test_columns_of_a_plain_table_are_aligned() -> None:
     head = header(False)
-    lines = plain_table(head, [["a", *["1"] * 11], ["long\x1b_name", "not recorded", *[""] * 10]])
+    lines = plain_table(head, [["a", *["1"] * 12], ["long\x1b_name", "not recorded", *[""] * 11]])
     assert lines == [
-        "signal           samples  bad  OK  WARN  ERROR  STALE  alerts  min  mean  max  longest gap",
-        "a                      1    1   1     1      1      1       1    1     1    1            1",
+        "signal           samples  bad  OK  WARN  ERROR  STALE  unknown  alerts  min  mean  max  longest gap",
+        "a                      1    1   1     1      1      1        1       1    1     1    1            1",
         "long?_name  not recorded",
     ]

@@ -69,7 +69,16 @@ def test_transitions_chain() -> None:
     under_test = announcer()
     first, second = announce(under_test, WARN, 3.0), announce(under_test, ERROR, 5.0)
     assert (first.from_level, first.to_level, second.from_level, second.to_level) == (OK, WARN, WARN, ERROR)
-    assert (first.since_s, second.since_s) == (0.0, 3.0)
+    assert (first.since_s, second.since_s) == (3.0, 3.0)  # it was never known to be OK
+
+
+def test_time_in_which_the_level_was_unknown_does_not_count_as_ok() -> None:
+    under_test = announcer()  # at 0 s
+    under_test.note_known(4.0)
+    under_test.note_unknown(6.0)
+    under_test.note_unknown(7.0)
+    first = announce(under_test, WARN, 10.0)
+    assert (first.since_s, first.text[-16:]) == (8.0, "(was OK for 2 s)")
 
 
 def test_a_level_that_is_not_ok_is_repeated_every_repeat_s() -> None:

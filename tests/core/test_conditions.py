@@ -64,7 +64,7 @@ def test_an_alert_ends_on_the_charger_and_says_why() -> None:
     robot.see(0.0, charging=0.0, battery=15.0)
     robot.see(4.0, charging=1.0)
     assert [change.text for change in robot.transitions] == [
-        "battery WARN: 15 % is below 20 % (was OK for 0 s)",
+        "battery WARN: 15 % is below 20 % (was unknown for 0 s)",
         "battery OK: 15 % is below 20 %, which counts only if charging is 0 (was WARN for 4 s)",
     ]
 

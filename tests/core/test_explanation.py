@@ -98,14 +98,14 @@ def last_text(transitions: List[Optional[Transition]]) -> str:
 @pytest.mark.parametrize(
     ("settings", "samples", "text"),
     [
-        ({"warn_above": 80.0, "unit": "degC"}, [80.5], "WARN: 80.5 degC is above 80 degC (was OK for 1 s)"),
+        ({"warn_above": 80.0, "unit": "degC"}, [80.5], "WARN: 80.5 degC is above 80 degC (was unknown for 1 s)"),
         ({"warn_above": 80.0}, [80.5, 79.0], "OK: 79 is no longer above 80 (was WARN for 1 s)"),
         ({"error_below": 10.0, "warn_below": 20.0}, [5.0, 15.0], "WARN: 15 is below 20 (was ERROR for 1 s)"),
         ({"error_below": 10.0, "warn_below": 20.0}, [5.0, 50.0], "OK: 50 is no longer below 10 (was ERROR for 1 s)"),
-        ({"warn_below": 20.0}, [19.299999237060547], "WARN: 19.3 is below 20 (was OK for 1 s)"),
-        ({"warn_below": 20.0}, [19.99999], "WARN: 19.99999 is below 20 (was OK for 1 s)"),
-        ({"warn_below": 0.15}, [0.1], "WARN: 0.1 is below 0.15 (was OK for 1 s)"),
-        ({"warn_below": 50.0, "warn_above": 50.0}, [51.0], "WARN: 51 is above 50 (was OK for 1 s)"),
+        ({"warn_below": 20.0}, [19.299999237060547], "WARN: 19.3 is below 20 (was unknown for 1 s)"),
+        ({"warn_below": 20.0}, [19.99999], "WARN: 19.99999 is below 20 (was unknown for 1 s)"),
+        ({"warn_below": 0.15}, [0.1], "WARN: 0.1 is below 0.15 (was unknown for 1 s)"),
+        ({"warn_below": 50.0, "warn_above": 50.0}, [51.0], "WARN: 51 is above 50 (was unknown for 1 s)"),
         ({}, [math.nan, 50.0], "OK: 50 (was ERROR for 1 s)"),
     ],
 )
@@ -178,7 +178,7 @@ def test_a_link_that_is_down_names_the_cause() -> None:
     signal = link()
     signal.cause = "connection refused"
     down = signal.observe(0.0, 4.0)
-    assert down is not None and down.text == "link ERROR: down: connection refused (was OK for 4 s)"
+    assert down is not None and down.text == "link ERROR: down: connection refused (was never up)"
 
 
 @pytest.mark.parametrize(

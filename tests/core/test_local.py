@@ -46,7 +46,7 @@ EXPECTED = [
     "refused: signals.battery_level.error_below: expected at most warn_below (60), got 70:"
     " a falling value crosses the WARN bound first",
     "115.000 battery_level OK: 50 % (was WARN for 1 s)",
-    "116.125 vibration WARN: 2 is above 1 (was OK for 15.6 s)",
+    "116.125 vibration WARN: 2 is above 1 (was unknown for 15.6 s)",
     "116.250 vibration OK: 0 is no longer above 1 (was WARN for 0.125 s)",
     "116.375 vibration WARN: 2 is above 1 (was OK for 0.125 s)",
     "116.500 vibration OK: 0 is no longer above 1 (was WARN for 0.125 s)",

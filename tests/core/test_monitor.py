@@ -549,15 +549,56 @@ def test_the_first_sample_ends_staleness() -> None:
     assert transition.text == "battery_level OK: 55 (was STALE for 1 s)"
 
 
+def test_a_signal_that_was_never_known_says_so() -> None:
+    watched = Watched(warn_below=20.0)
+    watched.tick(0.0)
+    watched.observe(15.0, 4.0)
+    (low,) = watched.transitions
+    assert low.text == "battery_level WARN: 15 is below 20 (was unknown for 4 s)"
+    assert (low.from_level, low.since_s) == (OK, 4.0)
+
+
+def test_time_before_the_first_sample_does_not_count_as_ok() -> None:
+    watched = Watched(warn_below=20.0)
+    watched.tick(0.0)
+    watched.observe(50.0, 4.0)
+    watched.observe(15.0, 10.0)
+    (low,) = watched.transitions
+    assert low.text == "battery_level WARN: 15 is below 20 (was OK for 6 s)"
+    assert (low.from_level, low.since_s) == (OK, 4.0)
+
+
+def test_the_line_that_ends_a_staleness_before_the_statistic_is_defined_says_samples_again() -> None:
+    watched = Watched(statistic="frequency_hz", warn_below=5.0, window_s=4.0, window_min_s=2.0, stale_after_s=3.0)
+    for now_s in range(20):
+        if now_s not in range(6, 12):
+            watched.observe(1.0, now_s + 0.0)
+            watched.observe(1.0, now_s + 0.1)
+        watched.tick(now_s + 0.5)
+    assert [each.text for each in watched.transitions if STALE in (each.from_level, each.to_level)] == [
+        "battery_level STALE: no sample for 3.4 s (limit 3 s) (was WARN for 6.5 s)",
+        "battery_level WARN: samples again (was STALE for 3.5 s)",
+    ]
+
+
+def test_a_bad_sample_after_a_staleness_does_not_bring_the_old_statistic_back() -> None:
+    watched = Watched(statistic="mean", warn_below=20.0, window_s=10.0, window_min_s=2.0, invalid_for_s=60.0)
+    for now_s in range(4):
+        watched.observe(50.0, float(now_s))
+    watched.tick(9.0)
+    watched.observe(math.nan, 10.0)
+    assert watched.transitions[-1].text == "battery_level OK: samples again (was STALE for 1 s)"
+    assert watched.monitor.judged_value("battery_level") is None
+
+
 def test_before_the_first_sample_only_startup_grace_counts() -> None:
     watched = Watched(stale_after_s=2.0, startup_grace_s=10.0)
     watched.tick(100.0)
     assert watched.tick(110.0) is None
     transition = watched.tick(110.5)
     assert transition is not None
-    assert (
-        transition.text == "battery_level STALE: no sample since the start 10.5 s ago (limit 10 s) (was OK for 10.5 s)"
-    )
+    said = "no sample since the start 10.5 s ago (limit 10 s)"
+    assert transition.text == f"battery_level STALE: {said} (was unknown for 10.5 s)"
     assert transition.value is None
 
 
@@ -685,15 +726,15 @@ def test_a_link_that_is_down_is_one_alert_and_not_one_per_signal() -> None:
     for now_s in range(2, 100):
         announced += monitor.tick(float(now_s))
 
-    assert [each.text for each in announced] == ["link ERROR: down (was OK for 0 s)"]
+    assert [each.text for each in announced] == ["link ERROR: down (was never up)"]
     assert monitor.report(100.0).overall is ERROR
 
     announced = monitor.observe(Sample("link", 1.0, 100.0))
     announced += monitor.tick(104.0)  # 1 s of silence before, 4 s after the downtime
     assert announced == []
     assert [each.text for each in monitor.tick(104.5)] == [
-        "battery_level STALE: no sample for 5.5 s (limit 5 s) (was OK for 104 s)",
-        "temperature STALE: no sample for 5.5 s (limit 5 s) (was OK for 104 s)",
+        "battery_level STALE: no sample for 5.5 s (limit 5 s) (was OK for 5.5 s)",
+        "temperature STALE: no sample for 5.5 s (limit 5 s) (was OK for 5.5 s)",
     ]
     assert monitor.tick(109.9) == []
     assert [each.text for each in monitor.tick(110.0)] == ["link OK: up (was ERROR for 109 s)"]
@@ -798,7 +839,7 @@ def test_what_came_while_the_link_was_down_is_judged_when_it_is_up() -> None:
     monitor.observe(Sample("link", 0.0, 1.0))
     assert monitor.observe(Sample("battery_level", 15.0, 1.1)) == []
     assert [each.text for each in monitor.observe(Sample("link", 1.0, 5.0))] == [
-        "battery_level WARN: 15 is below 20 (was OK for 5 s)"
+        "battery_level WARN: 15 is below 20 (was OK for 1 s)"
     ]
 
 
@@ -829,7 +870,7 @@ def test_a_downtime_as_long_as_the_window_leaves_its_last_sample_and_is_not_wait
 def test_a_link_that_is_down_says_why() -> None:
     monitor = fleet()
     (down,) = monitor.set_link(False, "connection refused", 4.0)
-    assert down.text == "link ERROR: down: connection refused (was OK for 0 s)"
+    assert down.text == "link ERROR: down: connection refused (was never up)"
     assert down.status.message == "down: connection refused"
     assert monitor.set_link(False, "wrong\x1b[2J token", 5.0) == []
     assert monitor.report(5.0).statuses["link"].message == "down: wrong?[2J token"
@@ -1199,7 +1240,7 @@ def test_signals_come_and_go() -> None:
     watched.monitor.configure(load_config({"signals": {"voltage": {"warn_below": 24.0}}}))
     assert list(watched.monitor.report(0.0).statuses) == ["voltage"]
     assert [each.text for each in watched.monitor.observe(Sample("voltage", 23.0, 1.0))] == [
-        "voltage WARN: 23 is below 24 (was OK for 1 s)"
+        "voltage WARN: 23 is below 24 (was unknown for 1 s)"
     ]
 
 

@@ -21,7 +21,7 @@ class TestAnOpenAlert:
     def test_that_still_holds_is_not_announced_again(self) -> None:
         robot = Robot(battery=BATTERY)
         robot.run_for(3, battery=15.0)
-        assert robot.announced() == ["battery WARN: 15 % is below 20 % (was OK for 0 s)"]
+        assert robot.announced() == ["battery WARN: 15 % is below 20 % (was unknown for 0 s)"]
         robot.restart(3600.0)
         robot.run_for(60, battery=15.0)
         assert robot.announced() == []
@@ -31,7 +31,7 @@ class TestAnOpenAlert:
         robot = Robot(battery=BATTERY)
         robot.run_for(100, battery=15.0)
         robot.restart(212.0)
-        assert robot.announced() == ["battery WARN: 15 % is below 20 % (was OK for 0 s)"]
+        assert robot.announced() == ["battery WARN: 15 % is below 20 % (was unknown for 0 s)"]
         robot.run_for(5)
         robot.run_for(1, battery=50.0)
         assert robot.announced() == ["battery OK: 50 % is no longer below 20 % (was WARN for 317 s)"]
@@ -207,9 +207,40 @@ class TestUnknownLevels:
         robot.run_for(30)
         assert robot.announced() == []
         robot.run_for(1)
+        assert robot.announced() == ["battery STALE: no sample since the start 31 s ago (limit 30 s) (was OK for 10 s)"]
+
+    def test_a_signal_that_was_never_known_is_still_unknown(self) -> None:
+        robot = Robot(battery=BATTERY)
+        robot.run_for(5)
+        robot.restart(100.0)
+        robot.run_for(11)
         assert robot.announced() == [
-            "battery STALE: no sample since the start 31 s ago (limit 30 s) (was OK for 141 s)"
+            "battery STALE: no sample since the start 11 s ago (limit 10 s) (was unknown for 116 s)"
         ]
+
+    def test_neither_the_downtime_nor_the_wait_for_the_first_sample_counts_as_ok(self) -> None:
+        robot = Robot(battery=BATTERY)
+        robot.run_for(3)
+        robot.run_for(4, battery=50.0)  # until 7 s
+        robot.restart(100.0)
+        robot.run_for(2)
+        robot.restart(100.0)
+        robot.run_for(5)
+        robot.run_for(1, battery=50.0)
+        robot.run_for(1, battery=15.0)
+        assert robot.announced() == ["battery WARN: 15 % is below 20 % (was OK for 5 s)"]
+
+    def test_time_on_ok_before_a_broken_link_survives(self) -> None:
+        robot = Robot(battery=BATTERY)
+        robot.run_for(4, battery=50.0)
+        robot.system.observe_link(True)
+        robot.system.observe_link(False, "refused")
+        robot.run_for(50)
+        robot.restart(100.0)
+        robot.system.observe_link(True)
+        robot.announced()
+        robot.run_for(1, battery=15.0)
+        assert "battery WARN: 15 % is below 20 % (was OK for 4 s)" in robot.announced()
 
     def test_a_stale_signal_stays_stale(self) -> None:
         robot = Robot(battery=BATTERY)
@@ -249,7 +280,7 @@ class TestTheLink:
         robot = Robot(battery=BATTERY)
         robot.run_for(1, battery=50.0)
         robot.system.observe_link(False, "refused")
-        assert robot.announced() == ["link ERROR: down: refused (was OK for 0 s)"]
+        assert robot.announced() == ["link ERROR: down: refused (was never up)"]
         robot.restart(100.0)
         assert robot.shown("link") == ("ERROR", "waiting for the first sample, last announced ERROR")
         robot.run_for(4)
@@ -485,8 +516,11 @@ def full_state() -> Dict[str, Any]:
         monitor.observe(Sample("a", value, now_s * 5.0))
     state: Dict[str, Any] = json.loads(json.dumps(monitor.snapshot("a", 10.0, 10.0)))
     state["announced"].update(
-        repeat_waited_s=1.0, flaps={"changes": "x-" * 10, "last": "WARN", "flapping": True, "worst": "WARN"}
+        never_known=True,
+        repeat_waited_s=1.0,
+        flaps={"changes": "x-" * 10, "last": "WARN", "flapping": True, "worst": "WARN"},
     )
+    state["since"]["unknown"] = 9.0
     state.update(invalid={"state": "pending", "condition": True, "waited_s": 1.0}, stale=True, latched="WARN")
     return state
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from harness.stage import Stage
 from robot_health_monitor.core.continuity import SavedSignal
@@ -19,6 +19,7 @@ class KeptHistory:
         self._stage = stage
         self.wall_offset_s = wall_offset_s
         self.states: Dict[str, SavedSignal] = {}
+        self.stopped_s: Optional[float] = None
         self.events: List[str] = []
         self.evidence: List[Sequence[Tuple[float, Any]]] = []
         self.configurations: List[Mapping[str, Any]] = []
@@ -31,6 +32,9 @@ class KeptHistory:
 
     def restore(self) -> Mapping[str, SavedSignal]:
         return dict(self.states)
+
+    def watched_until_s(self) -> Optional[float]:
+        return self.stopped_s
 
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
         self.events.append(transition.text)
@@ -75,6 +79,7 @@ class Robot:
     def kill(self) -> None:
         """Ends it as kill -9 does: nothing is saved."""
         self.middleware.close()
+        self.history.stopped_s = self.history.wall_s()
 
     def restart(self, downtime_s: float = 0.0) -> None:
         self.kill()

@@ -80,10 +80,11 @@ def test_silence_is_stale_but_the_end_of_the_recording_is_not(tmp_path: Path) ->
     assert ok_s == 20.0
 
 
-def test_time_before_the_first_sample_belongs_to_no_level(tmp_path: Path) -> None:
+def test_time_before_the_first_sample_is_unknown(tmp_path: Path) -> None:
     messages = [Recorded(0.0, "/other", 0.0), *values("/battery", [10.0, 10.0, 50.0, 50.0, 50.0], start_s=6.0)]
     summary = judge(tmp_path, messages, BATTERY).summaries["a", "battery"]
-    assert summary.shares == pytest.approx({Level.OK: 0.5, Level.WARN: 0.5, Level.ERROR: 0.0, Level.STALE: 0.0})
+    assert summary.shares == pytest.approx({Level.OK: 0.2, Level.WARN: 0.2, Level.ERROR: 0.0, Level.STALE: 0.0})
+    assert summary.unknown == pytest.approx(0.6)
 
 
 def test_a_topic_that_is_not_recorded_raises_no_alert(tmp_path: Path) -> None:
@@ -92,6 +93,7 @@ def test_a_topic_that_is_not_recorded_raises_no_alert(tmp_path: Path) -> None:
     assert result.transitions == []
     summary = result.summaries["a", "gps"]
     assert (summary.recorded, summary.alerts, summary.shares, summary.statistics.samples) == (False, 0, {}, 0)
+    assert summary.unknown == 1.0
 
 
 def test_a_topic_that_is_recorded_without_messages_in_the_range_is_stale(tmp_path: Path) -> None:
@@ -172,12 +174,14 @@ def test_the_time_between_two_recordings_is_no_silence(tmp_path: Path) -> None:
     assert summary.statistics.longest_gap_s == 1.0
 
 
-def test_time_before_the_first_sample_belongs_to_no_level_in_a_second_recording_either(tmp_path: Path) -> None:
+def test_time_before_the_first_sample_is_unknown_in_a_second_recording_either(tmp_path: Path) -> None:
     first = write_bag(tmp_path / "first.bag", values("/other", [0.0] * 5))
     second = write_bag(tmp_path / "second.bag", values("/battery", [50.0] * 4 + [10.0] * 5, start_s=40_000.0))
     third = write_bag(tmp_path / "third.bag", values("/battery", [10.0] * 5, start_s=90_000.0))
-    shares = judge_bags([first, second, third], BATTERY).summaries["a", "battery"].shares
-    assert (shares[Level.OK], shares[Level.WARN]) == pytest.approx((4 / 12, 8 / 12))
+    summary = judge_bags([first, second, third], BATTERY).summaries["a", "battery"]
+    # 4 s, 8 s and 4 s are recorded, the first 4 s of which without a sample
+    assert (summary.shares[Level.OK], summary.shares[Level.WARN]) == pytest.approx((4 / 16, 8 / 16))
+    assert summary.unknown == pytest.approx(4 / 16)
 
 
 def test_silence_within_the_second_recording_counts_from_its_start(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping
+from typing import Any, List, Mapping, Optional
 
 import pytest
 from harness.port_conformance import levels_to
@@ -468,6 +468,9 @@ class FailingHistory:
 
     def restore(self) -> Mapping[str, Any]:
         return {}
+
+    def watched_until_s(self) -> Optional[float]:
+        return None
 
     def record_configuration(self, configuration: Mapping[str, Any]) -> None:
         """Works at the start."""

@@ -31,10 +31,16 @@ def run(connection: sqlite3.Connection, started_s: float, alive_s: float, stoppe
 
 
 def change(
-    connection: sqlite3.Connection, wall_s: float, before: Level, after: Level, signal: str = "battery_level"
+    connection: sqlite3.Connection,
+    wall_s: float,
+    before: Level,
+    after: Level,
+    signal: str = "battery_level",
+    lasted_s: float = 1e6,
 ) -> None:
-    """Adds a transition."""
-    added = transition(0, after, from_level=before, signal=signal, repeat=before is after)
+    """Adds a transition; the level before had been known for `lasted_s`."""
+    times = {"now_s": 0.0, "since_s": -lasted_s}
+    added = transition(0, after, from_level=before, signal=signal, repeat=before is after, **times)
     insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
     connection.execute(insert, transition_row(added, wall_s))
 
@@ -108,6 +114,33 @@ def test_while_the_link_is_down_only_the_link_is_known(connection: sqlite3.Conne
     assert battery.unknown == pytest.approx(0.4)
     assert link.shares == pytest.approx({OK: 0.6, ERROR: 0.4})
     assert (link.unknown, link.longest_outage_s) == (0.0, 40.0)
+
+
+def test_time_that_was_unknown_does_not_count_as_ok(connection: sqlite3.Connection) -> None:
+    # never known until it is STALE at 20; OK again from 30 to 80, but unknown from 40 to 60, for example a restart
+    run(connection, 0.0, 100.0, None)
+    change(connection, 20.0, OK, STALE, lasted_s=0.0)
+    change(connection, 30.0, STALE, OK, lasted_s=10.0)
+    change(connection, 80.0, OK, WARN, lasted_s=30.0)
+    summary = only(summarize(connection, 100.0))
+    assert summary.shares == pytest.approx({OK: 0.3, WARN: 0.2, STALE: 0.1})
+    assert summary.unknown == pytest.approx(0.4)
+
+
+def test_the_saved_state_says_since_when_a_signal_without_transitions_is_known(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 100.0, None)
+    states = {
+        "a": '{"since": {"announced": 4.0}, "announced": {"level": "OK"}}',
+        "b": '{"since": {"announced": 0.0, "unknown": 0.0}, "announced": {"level": "OK", "never_known": true}}',
+        "c": '{"since": {"announced": 10.0, "unknown": 70.0}, "announced": {"level": "OK"}}',
+        "d": "[no JSON",
+        "e": '{"since": "yesterday"}',
+    }
+    connection.executemany("INSERT INTO signal_states VALUES ('r1', ?, ?)", states.items())
+    found = {summary.signal: (summary.shares.get(OK, 0.0), summary.unknown) for summary in summarize(connection, 100.0)}
+    assert found == {name: pytest.approx(each) for name, each in {
+        "a": (0.96, 0.04), "b": (0.0, 1.0), "c": (0.6, 0.4), "d": (1.0, 0.0), "e": (1.0, 0.0),
+    }.items()}  # fmt: skip
 
 
 def test_a_signal_that_was_always_ok_is_listed(connection: sqlite3.Connection) -> None:
