@@ -6,6 +6,7 @@ The rules repeat what docs/rules.md says, as far as PromQL can express it:
   the value is beyond the bound, and as long as the value is not back by the hysteresis.
 * `for` and `keep_firing_for` are Prometheus's own.
 * Staleness, invalid data and the link are the monitor's verdict, which is a metric.
+* A signal has one alert per level: an ERROR of a bound and one of invalid data are the same, as in the monitor.
 
 A rule that says more than PromQL can express gets a comment, and a line in `Export.problems`.
 """
@@ -17,6 +18,7 @@ from typing import List, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.config import LINK, Condition, MonitorConfig, SignalConfig
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
+from robot_health_monitor.core.monitor import LINK_CONFIG
 
 ALERT = "RobotHealth"
 """Name of every alert; the same as in notifications."""
@@ -25,8 +27,12 @@ BEYOND = "robot_health:beyond_bound"
 _SEVERITIES = {"WARN": "warning", "ERROR": "critical", "STALE": "warning"}
 _OPERATORS = {"below": "<", "above": ">"}
 _UNITS = {"rate": "{}/s", "frequency_hz": "Hz"}
-_MEMORY = "1d"
-"""For how long a monitor that is gone is missed."""
+REPORTED, SCRAPED = "robot_health:reported_at", "robot_health:scraped_at"
+"""Recorded series: when a monitor last reported a robot, and when it was last scraped."""
+_SINCE = "robot_health:beyond_bound_since"
+_MEMORY = "1h"
+"""How long Prometheus may have been stopped and still knows which robots a monitor reported that is down."""
+_ROBOT = "{{ $labels.robot }}: "
 
 _HEADER = """\
 # Alerting rules of Robot Health Monitor for Prometheus, made by `robot-health export prometheus`.
@@ -41,6 +47,8 @@ _HEADER = """\
 # - While a signal is stale or its robot cannot be reached, durations and conditions on other signals go on; its last
 #   value counts.
 # - While a robot cannot be reached, its STALE alerts resolve.
+# A monitor that is down is an alert for each robot that it reported last. A robot that a working monitor no longer
+# reports, or whose monitor is no longer a target of Prometheus, is none.
 """
 
 
@@ -67,7 +75,7 @@ def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_
         if signal.name != LINK:
             lines += _Rules(config, signal, robots, problems).lines()
     lines += _link_rule(robots)
-    lines += _monitor_rule(robots, interval_s)
+    lines += _monitor_rules(robots, interval_s)
     return Export("\n".join(lines) + "\n", problems)
 
 
@@ -89,16 +97,20 @@ class _Rules:
                 lines += self._record(level, side)
             if sides:
                 lines += self._comments(level)
-                lines += self._alert(level, sides)
-        lines += self._invalid()
+            if level == "ERROR":
+                lines += self._error(sides)
+            elif sides:
+                signal = self._signal
+                times = signal.for_s, signal.keep_firing_for_s
+                lines += _alert(signal.name, level, self._crossed(level, sides), self._reason(level, sides), *times)
         if self._signal.stale_after_s > 0.0:
             lines += self._stale()
         return lines
 
-    def _metric(self, metric: str, aggregation: str = "max", signal: str = "") -> str:
+    def _metric(self, metric: str, aggregation: str = "max", signal: str = "", over: str = "") -> str:
         """Returns a metric of a signal, one series per robot: several monitors may watch one robot."""
-        selected = _selector(self._robots, f'signal="{signal or self._signal.name}"')
-        return f"{aggregation} by (robot, signal) (robot_health_{metric}{selected})"
+        selected = f"robot_health_{metric}" + _selector(self._robots, f'signal="{signal or self._signal.name}"')
+        return f"{aggregation} by (robot, signal) ({f'max_over_time({selected}{over})' if over else selected})"
 
     def _bound(self, level: str, side: str) -> Optional[float]:
         bound: Optional[float] = getattr(self._signal, f"{level.lower()}_{side}")
@@ -140,15 +152,42 @@ class _Rules:
         followed = self._config.signals.get(condition.signal)
         return followed is not None and followed.statistic != "last"
 
-    def _alert(self, level: str, sides: Sequence[str]) -> List[str]:
-        signal = self._signal
+    def _crossed(self, level: str, sides: Sequence[str]) -> str:
+        """Returns an expression for: a bound of a level is crossed, and the condition holds."""
+        condition = self._signal.only_if
         aggregation = "min" if sides == ["below"] else "max"
         expression = f"{aggregation} by (robot, signal) ({self._beyond(level)})"
-        if signal.only_if is not None and not self._follows_statistic(signal.only_if):
-            expression += f"\nunless on (robot) ({self._contradiction(signal.only_if)})"
-        for_s = signal.for_s if level == "WARN" else signal.error_for_s
-        keep_s = signal.keep_firing_for_s if level == "WARN" else signal.error_keep_firing_for_s
-        return _alert(signal.name, level, expression, self._reason(level, sides), for_s, keep_s)
+        if condition is not None and not self._follows_statistic(condition):
+            expression += f"\nunless on (robot) ({self._contradiction(condition)})"
+        return expression
+
+    def _error(self, sides: Sequence[str]) -> List[str]:
+        """Returns the rule of ERROR: a bound is crossed, or the data are invalid. The value of the latter is NaN.
+
+        Each may have to last for a time of its own; `for` is the shorter one.
+        """
+        signal = self._signal
+        for_s, keep_s = (signal.error_for_s, signal.error_keep_firing_for_s) if sides else (signal.invalid_for_s, 0.0)
+        shorter_s = min(for_s, signal.invalid_for_s)
+        valid, further_s = self._metric("data_valid"), signal.invalid_for_s - shorter_s
+        invalid = f"{valid} == 0"
+        if further_s:
+            lately = self._metric("data_valid", over=f"[{_duration(further_s)}]")
+            invalid = f"{lately} == 0 and {valid[:-1]} offset {_duration(further_s)}) == 0"
+        if not sides:
+            return _alert(signal.name, "ERROR", invalid, "invalid data", shorter_s, keep_s)
+        crossed, lines = self._crossed("ERROR", sides), []
+        if for_s > shorter_s:
+            since = _SINCE + _selector(self._robots, f'signal="{signal.name}"')
+            expression = f"(\n{since} or time() + 0 * (\n{crossed}\n)\n)\nand on (robot, signal) (\n{crossed}\n)"
+            lines += ["", f"      - record: {_SINCE}", f"        labels: {{signal: {signal.name}}}"]
+            lines += _block("expr", expression)
+            firing = f'signal="{signal.name}", level="ERROR", alertname="{ALERT}", alertstate="firing"'
+            lasted = f"time() - {since} >= {_number(for_s - shorter_s)} or ALERTS{_selector(self._robots, firing)}"
+            crossed = f"({crossed})\nand on (robot, signal) ({lasted})"
+        expression = f"({invalid}) * NaN\nor on (robot, signal) ({crossed})"
+        reason = f"{{{{ if ne $value $value }}}}invalid data{{{{ else }}}}{self._reason('ERROR', sides)}{{{{ end }}}}"
+        return [*lines, *_alert(signal.name, "ERROR", expression, reason, shorter_s, keep_s)]
 
     def _contradiction(self, condition: Condition) -> str:
         """Returns an expression for: the other signal is known, and the condition on it does not hold."""
@@ -187,13 +226,6 @@ class _Rules:
     def _with_unit(self, number: float) -> str:
         return with_unit(bound_text(number), _escaped(self._unit))
 
-    def _invalid(self) -> List[str]:
-        lines = _alert(
-            self._signal.name, "ERROR", f"{self._metric('data_valid')} == 0", "invalid data", self._signal.invalid_for_s
-        )
-        # A further label: Prometheus keeps one alert per set of labels, and the bound has the others.
-        return [line.replace("severity:", 'cause: "invalid data", severity:') for line in lines]
-
     def _stale(self) -> List[str]:
         signal = self._signal
         level, samples = self._metric("level"), self._metric("samples_total", "sum")
@@ -211,22 +243,32 @@ class _Rules:
 def _link_rule(robots: Sequence[str]) -> List[str]:
     expression = f"max by (robot) (robot_health_link_up{_selector(robots)}) == 0"
     return ["", "      # The link to a robot; while it is down, its other alerts stay as they are.",
-            *_alert(LINK, "ERROR", expression, "down", 0.0, 2.0)]  # fmt: skip
+            *_alert(LINK, "ERROR", expression, "down", 0.0, LINK_CONFIG.keep_firing_for_s)]  # fmt: skip
 
 
-def _monitor_rule(robots: Sequence[str], interval_s: float) -> List[str]:
-    """Returns the rule for a monitor that no longer works, or is no longer there."""
-    level = f"robot_health_level{_selector(robots)}"
+def _monitor_rules(robots: Sequence[str], interval_s: float) -> List[str]:
+    """Returns the rules for a monitor that is down or does not work: an alert for each robot that it reported last."""
+    selector = _selector(robots)
+    ticked = "robot_health_last_tick_timestamp_seconds"
     limit_s = max(30.0, 4.0 * interval_s)
-    expression = (
-        "max by (robot) (\n"
-        f"  {level}\n"
-        f"  and on (job, instance) (time() - robot_health_last_tick_timestamp_seconds > {_number(limit_s)})\n"
-        ")\n"
-        f"or (max by (robot) (last_over_time({level}[{_MEMORY}])) unless max by (robot) ({level}))"
+    reported = f"max by (job, instance, robot) (time() + 0 * robot_health_level{selector})"
+    before = (
+        f"last_over_time({REPORTED}{selector}[{_MEMORY}])\n"
+        f"> on (job, instance) group_left last_over_time({SCRAPED}[{_MEMORY}]) - {_number(interval_s)}\n"
+        "and on (job, instance) up == 0"
     )
-    return ["", "      # The monitor of a robot does not work, or cannot be scraped.",
-            *_alert("monitor", "ERROR", expression, "does not run", for_s=2.0 * interval_s)]  # fmt: skip
+    expression = (
+        f"max by (robot) ({REPORTED}{selector})\n"
+        f"unless max by (robot) (\n"
+        f"  robot_health_level{selector} and on (job, instance) (time() - {ticked} <= {_number(limit_s)})\n"
+        ")"
+    )
+    return [
+        "", "      # The monitor of a robot does not work, or cannot be scraped.",
+        "", f"      - record: {SCRAPED}", *_block("expr", f"max by (job, instance) (time() + 0 * {ticked})"),
+        "", f"      - record: {REPORTED}", *_block("expr", f"{reported}\nor (\n{before}\n)"),
+        *_alert("monitor", "ERROR", expression, "does not run", for_s=2.0 * interval_s),
+    ]  # fmt: skip
 
 
 def _alert(
@@ -238,7 +280,7 @@ def _alert(
     if keep_firing_for_s > 0.0:
         lines.append(f"        keep_firing_for: {_duration(keep_firing_for_s)}")
     lines.append(f"        labels: {{signal: {signal}, level: {level}, severity: {_SEVERITIES[level]}}}")
-    summary = json.dumps(f"{signal} {level}: {reason}")
+    summary = json.dumps(f"{_ROBOT}{signal} {level}: {reason}")
     return [*lines, f"        annotations: {{summary: {summary}}}"]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import subprocess
 import time
 import urllib.error
@@ -39,16 +40,10 @@ class PrometheusServer:
         """
         assert PROMETHEUS is not None
         self.port = free_port()
+        self._folder = folder
+        self._authorization = authorization
         (folder / "rules.yaml").write_text(rules or "groups: []")
-        job: Dict[str, Any] = {"job_name": "robot_health", "static_configs": [{"targets": [target]}]}
-        if authorization is not None:
-            job["authorization"] = {"credentials": authorization}
-        config = {
-            "global": {"scrape_interval": "500ms", "scrape_timeout": "500ms", "evaluation_interval": "200ms"},
-            "rule_files": ["rules.yaml"],
-            "scrape_configs": [job],
-        }
-        (folder / "prometheus.yaml").write_text(json.dumps(config))
+        self._configure([target])
         self._log = open(folder / "prometheus.log", "w")  # lasts as long as the process
         self._process = subprocess.Popen(
             [
@@ -61,6 +56,22 @@ class PrometheusServer:
             stdout=self._log,
             stderr=subprocess.STDOUT,
         )
+
+    def scrape(self, targets: Sequence[str]) -> None:
+        """Scrapes these targets from now on, and no others."""
+        self._configure(targets)
+        self._process.send_signal(signal.SIGHUP)
+
+    def _configure(self, targets: Sequence[str]) -> None:
+        job: Dict[str, Any] = {"job_name": "robot_health", "static_configs": [{"targets": list(targets)}]}
+        if self._authorization is not None:
+            job["authorization"] = {"credentials": self._authorization}
+        config = {
+            "global": {"scrape_interval": "500ms", "scrape_timeout": "500ms", "evaluation_interval": "200ms"},
+            "rule_files": ["rules.yaml"],
+            "scrape_configs": [job],
+        }
+        (self._folder / "prometheus.yaml").write_text(json.dumps(config))
 
     def query(self, expression: str) -> List[Dict[str, Any]]:
         """Returns the result of an instant query: a list of `metric` and `value`."""

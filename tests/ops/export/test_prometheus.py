@@ -6,10 +6,13 @@ import json
 import math
 import random
 import subprocess
+import time
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import pytest
+from harness.http_server import HttpServer, responding
+from harness.prometheus_server import PrometheusServer, needs_prometheus
 from harness.promtool import PROMTOOL, needs_promtool, random_timeline
 from harness.seeds import fixed_seed
 from prometheus_client.parser import text_string_to_metric_families
@@ -70,13 +73,13 @@ def test_labels_and_summary_are_those_of_the_monitors_alert(tmp_path: Path) -> N
     labels = {"robot": "r1", "signal": "battery_level"}
     warn = {
         "exp_labels": {**labels, "level": "WARN", "severity": "warning"},
-        "exp_annotations": {"summary": "battery_level WARN: 19.5 % is below 20 %"},
+        "exp_annotations": {"summary": "r1: battery_level WARN: 19.5 % is below 20 %"},
     }
     error = {
         "exp_labels": {**labels, "level": "ERROR", "severity": "critical"},
-        "exp_annotations": {"summary": "battery_level ERROR: 9 % is below 10 %"},
+        "exp_annotations": {"summary": "r1: battery_level ERROR: 9 % is below 10 %"},
     }
-    still_warn = {**warn, "exp_annotations": {"summary": "battery_level WARN: 9 % is below 20 %"}}
+    still_warn = {**warn, "exp_annotations": {"summary": "r1: battery_level WARN: 9 % is below 20 %"}}
     expected = [("2s", []), ("3s", [warn]), ("6s", [still_warn, error])]
     test = {
         "rule_files": ["rules.yaml"],
@@ -209,10 +212,11 @@ def test_bounds_hysteresis_and_durations_fire_when_the_monitor_does(tmp_path: Pa
 
 
 def random_faults(chance: random.Random, name: str) -> Tuple[Dict[str, Any], List[object]]:
-    """Returns a signal without durations, and values among which some are missing or invalid."""
+    """Returns a signal without durations of its bounds, and values among which some are missing or invalid."""
     signal: Dict[str, Any] = {
         "stale_after_s": 3.0,
         "startup_grace_s": chance.choice((0.0, 4.0, 6.0)),
+        "invalid_for_s": chance.choice((0.0, 0.0, 2.0)),
         "warn_below": chance.choice((20.0, 21.0)),
         "error_above": chance.choice((80.0, 81.0)),
         "hysteresis": chance.choice((0.0, 2.0)),
@@ -261,47 +265,140 @@ def test_silence_invalid_data_conditions_and_links_alert_when_the_monitor_does(t
     assert not findings, findings[:3000]
 
 
-@needs_promtool
-def test_a_monitor_that_stops_ticking_or_disappears_is_an_alert(tmp_path: Path) -> None:
-    text = exported({"a": {"warn_below": 20.0}}, interval_s=1.0).text
-    (tmp_path / "rules.yaml").write_text(text)
-    labels = 'job="robots", instance="{}"'
-    series = {
-        f'robot_health_level{{robot="works", signal="a", {labels.format("one")}}}': "0x200",
-        f"robot_health_last_tick_timestamp_seconds{{{labels.format('one')}}}": "0+1x200",
-        f'robot_health_level{{robot="hangs", signal="a", {labels.format("two")}}}': "0x200",
-        f"robot_health_last_tick_timestamp_seconds{{{labels.format('two')}}}": "0+1x100 100x99",
-        f'robot_health_level{{robot="gone", signal="a", {labels.format("three")}}}': "0x100 stale",
-        f"robot_health_last_tick_timestamp_seconds{{{labels.format('three')}}}": "0+1x100 stale",
-    }
+class Scraped:
+    """The series of one monitor as Prometheus stores them: a string per second, `_` for none."""
+
+    def __init__(self, instance: str, up: str, tick: str = "", **levels: str) -> None:
+        target = f'job="robots", instance="{instance}"'
+        self.series = {f"up{{{target}}}": up}
+        if tick:
+            self.series[f"robot_health_last_tick_timestamp_seconds{{{target}}}"] = tick
+        for robot, values in levels.items():
+            self.series[f'robot_health_level{{robot="{robot}", signal="a", {target}}}'] = values
+
+
+def missed(folder: Path, scraped: Sequence[Scraped], expected: Mapping[int, Sequence[str]]) -> str:
+    """Returns promtool's findings; empty if at each of these seconds the monitors of these robots are missed."""
+    (folder / "rules.yaml").write_text(exported({"a": {"warn_below": 20.0}}, interval_s=1.0).text)
     alert = 'sum by (robot, signal, level) (ALERTS{alertname="RobotHealth", alertstate="firing"})'
-    gone, hangs = (
-        {"labels": f'{{robot="{name}", signal="monitor", level="ERROR"}}', "value": 1} for name in ("gone", "hangs")
-    )
-    expected = [
-        ("100s", []),
-        ("102s", []),
-        ("103s", [gone]),
-        ("132s", [gone]),
-        ("133s", [gone, hangs]),
-        ("200s", [gone, hangs]),
-    ]
+    labels = '{{robot="{}", signal="monitor", level="ERROR"}}'
     test = {
         "rule_files": ["rules.yaml"],
         "evaluation_interval": "1s",
         "tests": [
             {
                 "interval": "1s",
-                "input_series": [{"series": name, "values": values} for name, values in series.items()],
+                "input_series": [
+                    {"series": name, "values": values} for each in scraped for name, values in each.series.items()
+                ],
                 "promql_expr_test": [
-                    {"expr": alert, "eval_time": time, "exp_samples": samples} for time, samples in expected
+                    {
+                        "expr": alert,
+                        "eval_time": f"{second}s",
+                        "exp_samples": [{"labels": labels.format(robot), "value": 1} for robot in robots],
+                    }
+                    for second, robots in expected.items()
                 ],
             }
         ],
     }
-    (tmp_path / "test.yaml").write_text(json.dumps(test))
+    (folder / "test.yaml").write_text(json.dumps(test))
+    return promtool(folder, "test", "rules", "test.yaml")
 
-    assert promtool(tmp_path, "test", "rules", "test.yaml") == ""
+
+@needs_promtool
+def test_a_monitor_that_hangs_or_is_down_is_an_alert(tmp_path: Path) -> None:
+    scraped = [
+        Scraped("one", "1x200", "0+1x200", works="0x200"),
+        Scraped("two", "1x200", "0+1x100 100x99", hangs="0x200"),
+        Scraped("three", "1x99 0x100", "0+1x99 stale", down="0x99 stale"),
+        Scraped("four", "1x99 0x20 1x80", "0+1x99 stale _x20 121+1x80", back="0x99 stale _x20 0x80"),
+    ]
+    expected = {
+        101: [],
+        102: ["back", "down"],
+        120: ["back", "down"],
+        123: ["down"],
+        130: ["down"],
+        132: ["down"],
+        133: ["down", "hangs"],
+        199: ["down", "hangs"],
+    }
+    assert missed(tmp_path, scraped, expected) == ""
+
+
+@needs_promtool
+def test_a_robot_that_its_monitor_no_longer_reports_is_no_alert(tmp_path: Path) -> None:
+    """It was taken out of the fleet file; then the monitor is stopped, for longer than Prometheus looks back."""
+    scraped = [Scraped("one", "1x199 0x1000", "0+1x199 stale", kept="0x199 stale", removed="2x100 stale")]
+    expected: Dict[int, List[str]] = {second: [] for second in range(90, 202)}
+    expected.update({202: ["kept"], 300: ["kept"], 1100: ["kept"]})
+    assert missed(tmp_path, scraped, expected) == ""
+
+
+@needs_promtool
+@pytest.mark.parametrize(
+    "scraped",
+    [
+        pytest.param(Scraped("one", "1x100 stale", "0+1x100 stale", r1="0x100 stale"), id="while it was up"),
+        pytest.param(Scraped("one", "1x50 0x50 stale", "0+1x50 stale", r1="0x50 stale"), id="while it was down"),
+    ],
+)
+def test_a_robot_whose_monitor_is_no_longer_a_target_is_no_alert(tmp_path: Path, scraped: Scraped) -> None:
+    assert missed(tmp_path, [scraped], {second: [] for second in (40, *range(102, 500))}) == ""
+
+
+@needs_promtool
+def test_a_robot_that_another_monitor_watches_as_well_is_not_missed(tmp_path: Path) -> None:
+    scraped = [
+        Scraped("one", "1x200", "0+1x200", r1="0x200"),
+        Scraped("two", "1x100 0x100", "0+1x100 stale", r1="0x100 stale", r2="0x100 stale"),
+    ]
+    assert missed(tmp_path, scraped, {99: [], 110: ["r2"], 200: ["r2"]}) == ""
+
+
+@needs_promtool
+def test_after_a_gap_of_prometheus_itself_a_monitor_that_is_down_is_still_missed(tmp_path: Path) -> None:
+    """Its robots are those of the last scrape, not one that was taken out of the fleet file before."""
+    scraped = [
+        Scraped("one", "1x100 _x1800 0x100", "0+1x100", r1="0x100", removed="0x50 stale"),
+        Scraped("two", "1x100 _x1800 1x100", "0+1x100 _x1800 1901+1x100", r2="0x100 _x1800 0x100"),
+    ]
+    assert missed(tmp_path, scraped, {100: [], 1904: ["r1"], 2000: ["r1"]}) == ""
+
+
+def serve_metrics(server: HttpServer, *robots: str) -> None:
+    """Serves the metrics of a working monitor of these robots."""
+
+    def behave(handler: Any) -> None:
+        lines = [f"robot_health_last_tick_timestamp_seconds {time.time()}"]
+        lines += [f'robot_health_level{{robot="{robot}",signal="a"}} 0' for robot in robots]
+        text = "".join(f"{line}\n" for line in lines)
+        handler.respond(200, text.encode(), {"Content-Type": "text/plain; version=0.0.4"})
+
+    server.behave = behave
+
+
+@pytest.mark.newest_python
+@needs_prometheus
+def test_at_a_real_prometheus_a_monitor_that_is_down_is_an_alert_until_it_is_no_target(tmp_path: Path) -> None:
+    rules = exported({"a": {"warn_below": 20.0}}, interval_s=0.5).text
+    firing = 'ALERTS{alertname="RobotHealth", alertstate="firing"}'
+    with HttpServer() as server:
+        target = server.url.partition("//")[2]
+        serve_metrics(server, "kept", "removed")
+        prometheus = PrometheusServer(tmp_path, target, rules)
+        try:
+            prometheus.wait_for("robot_health:reported_at", lambda found: len(found) == 2)
+            serve_metrics(server, "kept")  # taken out of the fleet file
+            prometheus.wait_for("robot_health:reported_at", lambda found: len(found) == 1)
+            server.behave = responding(503)
+            (alert,) = prometheus.wait_for(firing)
+            assert (alert["metric"]["robot"], alert["metric"]["signal"]) == ("kept", "monitor")
+            prometheus.scrape([])
+            prometheus.wait_for(firing, lambda found: not found)
+        finally:
+            prometheus.close()
 
 
 def test_what_promql_cannot_express_is_a_comment_at_its_rule_and_a_problem() -> None:
