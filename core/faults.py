@@ -7,7 +7,7 @@ them: a log line when one begins or ends, and the status `alert_system: monitor`
 from __future__ import annotations
 
 import threading
-from typing import Any, Callable, Dict, Mapping, NamedTuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
 
 from .formatting import printable
 from .model import Level
@@ -24,6 +24,14 @@ class Fault(NamedTuple):
     """WARN: the part works with restrictions. ERROR: it does not work."""
     text: str
     """One line: what does not work and why."""
+
+
+def summary_of(faults: Mapping[str, Fault]) -> Tuple[Level, str]:
+    """Returns level and text of the worst fault; OK and `no faults` without any."""
+    if not faults:
+        return Level.OK, "no faults"
+    part, worst = max(faults.items(), key=lambda item: item[1].level.severity)
+    return worst.level, f"{part}: {worst.text}"
 
 
 class Faults:

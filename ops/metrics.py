@@ -49,6 +49,7 @@ _TRANSITIONS = _Family(
 )
 _LINK_UP = _Family("robot_health_link_up", "Whether the robot can be reached.", ("robot",))
 _WAITING = _Family("robot_health_notifications_waiting", "Notifications that are not delivered yet.")
+_FAULTS = _Family("robot_health_faults", "Parts of the monitor itself that do not work.")
 _LAST_TICK = _Family(
     "robot_health_last_tick_timestamp_seconds",
     "Last tick of the monitor, in seconds since 1970; of several robots the oldest.",
@@ -89,15 +90,20 @@ class Metrics:
     """Counts transitions, reads robots and renders what was read."""
 
     def __init__(
-        self, notifications_waiting: Callable[[], int] = int, wall_time_s: Callable[[], float] = time.time
+        self,
+        notifications_waiting: Callable[[], int] = int,
+        wall_time_s: Callable[[], float] = time.time,
+        count_faults: Callable[[], int] = int,
     ) -> None:
         """Starts with empty counters.
 
         Args:
             notifications_waiting: returns how many notifications are not delivered yet.
             wall_time_s: seconds since 1970.
+            count_faults: returns how many parts of the monitor do not work.
         """
         self._notifications_waiting = notifications_waiting
+        self._count_faults = count_faults
         self._wall_time_s = wall_time_s
         self._lock = threading.Lock()
         self._transitions: Dict[Tuple[str, str], Counter[Level]] = {}
@@ -169,6 +175,7 @@ class Metrics:
             _header(_LINK_UP),
             kept("link", _LINK_UP, _link_up),
             _exposition(_WAITING, (((), float(self._notifications_waiting())),)),
+            _exposition(_FAULTS, (((), float(self._count_faults())),)),
             _exposition(_LAST_TICK, (((), min((robot.tick_s for robot in robots), default=self._wall_time_s())),)),
             _exposition(_BUILD_INFO, (((package_version(),), 1.0),)),
         ]

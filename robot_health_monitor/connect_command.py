@@ -11,8 +11,9 @@ from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.ops.configuration import ServerOptions
 
-from .fleet import Fleet, Robot
+from .fleet import Fleet
 from .fleet_configuration import FleetReader, Options, read_addresses
+from .fleet_robot import Robot
 from .installed_files import find_installed
 from .interrupts import Interrupts
 from .live_session import run_session

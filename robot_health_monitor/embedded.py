@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import Section, find_section, list_sections, refuse_second_section
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.faults import Fault, Faults
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.monitor import Monitor
@@ -117,6 +117,10 @@ class EmbeddedMonitor:
     def faults(self) -> Faults:
         """The faults that alert_system reports."""
         return self._middlewares["alert_system"].faults
+
+    def process_faults(self) -> Mapping[str, Fault]:
+        """Returns nothing: all faults are those of alert_system."""
+        return {}
 
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """Returns the parameters that were given, nested, by the full name of their node."""

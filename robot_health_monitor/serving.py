@@ -9,7 +9,7 @@ import ssl
 from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, NamedTuple, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.faults import Fault, Faults
 from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, Severity
 from robot_health_monitor.core.model import Level, Transition
@@ -202,6 +202,9 @@ class Served(Protocol):
     def faults(self) -> Faults:
         """Where a server that cannot be started is reported."""
 
+    def process_faults(self) -> Mapping[str, Fault]:
+        """Returns the faults that belong to no robot, by part."""
+
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """Returns the parameters that clients may read, by the full name of the node."""
 
@@ -214,6 +217,7 @@ def make_web(
     settings: ServerSettings,
     operations: Optional[Operations] = None,
     *,
+    process_faults: Callable[[], Mapping[str, Fault]] = dict,
     threads: bool,
 ) -> WebInterface:
     """Returns the page and its API, for `make_server`.
@@ -222,6 +226,7 @@ def make_web(
         robots: returns the alert_systems of the robots that are watched now.
         settings: those of the server.
         operations: history, silences and notifications; None: there are none.
+        process_faults: returns the faults of the monitor that belong to no robot, by part.
         threads: whether robots are judged in other threads than the server's loop.
 
     Raises:
@@ -237,6 +242,7 @@ def make_web(
         history=None if operations is None else operations.history,
         silences=None if operations is None else operations.silences,
         notifications_waiting=int if notifier is None else lambda: notifier.waiting,
+        process_faults=process_faults,
     )
     for alert_system in robots():
         web.watch(alert_system)
@@ -284,7 +290,13 @@ async def serve(
     """
     node = monitor.bus.node("rosbridge")
     try:
-        web = make_web(lambda: monitor.alert_systems, settings, operations, threads=False)
+        web = make_web(
+            lambda: monitor.alert_systems,
+            settings,
+            operations,
+            process_faults=monitor.process_faults,
+            threads=False,
+        )
         server = make_server(node, monitor.alert_system_pattern, settings, monitor.parameters, web, threads=False)
         await server.start()
     except ModuleNotFoundError as error:

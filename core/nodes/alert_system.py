@@ -12,6 +12,7 @@ from ..continuity import Continuity, SignalHistory
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
 from ..explanation import bounds_text
+from ..faults import Fault
 from ..formatting import printable
 from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
@@ -153,9 +154,9 @@ class AlertSystem:
         """Calls `function(monitor, now_s)` while nothing changes the monitor. For code in other threads."""
         return self._middleware.exclusively(lambda: function(self.monitor, self._middleware.now_s()))
 
-    def own_state(self) -> Tuple[Level, str]:
-        """Returns level and message of the node itself: those of its worst fault. May be called in any thread."""
-        return self._self_monitor.summary()
+    def own_faults(self) -> Mapping[str, Fault]:
+        """Returns the present faults of the node itself, by part. May be called in any thread."""
+        return self._middleware.faults.current()
 
     def reset(self) -> str:
         """Clears latched alerts, as the service `~reset`; returns its message. May be called in any thread."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Optional, Tuple
+from typing import Callable, Dict, Optional
 
-from ..faults import Fault
+from ..faults import summary_of
 from ..formatting import number_text
 from ..middleware import Middleware, Severity
 from ..model import Level, Status
@@ -108,16 +108,8 @@ class SelfMonitor:
         faults = self._middleware.faults.current()
         values = {key: self._read(report) for key, report in tuple(self.reports.items())}
         values.update((f"fault: {part}", fault.text) for part, fault in faults.items())
-        level, message = self.summary()
+        level, message = summary_of(faults)
         return Status(MONITOR, level, message, self._robot, values)
-
-    def summary(self) -> Tuple[Level, str]:
-        """Returns level and message of the status: those of the worst fault. May be called in any thread."""
-        faults = self._middleware.faults.current()
-        if not faults:
-            return Level.OK, "no faults"
-        part, worst = max(faults.items(), key=lambda item: item[1].level.severity)
-        return worst.level, _fault_text(part, worst)
 
     @staticmethod
     def _read(report: Callable[[], str]) -> str:
@@ -172,12 +164,8 @@ class SelfMonitor:
             if announced is None or fault.level.severity > announced.severity:
                 self._announced[part] = fault.level
                 severity = _SEVERITY_OF_LEVEL.get(fault.level, Severity.ERROR)
-                self._emit(Notice(self._middleware.now_s(), severity, _fault_text(part, fault), part))
+                self._emit(Notice(self._middleware.now_s(), severity, f"{part}: {fault.text}", part))
         for part in [part for part in self._announced if part not in faults]:
             if steady_s - self._healthy_since_s.setdefault(part, steady_s) >= _MIN_HEALTHY_S:
                 del self._announced[part], self._healthy_since_s[part]
                 self._emit(Notice(self._middleware.now_s(), Severity.INFO, f"{part} works again", part))
-
-
-def _fault_text(part: str, fault: Fault) -> str:
-    return f"{part}: {fault.text}"

@@ -6,11 +6,12 @@ import asyncio
 import importlib.util
 import time
 from functools import partial
-from typing import Any, Awaitable, Callable, Dict, List, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Awaitable, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from aiohttp import web
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.faults import Fault
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
@@ -18,6 +19,7 @@ from robot_health_monitor.core.version import package_version
 
 from ..metrics import METRICS_LIBRARY, Metrics
 from .history import HistorySource, PastAlerts, query_of
+from .own_state import OwnState
 from .page_files import PageFiles
 from .requests import API_HEADERS, ApiError, check_same_origin, json_bytes, json_response, read_object, read_text
 from .sessions import SESSION_S, LoginLimit, Sessions, TooManyLoginsError
@@ -53,6 +55,7 @@ class WebInterface:
         history: Optional[HistorySource] = None,
         silences: Optional[SilenceSource] = None,
         notifications_waiting: Callable[[], int] = int,
+        process_faults: Callable[[], Mapping[str, Fault]] = dict,
         wall_time_s: Callable[[], float] = time.time,
     ) -> None:
         """Prepares the routes.
@@ -64,6 +67,7 @@ class WebInterface:
             history: past alerts; None: there are none.
             silences: silences; None: none can be added.
             notifications_waiting: returns how many notifications are not delivered yet.
+            process_faults: returns the faults of the monitor that belong to no robot, by part.
             wall_time_s: seconds since 1970.
         """
         self._robots = robots
@@ -77,7 +81,8 @@ class WebInterface:
         self._worker = Worker(8, _READ_TIMEOUT_S)
         self._readers: Dict[AlertSystem, RobotReader] = {}
         self._answers: Dict[Tuple[str, bool], asyncio.Future[bytes]] = {}
-        self._metrics = Metrics(notifications_waiting, wall_time_s)
+        self._own_state = OwnState(robots, process_faults)
+        self._metrics = Metrics(notifications_waiting, wall_time_s, self._own_state.count)
         self._page = PageFiles()
         self.updates = Updates(self._read_state, self._read_samples, wall_time_s)
         """The open pages."""
@@ -237,6 +242,7 @@ class WebInterface:
         return {
             "version": package_version(),
             "now": iso_time(self._wall_time_s()),
+            "monitor": self._own_state.as_json(),
             "worst": Level.worst(Level[each["level"]] for each in robots.values()).name,
             "history": self._history is not None,
             "silencing": self._silences is not None,
@@ -255,7 +261,9 @@ class WebInterface:
         """Returns the readers of the robots that are watched now."""
         robots = self._robots()
         known = self._readers
-        self._readers = {robot: known.get(robot) or RobotReader(robot, self._wall_time_s) for robot in robots}
+        self._readers = {
+            robot: known.get(robot) or RobotReader(robot, self._own_state, self._wall_time_s) for robot in robots
+        }
         return list(self._readers.values())
 
     async def _read(self, function: Callable[[], Result]) -> Result:
@@ -332,7 +340,8 @@ class WebInterface:
     async def _get_health(self, request: web.Request) -> web.StreamResponse:
         late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]
         if not late:
-            return json_response({"ok": True})
+            admitted = self._sessions.admits(request.headers, request.cookies)
+            return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
         return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, status=503)
 

@@ -18,6 +18,7 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.quality import as_float, converted
 
 from ..plot import plot_bounds
+from .own_state import OwnState
 
 __all__ = ["MOST_SAMPLES", "RobotReader", "Samples", "iso_time"]
 
@@ -67,14 +68,18 @@ class _Known(NamedTuple):
 class RobotReader:
     """Reads the state of one robot. May be used in any thread."""
 
-    def __init__(self, alert_system: AlertSystem, wall_time_s: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self, alert_system: AlertSystem, own_state: OwnState, wall_time_s: Callable[[], float] = time.time
+    ) -> None:
         """Reads nothing yet.
 
         Args:
             alert_system: the node that judges the robot.
+            own_state: the state of the monitor itself.
             wall_time_s: seconds since 1970.
         """
         self.alert_system = alert_system
+        self._own_state = own_state
         self._wall_time_s = wall_time_s
         self._lock = threading.Lock()
         self._known: Dict[str, _Known] = {}
@@ -142,14 +147,13 @@ class RobotReader:
         cause = None
         if level is not Level.OK:
             cause = next(name for name, judgement in judgements.items() if judgement.level is level)
-        own_level, own_message = self.alert_system.own_state()
         return {
             "level": level.name,
             "link": {None: None, True: "up", False: "down"}[monitor.link_up],
             "signal": cause,
             "message": signals[cause]["message"] if cause is not None else "",
             "since": signals[cause]["since"] if cause is not None else None,
-            "monitor": {"level": own_level.name, "message": own_message},
+            "monitor": self._own_state.of_robot(self.alert_system),
             "signals": signals,
         }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import signal
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Sequence, Tuple
+from urllib.request import urlopen
 
 import pytest
 from harness.line_process import LineProcess
@@ -99,6 +101,32 @@ def test_a_robot_whose_server_is_stopped_is_down_and_up_again_after_it(
     watcher.signal()
     assert watcher.wait() == 0
     assert len([alert for alert in alerts(watcher) if alert.startswith("link")]) == 2
+
+
+def test_faults_of_the_process_are_shown_everywhere(robot_health: Start, thresholds: Path, tmp_path: Path) -> None:
+    ops = tmp_path / "ops.yaml"
+    ops.write_text(
+        "history: {file: /proc/nowhere/history.db}\nnotify: {pager: {type: webhook, url: 'http://127.0.0.1:1'}}\n"
+    )
+    robots = [f"{name}=ws://127.0.0.1:1" for name in ("husky", "carter")]
+    watcher = robot_health("connect", *robots, "--thresholds", thresholds, "--ops", ops, "--port", 0)
+    port = port_of(watcher)
+    watcher.wait_for_texts("connect: history: /proc/nowhere", "connect: notify pager: ")
+
+    def get(path: str) -> str:
+        with urlopen(f"http://127.0.0.1:{port}/{path}", timeout=30.0) as response:
+            assert response.status == 200
+            return str(response.read().decode())
+
+    state = json.loads(get("api/state?window=0"))
+    assert [fault["part"] for fault in state["monitor"]["faults"]] == ["history", "notify pager"]
+    history = state["monitor"]["message"]
+    assert history.startswith("history: /proc/nowhere")
+    assert [robot["monitor"] for robot in state["robots"].values()] == [{"level": "ERROR", "message": history}] * 2
+    health = json.loads(get("healthz"))
+    assert health["ok"] is True and health["faults"][0] == history and len(health["faults"]) == 2
+    if importlib.util.find_spec("prometheus_client"):
+        assert "\nrobot_health_faults 2.0\n" in get("metrics")
 
 
 def test_each_of_several_robots_has_its_own_link_and_name(robot_health: Start, calm: Path, thresholds: Path) -> None:

@@ -48,7 +48,7 @@ def labels(**given: str) -> Any:
 
 def test_every_metric_has_its_value() -> None:
     robots = Robots("atlas", "spot")
-    metrics = Metrics(lambda: 3, robots.wall_s)
+    metrics = Metrics(lambda: 3, robots.wall_s, lambda: 2)
     watched(robots, metrics)
     robots.observe(50.0)
     robots.at(101.0)
@@ -78,6 +78,7 @@ def test_every_metric_has_its_value() -> None:
     assert transitions[labels(robot="spot", signal="link", to="ERROR")] == 1.0
     assert found["robot_health_link_up"] == {labels(robot="spot"): 0.0}
     assert found["robot_health_notifications_waiting"] == {(): 3.0}
+    assert found["robot_health_faults"] == {(): 2.0}
     assert found["robot_health_last_tick_timestamp_seconds"] == {(): robots.wall_s()}
     assert found["robot_health_build_info"] == {labels(version=package_version()): 1.0}
 

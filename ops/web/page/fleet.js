@@ -1,5 +1,5 @@
 /* The state of all robots, as the last events gave it. Knows nothing of the page. */
-import {LINK, kindOfLevel, kindOfSignal, rankOf, worse} from "./levels.js";
+import {LINK, kindOfLevel, kindOfSignal, rankOf} from "./levels.js";
 
 const NAMES = new Intl.Collator("en", {numeric: true});
 
@@ -38,15 +38,11 @@ class Robot {
     this.others = this.kinds.get(LINK) === "nolink" ? 0 : Math.max(0, this.bad.length - 1);
     this.silenced = signals.filter(([, signal]) => signal.silenced).length;
     this.kind = this.bad.length ? this.kinds.get(this.bad[0][0]) : signals.length ? "ok" : "waiting";
-    this.monitorFails = Boolean(this.data.monitor) && this.data.monitor.level !== "OK";
-    if (this.monitorFails) this.kind = worse(this.kind, kindOfLevel(this.data.monitor.level));
   }
 
   /** The reason for the kind, in one line; empty if OK. */
   get cause() {
-    const [worst] = this.bad;
-    if (this.monitorFails && (!worst || this.kinds.get(worst[0]) !== this.kind)) return `monitor: ${this.data.monitor.message}`;
-    return worst ? reasonOf(worst) : "";
+    return this.bad.length ? reasonOf(this.bad[0]) : "";
   }
 
   /** Begin of the level, in ms since 1970; NaN if unknown. */
@@ -73,6 +69,18 @@ export class Fleet {
   /** Whether silences can be added. */
   get canSilence() {
     return this.state.can_change && this.state.silencing;
+  }
+
+  /** Kind of the monitor itself: that of its worst fault. */
+  get monitorKind() {
+    return this.state.monitor ? kindOfLevel(this.state.monitor.level) : "ok";
+  }
+
+  /** The faults of the monitor itself, one text each, worst first. */
+  get faults() {
+    const rank = (fault) => rankOf(kindOfLevel(fault.level)), faults = this.state.monitor ? this.state.monitor.faults : [];
+    return [...faults].sort((one, other) => rank(one) - rank(other))
+      .map(({robot, part, level, text}) => `Monitor ${level}: ${robot && this.robots.size > 1 ? `${robot}: ` : ""}${part}: ${text}`);
   }
 
   /** The monitor's time, in ms since 1970. The clock of this machine may differ. */

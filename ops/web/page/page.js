@@ -2,11 +2,11 @@
 import {Actions, remember, remembered} from "./actions.js";
 import {AlertTable} from "./alerts.js";
 import {Connection, request} from "./connection.js";
-import {byId, setAttribute, setShape, setText} from "./elements.js";
+import {byId, isolated, make, setAttribute, setChildren, setShape, setText} from "./elements.js";
 import {Fleet} from "./fleet.js";
 import {countText, durationText, timeText, zoneText} from "./format.js";
 import {drawIcon} from "./icon.js";
-import {KINDS} from "./levels.js";
+import {KINDS, worse} from "./levels.js";
 import {RobotList} from "./robots.js";
 import {SilenceList} from "./silences.js";
 
@@ -69,7 +69,7 @@ class Page {
     const changes = this.fleet.merge(change);
     this.robots.update(changes, false);
     this.silences.update();
-    if (changes.order) this.showSummary();
+    if (changes.order || change.monitor) this.showSummary();
     if (!changes.alerts.length) return;
     this.collectNews(changes.alerts);
     if (this.view === "alerts") this.alerts.load();
@@ -108,14 +108,19 @@ class Page {
     const {counts, robots} = this.fleet;
     const [name] = robots.size === 1 ? robots.keys() : [countText(robots.size, "robot")];
     const bad = [...counts].filter(([kind]) => kind !== "ok").map(([kind, count]) => `${robots.size > 1 ? `${count}\u00a0` : ""}${KINDS.get(kind)}`);
+    const {monitorKind, faults} = this.fleet;
+    if (monitorKind !== "ok") bad.push(`monitor ${KINDS.get(monitorKind)}`);
     const other = {connecting: "connecting…", lost: "no connection to the monitor", login: "token required"}[this.phase];
     const text = other || `${name}: ${bad.join(", ") || (robots.size ? "all OK" : "nothing to watch")}`;
-    const kind = this.isLive && robots.size ? counts.keys().next().value : "unknown";
+    const kind = this.isLive && robots.size ? worse(counts.keys().next().value, monitorKind) : "unknown";
     setText(byId("summary"), text);
     setShape(byId("worst-shape"), kind);
     setAttribute(byId("worst-shape"), "class", `shape ${kind}`);
     document.title = `${text} – Robot health`;
     drawIcon(byId("icon"), byId("worst-shape"));
+    byId("monitor-faults").hidden = !this.hasState || !faults.length;
+    byId("monitor-faults").className = monitorKind;
+    setChildren(byId("monitor-faults").firstChild, faults.map((fault) => make("p", {}, isolated(fault))));
   }
 
   /** Updates what changes with time alone, once per second. */

@@ -40,13 +40,11 @@ class RobotRow {
   }
 
   updateBody() {
-    const {monitor, link} = this.robot.data, {fleet} = this.page;
+    const {link} = this.robot.data, {fleet} = this.page;
     this.table.update(this.robot);
     this.silence.hidden = !fleet.canSilence;
     this.reset.hidden = !(fleet.state.can_change && Object.values(this.robot.data.signals).some((signal) => signal.latch));
     setText(this.link, link ? `link ${link}` : "");
-    setText(this.monitor, monitor ? `monitor ${monitor.level}: ${monitor.message}` : "");
-    this.monitor.className = this.robot.monitorFails ? "fact problem" : "fact";
   }
 
   /** Updates what changes with time alone. */
@@ -70,10 +68,9 @@ class RobotRow {
     const actions = this.page.actions, name = this.robot.name;
     this.table = new SignalTable(this.robot, this.page);
     this.link = make("span.fact");
-    this.monitor = make("span.fact");
     this.silence = make("button", {onclick: () => actions.silence(name, "*", false)}, "Silence robot…");
     this.reset = make("button.reset", {onclick: () => actions.reset(name)}, "Reset latched alerts…");
-    this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset, this.link, this.monitor));
+    this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset, this.link));
     this.updateBody();
   }
 }

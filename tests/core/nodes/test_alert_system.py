@@ -9,6 +9,7 @@ from harness.port_conformance import levels_to
 from harness.stage import FLOAT32, Stage, status, values_of
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.faults import Fault
 from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Sample, Transition
@@ -435,7 +436,7 @@ def test_other_threads_read_and_reset_it_as_a_callback_would(stage: Stage) -> No
     assert alert_system.reset() == "reset: battery_level"
     assert alert_system.read(lambda monitor, now_s: monitor.judgements(now_s)["battery_level"].level) is Level.OK
     middleware.faults.report("disk", "full")
-    assert alert_system.own_state() == (Level.ERROR, "disk: full")
+    assert alert_system.own_faults() == {"disk": Fault(Level.ERROR, "full")}
     assert alert_system.tick_age_s == 0.0
 
 

@@ -14,6 +14,7 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 import aiohttp
 from harness.web import Robots, Site, open_page, with_site
 
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
@@ -68,6 +69,7 @@ def test_the_state_is_as_documented() -> None:
         assert state.pop("version")
         assert state == {
             "now": "2026-11-22T05:06:41.000Z",
+            "monitor": {"level": "OK", "message": "no faults", "faults": []},
             "worst": "WARN",
             "history": False,
             "silencing": False,
@@ -164,8 +166,11 @@ def test_reading_needs_the_token(path: str) -> None:
 
 def test_the_page_and_the_health_check_need_no_token() -> None:
     async def use(site: Site) -> None:
+        site.robots.bus.nodes[0].faults.report("history", "/secret/place is full")
         assert (await site.get("/"))[0] == 200
-        assert await site.get("/healthz") == (200, {"ok": True})
+        assert await site.get("/healthz") == (200, {"ok": True})  # without the token, nothing is named
+        named = {"ok": True, "faults": ["history: /secret/place is full"]}
+        assert await site.get("/healthz", headers=BEARER) == (200, named)
 
     with_site(use, token="s3cret")
 
@@ -735,7 +740,7 @@ def test_a_silence_is_added_shown_and_expired() -> None:
 
 def test_a_monitor_that_does_not_tick_is_unhealthy() -> None:
     async def use(site: Site) -> None:
-        assert await site.get("/healthz") == (200, {"ok": True})
+        assert await site.get("/healthz") == (200, {"ok": True, "faults": []})
         node = site.robots.bus.nodes[0]
         node.cancel_timers()
         site.robots.at(105.0)
@@ -744,6 +749,44 @@ def test_a_monitor_that_does_not_tick_is_unhealthy() -> None:
         assert await site.get("/healthz") == (503, {"ok": False, "error": "no tick for 7 s"})
 
     with_site(use)
+
+
+def test_the_state_of_the_monitor_itself_is_the_same_everywhere() -> None:
+    """A pager that is down must not make a supervisor restart the monitor, and must not look like a healthy one."""
+    process = Faults()
+
+    async def use(site: Site) -> None:
+        async def shown() -> Any:
+            state = (await site.get("/api/state"))[1]
+            (robot,) = state["robots"].values()
+            metrics = (await site.get("/metrics"))[1]
+            count = next(line for line in metrics.splitlines() if line.startswith("robot_health_faults "))
+            return state["monitor"], robot["monitor"], (await site.get("/healthz")), count
+
+        no_faults = {"level": "OK", "message": "no faults"}
+        assert await shown() == (
+            {**no_faults, "faults": []},
+            no_faults,
+            (200, {"ok": True, "faults": []}),
+            "robot_health_faults 0.0",
+        )
+        process.report("pager", "cannot be reached")
+        site.robots.bus.nodes[0].faults.report("log", "slow", Level.WARN)
+        await asyncio.sleep(0.3)  # requests at the same time share an answer
+        (name,) = (robot.robot for robot in site.robots.all)
+        worst = {"level": "ERROR", "message": "pager: cannot be reached"}
+        faults = [
+            {"robot": None, "part": "pager", "level": "ERROR", "text": "cannot be reached"},
+            {"robot": name, "part": "log", "level": "WARN", "text": "slow"},
+        ]
+        assert await shown() == (
+            {**worst, "faults": faults},
+            worst,
+            (200, {"ok": True, "faults": ["pager: cannot be reached", "log: slow"]}),
+            "robot_health_faults 2.0",
+        )
+
+    with_site(use, process_faults=process.current)
 
 
 # --- metrics ----------------------------------------------------------------------------------------------------------

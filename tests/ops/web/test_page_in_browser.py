@@ -73,6 +73,23 @@ def test_the_first_paint_has_every_robot_worst_first_with_cause_and_age(browser:
     assert browser.console() == []
 
 
+def test_faults_of_the_monitor_itself_are_shown_above_the_robots_and_colour_none(browser: Browser, served: Any) -> None:
+    site = served("atlas", "boreas")
+    for robot in (0, 1):
+        site.observe(50.0, robot=robot)
+    browser.open(site.url)
+    browser.wait_for("document.querySelectorAll('.robot.ok').length === 2")
+    assert not browser.find("#monitor-faults").is_displayed()
+    site.do(lambda robots: robots.bus.nodes[1].faults.report("history", "disk full"))
+    browser.wait_for_text("#monitor-faults", "Monitor ERROR: boreas: history: disk full")
+    assert kinds(browser) == {"atlas": "OK", "boreas": "OK"}
+    assert browser.find("#summary").text == "2 robots: monitor ERROR"
+    site.do(lambda robots: robots.bus.nodes[1].faults.clear("history"))
+    browser.wait_for("document.getElementById('monitor-faults').hidden")
+    assert browser.find("#summary").text == "2 robots: all OK"
+    assert browser.console() == []
+
+
 def test_an_alert_shows_without_a_reload_and_is_read_out(browser: Browser, served: Any) -> None:
     site = served("atlas", "boreas")
     for robot in (0, 1):

@@ -6,11 +6,12 @@ import sys
 
 from harness.web import Robots
 
+from robot_health_monitor.ops.web.own_state import OwnState
 from robot_health_monitor.ops.web.state import MOST_SAMPLES, RobotReader, iso_time
 
 
 def reader(robots: Robots) -> RobotReader:
-    return RobotReader(robots.all[0], robots.wall_s)
+    return RobotReader(robots.all[0], OwnState(lambda: robots.all, dict), robots.wall_s)
 
 
 def test_times_are_iso_8601_in_utc() -> None:
