@@ -370,7 +370,6 @@ def test_a_character_that_the_output_does_not_know_costs_no_line(robot_health: S
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        ([], "robot-health: the following arguments are required: COMMAND; see robot-health --help"),
         (["run", "--bogus"], "robot-health run: unrecognized arguments: --bogus; see robot-health run --help"),
         (
             ["run", "--duration", "soon"],
