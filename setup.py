@@ -12,18 +12,11 @@ FOLDERS = ["core", "ros1", "ros2", "rosbridge", "recordings", "ops"]
 """Top-level folders that are packages below the root package; CMakeLists.txt has the same list."""
 
 
-def package(folder):
-    """Returns the name of the package that a folder holds."""
-    name = folder.as_posix().replace("/", ".")
-    return name if folder.parts[0] == NAME else NAME + "." + name
-
-
-# In colcon's build space for --symlink-install only the root package is there, linked; it finds the others by itself.
-PACKAGES = {
-    package(file.parent): file.parent.as_posix()
-    for top in [NAME, *FOLDERS]
-    for file in sorted(Path(top).rglob("__init__.py"))
-}
+PACKAGES = [
+    package.parent.as_posix().replace("/", ".")
+    for folder in ["", *FOLDERS]  # links, which rglob does not follow
+    for package in sorted(Path(NAME, folder).rglob("__init__.py"))
+]
 
 manifest = ElementTree.parse("package.xml").getroot()
 
@@ -57,9 +50,7 @@ setup(
     maintainer=text("maintainer"),
     maintainer_email=manifest.find("maintainer").get("email"),
     python_requires=">=3.8",
-    packages=list(PACKAGES),
-    # colcon refuses a mapping of the root package to the folder of the same name.
-    package_dir={name: folder for name, folder in PACKAGES.items() if name != NAME},
+    packages=sorted(set(PACKAGES)),
     package_data={
         NAME: ["py.typed"],
         NAME + ".ops": ["*.css", "*.js"],

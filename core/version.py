@@ -13,9 +13,10 @@ _NAME = "robot_health_monitor"
 @functools.lru_cache(maxsize=None)
 def package_version() -> str:
     """Returns the version, `unknown` where it is not installed with the package."""
-    # The source tree has package.xml beside core/; pip, colcon and catkin install it in <prefix>/share.
+    # The source tree has package.xml beside core/, an sdist beside the root package; pip, colcon and catkin install it
+    # in <prefix>/share.
     here = Path(__file__).resolve()
-    places = [here.parents[1], *(above / "share" / _NAME for above in here.parents)]
+    places = [*list(here.parents)[1:3], *(above / "share" / _NAME for above in here.parents)]
     for place in places:
         # Not with an XML parser, which takes 0.5 MB of memory in every node.
         with contextlib.suppress(OSError, ValueError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import List
@@ -49,7 +50,7 @@ def test_no_exemption_is_outdated() -> None:
 
 
 def test_both_builds_install_the_same_folders() -> None:
-    in_cmake = re.search(r"foreach\(folder ([^)]*)\)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))
+    in_cmake = re.search(r"set\(folders ([^)]*)\)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))
     assert in_cmake is not None
     assert in_cmake[1].split() == list(FOLDERS)
 
@@ -57,3 +58,8 @@ def test_both_builds_install_the_same_folders() -> None:
 def test_every_folder_of_modules_is_a_package() -> None:
     folders = {module.parent for module in modules()}
     assert [folder for folder in sorted(folders) if not (ROOT / folder / "__init__.py").exists()] == []
+
+
+def test_the_root_package_links_to_every_folder() -> None:
+    links = {path.name: os.readlink(path) for path in (ROOT / NAME).iterdir() if path.is_symlink()}
+    assert links == {folder: f"../{folder}" for folder in FOLDERS}

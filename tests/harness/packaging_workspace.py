@@ -81,7 +81,7 @@ class Workspace:
         """The file that a user sources after the build."""
         self.prefix = Path()
         """What holds lib/ and share/ after the build."""
-        shutil.copytree(ROOT, self.package, ignore=_NOT_SOURCE)
+        shutil.copytree(ROOT, self.package, ignore=_NOT_SOURCE, symlinks=True)
 
     def colcon(self, verb: str, ros_version: str, *options: str, fails: bool = False) -> str:
         """Runs `colcon build` or `colcon test` as the README says, and returns its output."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from pathlib import Path
 from typing import Dict, List
 
@@ -29,17 +30,29 @@ assert monitor.report(5.0).statuses["battery_level"].level is Level.WARN
 class Installed:
     """A virtual environment in which pip has installed the package."""
 
-    def __init__(self, workspace: Workspace, python: str, options: List[str]) -> None:
+    def __init__(self, workspace: Workspace, python: str, options: List[str], source: str = ".") -> None:
         self.folder = workspace.folder / "venv"
         self.variables: Dict[str, str] = workspace.variables
         run([python, "-m", "venv", str(self.folder)], workspace.folder, self.variables)
         # In the source tree, as people do: pip on Python 3.8 reads a setup.cfg that is there.
-        pip = ["-m", "pip", "install", "--disable-pip-version-check", *options, "."]
+        pip = ["-m", "pip", "install", "--disable-pip-version-check", *options, source]
         run([str(self.folder / "bin" / "python"), *pip], workspace.package, self.variables)
 
     def run(self, command: str, *arguments: str) -> str:
         """Runs one of the environment's commands and returns what it printed."""
         return run([str(self.folder / "bin" / command), *arguments], self.folder, self.variables).stdout.strip()
+
+
+def test_an_sdist_holds_the_folders_and_installs_without_the_source_tree(workspace: Workspace) -> None:
+    build = "import setuptools.build_meta as backend; print(backend.build_sdist('dist'))"
+    archive = run([sys.executable, "-c", build], workspace.package, workspace.variables).stdout.split()[-1]
+    (workspace.package / "dist" / archive).rename(workspace.folder / archive)
+    shutil.rmtree(workspace.package)
+    workspace.package.mkdir()
+    installed = Installed(workspace, _PYTHONS[_NEWEST], [], str(workspace.folder / archive))
+    assert version() in installed.run("robot-health", "--version")
+    module = Path(installed.run("python", "-c", f"import {NAME}; print({NAME}.__file__)")).parent
+    assert installed_modules(module) == source_modules()
 
 
 @pytest.mark.parametrize("options", [[], ["-e"]], ids=["install", "install -e"])
