@@ -35,6 +35,9 @@ Message = Mapping[str, Any]
 
 Result = TypeVar("Result")
 
+NOTHING_CHANGED = "nothing changed"
+"""What `on_change` of `Middleware.declare_parameters` returns for the configuration that is in force."""
+
 _NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
 
 
@@ -102,8 +105,8 @@ class Middleware(Protocol):
         Args:
             parameters: names are dotted paths below the node (`signals.battery_level.warn_below`).
             on_change: called with the whole proposed tree, nested as `given_parameters` returns it. It returns what
-                changed as one line (`nothing changed`), which is the response of `~reload`, or raises ConfigError to
-                reject the change: the caller gets the reason, and the old values stay in force.
+                changed as one line, or `NOTHING_CHANGED`; that is the response of `~reload`, and one INFO line. Or it
+                raises ConfigError to reject the change: the caller gets the reason, and the old values stay in force.
 
         Raises:
             ConfigError: a given value does not match its parameter's type or range.

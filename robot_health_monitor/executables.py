@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence
+from typing import Any, Callable, List, Mapping, Optional, Protocol, Sequence
 
 from .interrupts import Interrupts
 from .service_manager import ServiceManager
@@ -61,6 +61,9 @@ class Process(Protocol):
 
     def create_served_node(self, alert_system: Middleware) -> Middleware:
         """Creates the node that a rosbridge server serves, in the namespace of alert_system."""
+
+    def recover_node(self, name: str, failed: Middleware) -> Optional[Middleware]:
+        """Creates a node again, with the parameters with which it ran last; None: no others are known."""
 
     def locate(self, error: Any, middleware: Middleware) -> Any:
         """Returns a ConfigError of a node, and its others, with file and line where the key comes from a file."""
@@ -161,6 +164,7 @@ class _Running:
     def close_after_nodes(self) -> None:
         if self.operations is not None:
             self.operations.close()
+            self.operations = None
 
 
 def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts, running: _Running) -> None:
@@ -170,45 +174,74 @@ def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts,
         ConfigError: the configuration of a node cannot be used.
         KeyboardInterrupt: a signal has come.
     """
-    from robot_health_monitor.core.errors import ConfigError
-    from robot_health_monitor.core.middleware import Severity
-    from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
-    from robot_health_monitor.core.nodes.aggregator import has_inputs
-
-    def start_alert_system(middleware: Middleware) -> Any:
-        parameters = middleware.given_parameters()
-        if parameters.get("ops") or parameters.get("rosbridge_port"):
-            # Imported only where they are used: they take a megabyte of a small robot's memory.
-            from .operations import configured_ops, open_operations
-
-            running.operations = open_operations(configured_ops(parameters))
-            running.alert_system = running.operations.start_only(middleware)
-        else:
-            running.alert_system = AlertSystem(middleware)
-        return running.alert_system
-
-    starts: Dict[str, Callable[[Middleware], Any]] = {
-        "battery_sensor": BatterySensor,
-        "aggregator": Aggregator,
-        "alert_system": start_alert_system,
-    }
     for name in names:
         interrupts.check()
         if name == "battery_sensor" and len(names) > 1 and _without_sensors(process.middlewares[0]):
             continue
-        middleware = process.create_node(name)
-        if name == "aggregator" and not has_inputs(middleware.given_parameters()):
-            middleware.log(Severity.INFO, "aggregator is not started: sensors is none, and no inputs are configured")
-            middleware.close()
-            process.middlewares.remove(middleware)
-            continue
+        _start_node(process, name, running)
+        operations = running.operations
+        if name == "alert_system" and operations is not None:
+            node = running.alert_system
+            if operations.server or node.monitor.config.rosbridge_port:
+                running.server = _serve(process, node, process.middlewares[-1], operations)
+
+
+def _start_node(process: Process, name: str, running: _Running) -> None:
+    """Starts a node; with the parameters with which it ran last if it refuses those that were given.
+
+    Raises:
+        ConfigError: it refuses both.
+    """
+    from robot_health_monitor.core.errors import ConfigError
+    from robot_health_monitor.core.faults import PARAMETERS_FAULT
+    from robot_health_monitor.core.middleware import Severity
+    from robot_health_monitor.core.nodes import Aggregator, BatterySensor
+    from robot_health_monitor.core.nodes.aggregator import has_inputs
+
+    def start(middleware: Middleware) -> None:
         try:
-            node = starts[name](middleware)
+            if name == "alert_system":
+                _start_alert_system(middleware, running)
+            elif name == "battery_sensor":
+                BatterySensor(middleware)
+            elif has_inputs(middleware.given_parameters()):
+                Aggregator(middleware)
+            else:
+                middleware.log(
+                    Severity.INFO, "aggregator is not started: sensors is none, and no inputs are configured"
+                )
+                middleware.close()
+                process.middlewares.remove(middleware)
         except ConfigError as error:
             raise (error if error.file else process.locate(error, middleware)) from None
-        operations = running.operations if name == "alert_system" else None
-        if operations is not None and (operations.server or node.monitor.config.rosbridge_port):
-            running.server = _serve(process, node, middleware, operations)
+
+    middleware = process.create_node(name)
+    try:
+        start(middleware)
+    except ConfigError as error:
+        recovered = process.recover_node(name, middleware)
+        if recovered is None:
+            raise
+        start(recovered)
+        text = f"started with the last good ones: {error}"
+        recovered.faults.report(PARAMETERS_FAULT, text)
+        if name != "alert_system":  # which logs its faults
+            recovered.log(Severity.ERROR, f"{PARAMETERS_FAULT}: {text}")
+
+
+def _start_alert_system(middleware: Middleware, running: _Running) -> None:
+    parameters = middleware.given_parameters()
+    running.close_after_nodes()  # those of a first attempt
+    if parameters.get("ops") or parameters.get("rosbridge_port"):
+        # Imported only where they are used: they take a megabyte of a small robot's memory.
+        from .operations import configured_ops, open_operations
+
+        running.operations = open_operations(configured_ops(parameters))
+        running.alert_system = running.operations.start_only(middleware)
+    else:
+        from robot_health_monitor.core.nodes import AlertSystem
+
+        running.alert_system = AlertSystem(middleware)
 
 
 def _end_without_nodes(interrupts: Interrupts) -> int:

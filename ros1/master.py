@@ -101,6 +101,22 @@ class Master:
         """
         return self._call("getParam", name, default=default)
 
+    def set_parameter(self, name: str, value: Any) -> None:
+        """Sets a parameter; a mapping replaces everything below it.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        self._call("setParam", name, value)
+
+    def delete_parameter(self, name: str) -> None:
+        """Deletes a parameter and everything below it, if it is set.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        self._call("deleteParam", name, default=None)
+
     def identity(self, node: str) -> Optional[Tuple[Any, ...]]:
         """Returns what differs after a restart of the master; None if this master does not know the node.
 

@@ -20,15 +20,16 @@ import rospy.core
 import rospy.rostime
 import rospy.topics
 
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Result, Severity, resolve_name
-from robot_health_monitor.core.parameters import Parameter, describe
+from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
 
 from . import messages
 from .master import Master
+from .parameters import NodeParameters, set_log_level
 
 _LOG = {
     Severity.DEBUG: rospy.logdebug,
@@ -41,9 +42,6 @@ _QUEUE_SIZE = 1000
 """Messages that may wait to be sent to a subscriber, then the oldest are lost. Incoming ones wait at their sender."""
 Reader = Callable[[Any], Any]
 """Reads the value from a native message."""
-
-_FILE_KEY = "ros__parameters"
-"""Key above the parameters of a node in a parameter file."""
 
 
 class Ros1Middleware:
@@ -58,6 +56,7 @@ class Ros1Middleware:
         """
         self.name: str = resolve_name(name or rospy.get_name(), rospy.get_name())
         self._master = Master(rospy.get_name())
+        self.parameters = NodeParameters(self._master, self.name)
         self._simulated = not rospy.rostime.is_wallclock()
         self._clock: Callable[[], float] = rospy.get_time if self._simulated else time.monotonic
         self._lock = threading.RLock()
@@ -67,7 +66,6 @@ class Ros1Middleware:
         self._decoders: weakref.WeakValueDictionary[str, _Decoder] = weakref.WeakValueDictionary()
         self._services: List[Any] = []
         self._timers: List[_Timer] = []
-        self._given: Optional[Mapping[str, Any]] = None
         self._closed = False
         self.faults = Faults()
 
@@ -81,9 +79,7 @@ class Ros1Middleware:
         return time.monotonic()
 
     def given_parameters(self) -> Mapping[str, Any]:
-        if self._given is None:
-            self._given = self._read_parameters()
-        return self._given
+        return self.parameters.given()
 
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
@@ -94,23 +90,16 @@ class Ros1Middleware:
         node: the next one would take them for its configuration.
         """
 
-        def reload(request: Message) -> Message:
-            try:
-                proposed = self._read_parameters()
-                with self._lock:
-                    self._check_open()
-                    changes = on_change(proposed)
-                    self._given = proposed
-                return {"success": True, "message": changes}
-            except (ConfigError, ServiceError) as error:
-                reason = str(error)
-            except Exception as error:
-                reason = self._log_failure(error)
-            self.log(Severity.WARN, f"the old parameters stay in force: {reason}")
-            return {"success": False, "message": reason}
+        def apply(proposed: Mapping[str, Any]) -> str:
+            with self._lock:
+                self._check_open()
+                changes = on_change(proposed)
+            if self.name == rospy.get_name():  # the log level is one for the process
+                set_log_level(proposed)
+            return changes
 
         self.given_parameters()
-        self._serve("~reload", "std_srvs/Trigger", reload)
+        self._serve("~reload", "std_srvs/Trigger", lambda request: self.parameters.reload(apply, self.faults, self.log))
 
     def advertise(self, topic: str, type_name: str) -> None:
         resolved = self._resolve(topic)
@@ -267,21 +256,6 @@ class Ros1Middleware:
 
     def _raw_reader(self, topic: str, expected: str, field: str) -> _RawReader:
         return _RawReader(topic, expected, field, self._decoders.setdefault(topic, _Decoder()), self._log_error)
-
-    def _read_parameters(self) -> Mapping[str, Any]:
-        """Returns the parameters from a file in ROS 2's form, overridden by private parameters.
-
-        Raises:
-            ConfigError: a value stands where a mapping is expected.
-            ServiceError: the master does not answer.
-        """
-        tree = self._master.parameter(self.name, {})
-        if not isinstance(tree, dict):
-            raise ConfigError(f"expected a mapping as the parameter {self.name}, got {describe(tree)}")
-        from_file = tree.pop(_FILE_KEY, {})
-        if not isinstance(from_file, dict):
-            raise ConfigError(f"expected a mapping, got {describe(from_file)}", (_FILE_KEY,))
-        return _overlay(from_file, tree)
 
     def _log_error(self, text: str) -> None:
         self.log(Severity.ERROR, text)
@@ -445,12 +419,3 @@ def _require_same_class(topic: str, cls: Any, shared: Any) -> None:
     """Raises ConfigError if this process already uses the topic with another class, which rospy does not check."""
     if shared not in (None, cls):
         raise ConfigError(f"{topic}: expected {shared._type}, the type that this process already uses, got {cls._type}")
-
-
-def _overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> Dict[str, Any]:
-    """Merges two trees; values of `above` win."""
-    merged = dict(below)
-    for key, value in above.items():
-        under = merged.get(key)
-        merged[key] = _overlay(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
-    return merged

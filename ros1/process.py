@@ -9,26 +9,27 @@ import logging
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, List
+from typing import TYPE_CHECKING, List, Optional
 
 import rosgraph
 import rospy
 import rospy.impl.paramserver
 
-from robot_health_monitor.core.config import NODE_PARAMETERS, load_config
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.config import load_config
+from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.faults import PARAMETERS_FAULT
 from robot_health_monitor.core.model import Level
 
 from .introspection import Ros1ServedMiddleware
 from .master import Master, MasterWatch, limit_calls_of_rospy
 from .middleware import Ros1Middleware
+from .parameters import NodeParameters, set_log_level
 
 if TYPE_CHECKING:
     from robot_health_monitor.interrupts import Interrupts
 
 _REPORT_S = 2.0
 """How long the nodes have to report a fault before the process ends, in s: twice their period."""
-_LOG_LEVEL = next(parameter for parameter in NODE_PARAMETERS if parameter.name == "log_level")
 _ROSOUT_WITHOUT_TOPICS = "/rosout_disable_topics_generation"
 
 
@@ -45,6 +46,7 @@ class Ros1Process:
         self.middlewares: List[Ros1Middleware] = []
         self._executable = executable
         self._interrupts = interrupts
+        self._problem = ""
 
     def start(self) -> None:
         """Waits for the master and registers with it."""
@@ -67,6 +69,8 @@ class Ros1Process:
     def create_node(self, name: str) -> Ros1Middleware:
         """Creates the middleware of one logical node; one with the executable's name is the ROS node itself."""
         self.middlewares.append(Ros1Middleware("" if name == self._executable else name))
+        if self._problem:
+            self.middlewares[-1].faults.report(PARAMETERS_FAULT, self._problem)
         return self.middlewares[-1]
 
     def create_served_node(self, alert_system: Ros1Middleware) -> Ros1ServedMiddleware:
@@ -75,13 +79,30 @@ class Ros1Process:
         self.middlewares.append(served)
         return served
 
+    def recover_node(self, name: str, failed: Ros1Middleware) -> Optional[Ros1Middleware]:
+        """Creates a node again with the parameters with which it ran last; None: no others are known.
+
+        The parameter server accepts any value and outlives the node, which would otherwise never start again.
+        """
+        try:
+            if not failed.parameters.put_back():
+                return None
+        except ServiceError:
+            return None
+        failed.close()
+        self.middlewares.remove(failed)
+        return self.create_node(name)
+
     def locate(self, error: ConfigError, middleware: Ros1Middleware) -> ConfigError:
         """Returns the error with file and line if the file that the parameters came from has it too.
 
         Parameters do not record their file, so launch files pass its path as `thresholds`. It may be on another
         machine.
         """
-        file = middleware.given_parameters().get("thresholds", "")
+        try:
+            file = middleware.given_parameters().get("thresholds", "")
+        except ConfigError:
+            return error
         if isinstance(file, str) and os.path.isfile(file):
             try:
                 load_config(file, middleware.name.rpartition("/")[2])
@@ -91,6 +112,9 @@ class Ros1Process:
 
     def spin(self) -> str:
         """Waits for the end; rospy runs its own threads."""
+        known = {middleware.name: middleware.parameters for middleware in self.middlewares}
+        for parameters in {rospy.get_name(): self._parameters, **known}.values():
+            self.middlewares[0].faults.guard("parameter server", parameters.keep)
         self._interrupts.wait_until(lambda: rospy.is_shutdown() or self._watch.lost.is_set())
         if not self._watch.lost.is_set():
             return ""
@@ -114,8 +138,16 @@ class Ros1Process:
             self._interrupts.wait_until(master.is_online)
 
     def _set_log_level(self) -> None:
-        given = self._master.parameter(f"{rospy.get_name()}/log_level", _LOG_LEVEL.default)
-        logging.getLogger("rosout").setLevel(_LOG_LEVEL.read(given, (_LOG_LEVEL.name,)))
+        """Sets the log level of the process, which is a parameter of the ROS node, also if it has several nodes."""
+        self._parameters = NodeParameters(self._master, rospy.get_name())
+        try:
+            set_log_level(self._parameters.given())
+        except ConfigError as error:
+            if not self._parameters.put_back():
+                raise
+            set_log_level(self._parameters.read())
+            self._problem = f"started with the last good ones: {error}"
+            rospy.logerr(f"{PARAMETERS_FAULT}: {self._problem}")
 
     def _keep_log_from_master(self) -> None:
         """Caches the parameter that rospy would otherwise ask the master for at every log line."""

@@ -12,37 +12,27 @@ import threading
 import time
 from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from robot_health_monitor.core.config import NODE_PARAMETERS
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Result, Severity
-from robot_health_monitor.core.parameters import Parameter, unflatten
+from robot_health_monitor.core.parameters import Parameter
 
 from . import messages
-
-EXECUTOR, USE_SIM_TIME = (
-    next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")
-)
-"""Parameters that this adapter reads itself, at the start only."""
+from .parameters import NodeParameters, ParameterNode
 
 _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
 _SUBSCRIBER_QUEUE_SIZE = 10
 """Incoming messages that may wait: ROS 2's own default."""
 _MOST_WAITING_FOR_CLOCK = 1000
-_START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
-_NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
-"""Parameters that this adapter or rclpy reads for itself."""
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
 
@@ -59,7 +49,8 @@ class Ros2Middleware:
             options: further arguments of rclpy's Node, such as `namespace` and `parameter_overrides`.
 
         """
-        self.node = Node(name, context=context, **options)
+        self.node = ParameterNode(name, context=context, **options)
+        self.parameters = NodeParameters(self.node)
         self.name: str = self.node.get_fully_qualified_name()
         self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
@@ -74,13 +65,8 @@ class Ros2Middleware:
         self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
         self._timers: List[_Timer] = []
         self._qos_timer: Optional[Any] = None
-        self._parameters: Dict[str, Parameter] = {}
-        self._on_change: Callable[[Mapping[str, Any]], str]
         self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
         self._closed = False
-        given = _declare_given(self.node)
-        self._own = {name: given[name] for name in _START_ONLY if name in given}
-        self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
         self._jumps = self._ros_clock.create_jump_callback(
             JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)),
             post_callback=self._on_time_jump,
@@ -89,7 +75,7 @@ class Ros2Middleware:
     @property
     def executor(self) -> str:
         """The parameter `executor` of this node."""
-        return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
+        return self.parameters.executor
 
     def now_s(self) -> float:
         return self._clock()
@@ -101,27 +87,16 @@ class Ros2Middleware:
         return time.monotonic()
 
     def given_parameters(self) -> Mapping[str, Any]:
-        for parameter in (EXECUTOR, USE_SIM_TIME):
-            if parameter.name in self._own:
-                parameter.read(self._own[parameter.name], (parameter.name,))
-        return unflatten(self._given)
+        return self.parameters.given()
 
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
-        """Declares ROS 2 parameters; `use_sim_time` and `executor` cannot change from now on.
+        def apply(proposed: Mapping[str, Any]) -> str:
+            with self._lock:
+                return on_change(proposed)
 
-        Types are dynamic, so that a bound may be set to the whole number 30, as in the file.
-        """
-        self._parameters = {parameter.name: parameter for parameter in parameters}
-        for parameter in self._parameters.values():
-            self._declare(parameter)
-        self._on_change = on_change
-        self._set_log_level(self._given)
-        # rclpy calls this callback first. The only other one is its own for use_sim_time, which is read-only: a change
-        # that the node has accepted is never rejected afterwards.
-        self.node.add_on_set_parameters_callback(self._propose)
-        self.node.add_post_set_parameters_callback(self._declare_deleted)
+        self.parameters.declare(parameters, apply, self.log)
 
     def advertise(self, topic: str, type_name: str) -> None:
         resolved = self._resolve(topic)
@@ -391,57 +366,6 @@ class Ros2Middleware:
             except ConfigError as error:
                 self.log(Severity.ERROR, str(error))
 
-    def _declare(self, parameter: Parameter) -> None:
-        descriptor = ParameterDescriptor(
-            description=parameter.description,
-            additional_constraints=parameter.allowed,
-            read_only=parameter.name in _START_ONLY,
-            dynamic_typing=True,
-        )
-        if parameter.minimum is not None and parameter.maximum is not None:
-            if parameter.kind is int:
-                whole = IntegerRange(from_value=int(parameter.minimum), to_value=int(parameter.maximum))
-                descriptor.integer_range = [whole]
-            else:
-                real = FloatingPointRange(from_value=float(parameter.minimum), to_value=float(parameter.maximum))
-                descriptor.floating_point_range = [real]
-        if self.node.has_parameter(parameter.name):
-            self.node.set_descriptor(parameter.name, descriptor)
-        else:
-            # An empty list has no type in rclpy: it is declared without a value.
-            default = None if parameter.default == () else parameter.default
-            self.node.declare_parameter(parameter.name, default, descriptor, ignore_override=True)
-
-    def _propose(self, changes: Sequence[Any]) -> SetParametersResult:
-        proposed = {**self._given, **{change.name: _plain(change.value) for change in changes}}
-        proposed = {name: value for name, value in proposed.items() if value is not None}
-        with self._lock:
-            if proposed == self._given:
-                return SetParametersResult(successful=True)
-            try:
-                self._on_change(unflatten(proposed))
-            except ConfigError as error:
-                reason = str(error)
-            except Exception as error:
-                reason = self._log_failure(error)
-            else:
-                self._set_log_level(proposed)
-                self._given = proposed
-                return SetParametersResult(successful=True)
-        self.log(Severity.WARN, f"the old parameters stay in force: {reason}")
-        return SetParametersResult(successful=False, reason=reason)
-
-    def _declare_deleted(self, changes: Sequence[Any]) -> None:
-        """Declares a parameter again that `ros2 param delete` has removed, so that it can be set again."""
-        for change in changes:
-            if change.value is None and change.name in self._parameters and not self.node.has_parameter(change.name):
-                self._declare(self._parameters[change.name])
-
-    def _set_log_level(self, values: Mapping[str, Any]) -> None:
-        """Applies the parameter `log_level`; if it is not given, `--log-level` stays in force."""
-        if "log_level" in values:
-            self._logger.set_level(LoggingSeverity[values["log_level"]])
-
     def _log_failure(self, error: Exception) -> str:
         text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
         self.log(Severity.ERROR, text)
@@ -502,18 +426,6 @@ class _Timer:
             self._node.destroy_timer(self._native)
 
 
-def _declare_given(node: Node) -> Dict[str, Any]:
-    """Declares the parameters that were given to a node, and returns them.
-
-    rclpy does the same on request, but cannot start a node that was given an empty list: rcl has no type for it.
-    """
-    for name, parameter in node._parameter_overrides.items():
-        if not node.has_parameter(name):
-            node.declare_parameter(name, parameter.value, ParameterDescriptor(dynamic_typing=True))
-    given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
-    return {name: [] if value is None else _plain(value) for name, value in given.items()}
-
-
 def _arrival(native: Any) -> float:
     return 1.0
 
@@ -521,8 +433,3 @@ def _arrival(native: Any) -> float:
 def _native_name(name: str) -> str:
     """Returns the name in ROS 2's syntax: `~/reset` for `~reset`."""
     return f"~/{name[1:].lstrip('/')}" if name.startswith("~") else name
-
-
-def _plain(value: Any) -> Any:
-    """Converts the arrays among parameter values to lists."""
-    return list(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else value

@@ -104,6 +104,9 @@ class Ros2Process:
         self.middlewares.append(served)
         return served
 
+    def recover_node(self, name: str, failed: Ros2Middleware) -> None:
+        """Returns None: parameters that were set at run time end with their node."""
+
     def locate(self, error: ConfigError, middleware: Ros2Middleware) -> ConfigError:
         """Returns the error and its others with file and line where the key is in a parameter file."""
         first, *others = (self._files.located(one, middleware.name) for one in error.all)

@@ -16,7 +16,7 @@ from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
 from ..score import health_score
 from .changes import describe_changes
-from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, host_name, refuse_change
+from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, host_name, refuse_changes
 
 AGGREGATOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -120,7 +120,7 @@ class Aggregator:
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         values = _read_values(tree)
-        refuse_change("robot_name", self._values["robot_name"], values["robot_name"])
+        refuse_changes(self._values, values, except_for=("thresholds",))
         inputs = _signal_names(values["inputs"])
         self._thresholds = _read_thresholds(values, inputs)
         self._monitor.configure(_window_config(values, inputs))

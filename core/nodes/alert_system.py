@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Callable, Dict, Mapping, Optional, Set, Tuple
@@ -19,14 +19,13 @@ from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets
 from .changes import Sections, describe_changes
-from .identity import DIAGNOSTICS, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_change
+from .identity import DIAGNOSTICS, LOG_LEVEL, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_changes
 from .self_monitor import CHECK_PERIOD_S, SelfMonitor
 
 TRIGGER_TYPE = "std_srvs/Trigger"
 TICK_PERIOD_S = 1.0
 """Period of `Monitor.tick`, in seconds of the node's clock."""
 
-_CHANGEABLE = ("signals", "publish_rate")
 _MAX_LIST = 10_000  # characters
 _NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
 _SEVERITY_OF_LEVEL = {
@@ -350,9 +349,8 @@ class AlertSystem:
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         old = self._config
         config = self._read_config(tree)
-        for field in fields(MonitorConfig):
-            if field.name not in _CHANGEABLE:
-                refuse_change(field.name, getattr(old, field.name), getattr(config, field.name))
+        given = self._middleware.given_parameters()
+        refuse_changes(given, tree)
         self._follow_topics(config)
         if config.publish_rate != old.publish_rate:
             self._report_timer.cancel()
@@ -364,7 +362,7 @@ class AlertSystem:
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
         self._unavailable &= same
         self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())
-        return describe_changes(_sections(old), _sections(config))
+        return describe_changes(_changeable(old, given), _changeable(config, tree))
 
 
 def _not_silenced(signal: str) -> Optional[str]:
@@ -376,6 +374,11 @@ def _sections(config: MonitorConfig) -> Sections:
         "": {"publish_rate": config.publish_rate},
         **{name: vars(signal) for name, signal in config.signals.items()},
     }
+
+
+def _changeable(config: MonitorConfig, tree: Mapping[str, Any]) -> Sections:
+    sections = _sections(config)
+    return {**sections, "": {**sections[""], LOG_LEVEL: tree.get(LOG_LEVEL, "INFO")}}
 
 
 def _summary(signal: SignalConfig) -> str:

@@ -15,7 +15,7 @@ from ..sensors import configuration
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
 from ..sensors.sysfs import HOST_PATHS, HostPaths
 from .changes import Sections, describe_changes
-from .identity import DIAGNOSTICS, FLOAT_TYPE, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_change
+from .identity import DIAGNOSTICS, FLOAT_TYPE, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_changes
 
 SENSOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -137,7 +137,7 @@ class BatterySensor:
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         values, sources = _read_sensor(tree, self._paths)
-        refuse_change("robot_name", self._values["robot_name"], values["robot_name"])
+        refuse_changes(self._values, values, except_for=("sensors",))
         for metric in sources.keys() & self._sources.keys():
             old, new = (configuration.settings_of(of, metric) for of in (self._tree, tree))
             if new == old and tree.get("seed") == self._tree.get("seed"):

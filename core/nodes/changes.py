@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import List, Mapping
 
 from ..formatting import bound_text
+from ..middleware import NOTHING_CHANGED
 
 Sections = Mapping[str, Mapping[str, object]]
 """Values by key, in named sections (signals, metrics); the section "" holds the node's own values."""
@@ -23,7 +24,7 @@ def describe_changes(old: Sections, new: Sections) -> str:
             if before != after:
                 texts.append(f"{prefix}{key}: {_text(before)} -> {_text(after)}")
     texts.extend(f"removed {section}" for section in old if section not in new)
-    return "; ".join(texts) or "nothing changed"
+    return "; ".join(texts) or NOTHING_CHANGED
 
 
 def _text(value: object) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from typing import Any, Mapping, Tuple
 
-from ..errors import ConfigError
+from ..config import NODE_PARAMETERS
+from ..errors import ConfigError, Problems
 from ..middleware import Middleware
 
 FLOAT_TYPE = "std_msgs/Float32"
 STRING_TYPE = "std_msgs/String"
+LOG_LEVEL = "log_level"
 DIAGNOSTICS = "/diagnostics"
 UNAVAILABLE_SENSORS = "unavailable_sensors"
 """Topic on which battery_sensor lists the metrics that its host has no sensor for, separated by commas.
@@ -27,11 +30,20 @@ def base_name(middleware: Middleware) -> str:
     return middleware.name.rpartition("/")[2]
 
 
-def refuse_change(name: str, old: object, new: object) -> None:
-    """Rejects the change of a parameter that is fixed at the start.
+def refuse_changes(old: Mapping[str, Any], new: Mapping[str, Any], *, except_for: Tuple[str, ...] = ()) -> None:
+    """Rejects changes of the common parameters that are fixed at the start: all but `log_level`.
+
+    Args:
+        old: the configuration in force.
+        new: the proposed one.
+        except_for: names of further parameters that the node can change.
 
     Raises:
-        ConfigError: `old` and `new` differ.
+        ConfigError: they differ in such parameters.
     """
-    if new != old:
-        raise ConfigError("can only be set at the start", (name,))
+    problems = Problems()
+    for parameter in NODE_PARAMETERS:
+        name, default = parameter.name, parameter.default
+        if name not in (LOG_LEVEL, *except_for) and new.get(name, default) != old.get(name, default):
+            problems.add(ConfigError("can only be set at the start", (name,)))
+    problems.raise_if_any()

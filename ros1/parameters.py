@@ -1,0 +1,192 @@
+"""The parameters of a logical node on the parameter server of ROS 1.
+
+Launch files load a file in ROS 2's form below the node's name, `/alert_system/ros__parameters/signals/...`; private
+parameters such as `_publish_rate:=5` stand beside it, `/alert_system/publish_rate`. The parameter server outlives the
+node and accepts any value, so the values in force are kept there too: below `last_accepted`, where a launch file that
+clears the node's parameters clears them.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import Any, Callable, Dict, Iterator, Mapping, Optional
+
+import rospy
+
+from robot_health_monitor.core.config import NODE_PARAMETERS
+from robot_health_monitor.core.errors import ConfigError, Path, Problems, ServiceError
+from robot_health_monitor.core.faults import PARAMETERS_FAULT, Faults
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, Severity
+from robot_health_monitor.core.parameters import describe
+
+from .master import Master
+
+_FILE_KEY = "ros__parameters"
+"""Key above the parameters of a node in a parameter file."""
+_ACCEPTED_KEY = "last_accepted"
+_LOG_LEVEL = next(parameter for parameter in NODE_PARAMETERS if parameter.name == "log_level")
+_SERVER = "parameter server"
+_OVERRIDES = tuple(parameter.name for parameter in NODE_PARAMETERS)
+"""Arguments of the launch files: private parameters that override the file, and cannot change at run time."""
+
+
+class NodeParameters:
+    """Reads the parameters of one logical node, and puts them back when a change was refused."""
+
+    def __init__(self, master: Master, node: str) -> None:
+        """Does not read yet.
+
+        Args:
+            master: the master.
+            node: full name of the node.
+        """
+        self._master = master
+        self._node = node
+        self._lock = threading.Lock()
+        self._given: Optional[Mapping[str, Any]] = None
+        self._found: Any = {}
+        self._kept: Any = None
+        self._accepted: Optional[Dict[str, Any]] = None
+
+    def given(self) -> Mapping[str, Any]:
+        """Returns the configuration in force: what `read` returned first, until a `reload` is accepted.
+
+        Raises:
+            ConfigError: as `read`.
+            ServiceError: as `read`.
+        """
+        if self._given is None:
+            self._given = self.read()
+        return self._given
+
+    def read(self) -> Mapping[str, Any]:
+        """Returns the configuration: the parameters of the file together with the private ones.
+
+        Raises:
+            ConfigError: a value stands where a mapping is expected, or a parameter is set in both places.
+            ServiceError: the master does not answer.
+        """
+        self._found = self._master.parameter(self._node, {})
+        if not isinstance(self._found, dict):
+            raise ConfigError(f"expected a mapping as the parameter {self._node}, got {describe(self._found)}")
+        self._kept = self._found.pop(_ACCEPTED_KEY, None)
+        if self._accepted is None and isinstance(self._kept, dict):
+            self._accepted = self._kept
+        private = {key: value for key, value in self._found.items() if key != _FILE_KEY}
+        from_file = self._found.get(_FILE_KEY, {})
+        if not isinstance(from_file, dict):
+            raise ConfigError(f"expected a mapping, got {describe(from_file)}", (_FILE_KEY,))
+        problems = Problems()
+        for path in _paths_in_both(from_file, private):
+            if path[0] not in _OVERRIDES:
+                first, second = "/".join((self._node, *path)), "/".join((self._node, _FILE_KEY, *path))
+                problems.add(ConfigError(f"is set twice: {first} and {second}; delete one of them", path))
+        problems.raise_if_any()
+        return _overlay(from_file, private)
+
+    def reload(
+        self, apply: Callable[[Mapping[str, Any]], str], faults: Faults, log: Callable[[Severity, str], None]
+    ) -> Message:
+        """Reads the parameters again, and puts them back if they are refused; returns the response of `~reload`.
+
+        Args:
+            apply: applies a configuration; returns what changed, or raises to refuse it.
+            faults: the faults of the node.
+            log: its log.
+
+        Raises:
+            rospy.ServiceException: the node is closed.
+        """
+        with self._lock:
+            try:
+                proposed = self.read()
+                changes = apply(proposed)
+            except rospy.ServiceException:
+                raise
+            except ServiceError as error:
+                reason = str(error)
+            except Exception as error:
+                if isinstance(error, ConfigError):
+                    reason = str(error)
+                else:
+                    reason = " ".join(f"{type(error).__name__} in a callback: {error}".split())
+                    log(Severity.ERROR, reason)
+                faults.guard(_SERVER, self.put_back)
+            else:
+                self._given = proposed
+                faults.guard(_SERVER, self.keep)
+                faults.clear(PARAMETERS_FAULT)
+                if changes != NOTHING_CHANGED:
+                    log(Severity.INFO, f"parameters changed: {changes}")
+                return {"success": True, "message": changes}
+        log(Severity.WARN, f"the old parameters stay in force: {reason}")
+        return {"success": False, "message": reason}
+
+    def keep(self) -> None:
+        """Keeps what was read last as the values in force, for this node and for one that is started again.
+
+        Does nothing for a node that reads no parameters.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        if self._given is None:
+            return
+        self._accepted = self._found
+        if self._kept != self._found:
+            self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._found)
+
+    def put_back(self) -> bool:
+        """Replaces what was read last by the values in force; returns whether that changed anything.
+
+        Raises:
+            ServiceError: the master does not answer.
+        """
+        if self._accepted is None or self._accepted == self._found:
+            return False
+        if isinstance(self._found, dict):
+            self._restore(self._node, self._found, self._accepted)
+        else:
+            self._master.set_parameter(self._node, {**self._accepted, _ACCEPTED_KEY: self._accepted})
+        self._found = self._accepted
+        return True
+
+    def _restore(self, name: str, found: Mapping[str, Any], accepted: Mapping[str, Any]) -> None:
+        """Touches only what differs: other parameters may be changing at the same time."""
+        for key in found.keys() - accepted.keys():
+            self._master.delete_parameter(f"{name}/{key}")
+        for key, value in accepted.items():
+            was = found.get(key)
+            if isinstance(value, dict) and isinstance(was, dict):
+                self._restore(f"{name}/{key}", was, value)
+            elif was != value or type(was) is not type(value):
+                self._master.set_parameter(f"{name}/{key}", value)
+
+
+def set_log_level(parameters: Mapping[str, Any]) -> None:
+    """Sets the log level of this process to that of a configuration.
+
+    Raises:
+        ConfigError: it is not a level.
+    """
+    level = _LOG_LEVEL.read(parameters.get(_LOG_LEVEL.name, _LOG_LEVEL.default), (_LOG_LEVEL.name,))
+    logging.getLogger("rosout").setLevel(level)
+
+
+def _paths_in_both(first: Mapping[str, Any], second: Mapping[str, Any], path: Path = ()) -> Iterator[Path]:
+    """Yields the paths of values that are in two trees."""
+    for key in first.keys() & second.keys():
+        if isinstance(first[key], dict) and isinstance(second[key], dict):
+            yield from _paths_in_both(first[key], second[key], (*path, key))
+        else:
+            yield (*path, key)
+
+
+def _overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> Dict[str, Any]:
+    """Merges two trees; values of `above` win."""
+    merged = dict(below)
+    for key, value in above.items():
+        under = merged.get(key)
+        merged[key] = _overlay(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+    return merged

@@ -1,0 +1,157 @@
+"""The ROS 2 parameters of a node, as its configuration: declared with descriptors, changeable at run time."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, List, Mapping, Sequence
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.logging import LoggingSeverity
+from rclpy.node import Node
+
+from robot_health_monitor.core.config import NODE_PARAMETERS
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
+from robot_health_monitor.core.parameters import Parameter, unflatten
+
+EXECUTOR, USE_SIM_TIME = (
+    next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")
+)
+"""Parameters that this adapter reads itself, at the start only."""
+
+_START_ONLY = (EXECUTOR.name, USE_SIM_TIME.name)
+_NOT_FOR_NODES = (*_START_ONLY, "qos_overrides", "start_type_description_service")
+"""Parameters that this adapter or rclpy reads for itself."""
+
+
+class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
+    """An rclpy node that declares the parameters that it was given."""
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """Creates the node; `options` are further arguments of rclpy's Node."""
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+
+    def declare_parameters(self, namespace: str, parameters: List[Any], ignore_override: bool = False) -> List[Any]:
+        """Declares an empty list too, which rcl gives no type: rclpy could not start the node."""
+        untyped = ParameterDescriptor(dynamic_typing=True)
+        parameters = [
+            parameter
+            if len(parameter) < 3 or parameter[1] is not None or parameter[2].dynamic_typing
+            else (parameter[0], None, untyped)
+            for parameter in parameters
+        ]
+        declared: List[Any] = super().declare_parameters(namespace, parameters, ignore_override)
+        return declared
+
+
+class NodeParameters:
+    """Reads the parameters of one node, and proposes their changes to it."""
+
+    def __init__(self, node: Node) -> None:
+        """Reads what was given to a node that has declared nothing else."""
+        self._node = node
+        values = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+        given = {name: [] if value is None else _plain(value) for name, value in values.items()}
+        self._own = {name: given[name] for name in _START_ONLY if name in given}
+        self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
+        self._declared: Dict[str, Parameter] = {}
+        self._apply: Callable[[Mapping[str, Any]], str]
+        self._log: Callable[[Severity, str], None]
+
+    @property
+    def executor(self) -> str:
+        """The parameter `executor`."""
+        return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
+
+    def given(self) -> Mapping[str, Any]:
+        """Returns the configuration in force.
+
+        Raises:
+            ConfigError: a parameter of the adapter is not allowed, or a name is also the prefix of another.
+        """
+        for parameter in (EXECUTOR, USE_SIM_TIME):
+            if parameter.name in self._own:
+                parameter.read(self._own[parameter.name], (parameter.name,))
+        return unflatten(self._given)
+
+    def declare(
+        self,
+        parameters: Sequence[Parameter],
+        apply: Callable[[Mapping[str, Any]], str],
+        log: Callable[[Severity, str], None],
+    ) -> None:
+        """Declares parameters; `use_sim_time` and `executor` cannot change from now on.
+
+        Types are dynamic, so that a bound may be set to the whole number 30, as in the file.
+
+        Args:
+            parameters: names are dotted paths.
+            apply: applies a configuration; returns what changed, or raises to refuse it.
+            log: the log of the node.
+        """
+        self._declared = {parameter.name: parameter for parameter in parameters}
+        for parameter in self._declared.values():
+            self._declare(parameter)
+        self._apply, self._log = apply, log
+        self._set_log_level(self._given)
+        # rclpy calls this callback first. The only other one is its own for use_sim_time, which is read-only: a change
+        # that the node has accepted is never rejected afterwards.
+        self._node.add_on_set_parameters_callback(self._propose)
+        self._node.add_post_set_parameters_callback(self._declare_deleted)
+
+    def _declare(self, parameter: Parameter) -> None:
+        descriptor = ParameterDescriptor(
+            description=parameter.description,
+            additional_constraints=parameter.allowed,
+            read_only=parameter.name in _START_ONLY,
+            dynamic_typing=True,
+        )
+        if parameter.minimum is not None and parameter.maximum is not None:
+            if parameter.kind is int:
+                whole = IntegerRange(from_value=int(parameter.minimum), to_value=int(parameter.maximum))
+                descriptor.integer_range = [whole]
+            else:
+                real = FloatingPointRange(from_value=float(parameter.minimum), to_value=float(parameter.maximum))
+                descriptor.floating_point_range = [real]
+        if self._node.has_parameter(parameter.name):
+            self._node.set_descriptor(parameter.name, descriptor)
+        else:
+            # An empty list has no type in rclpy: it is declared without a value.
+            default = None if parameter.default == () else parameter.default
+            self._node.declare_parameter(parameter.name, default, descriptor, ignore_override=True)
+
+    def _propose(self, changes: Sequence[Any]) -> SetParametersResult:
+        proposed = {**self._given, **{change.name: _plain(change.value) for change in changes}}
+        proposed = {name: value for name, value in proposed.items() if value is not None}
+        if proposed == self._given:
+            return SetParametersResult(successful=True)
+        try:
+            changed = self._apply(unflatten(proposed))
+        except ConfigError as error:
+            reason = str(error)
+        except Exception as error:
+            reason = " ".join(f"{type(error).__name__} in a callback: {error}".split())
+            self._log(Severity.ERROR, reason)
+        else:
+            self._set_log_level(proposed)
+            self._given = proposed
+            if changed != NOTHING_CHANGED:
+                self._log(Severity.INFO, f"parameters changed: {changed}")
+            return SetParametersResult(successful=True)
+        self._log(Severity.WARN, f"the old parameters stay in force: {reason}")
+        return SetParametersResult(successful=False, reason=reason)
+
+    def _declare_deleted(self, changes: Sequence[Any]) -> None:
+        """Declares a parameter again that `ros2 param delete` has removed, so that it can be set again."""
+        for change in changes:
+            if change.value is None and change.name in self._declared and not self._node.has_parameter(change.name):
+                self._declare(self._declared[change.name])
+
+    def _set_log_level(self, values: Mapping[str, Any]) -> None:
+        """Applies the parameter `log_level`; if it is not given, `--log-level` stays in force."""
+        if "log_level" in values:
+            self._node.get_logger().set_level(LoggingSeverity[values["log_level"]])
+
+
+def _plain(value: Any) -> Any:
+    """Converts the arrays among parameter values to lists."""
+    return list(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else value

@@ -1,0 +1,163 @@
+"""The parameters of a node as ROS 2 shows and changes them."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Mapping
+
+import pytest
+
+from robot_health_monitor.core.config import described_parameters, load_config
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
+from robot_health_monitor.core.parameters import Parameter
+
+
+def set_atomically(ros: Any, node: Any, values: Mapping[str, Any]) -> str:
+    """Sets several parameters as one change; returns the reason of a refusal, empty when it was accepted."""
+    from rcl_interfaces.srv import SetParametersAtomically
+    from rclpy.parameter import Parameter as Native
+
+    request = SetParametersAtomically.Request(
+        parameters=[Native(name, value=value).to_parameter_msg() for name, value in values.items()]
+    )
+    result = ros._call(f"{node.name}/set_parameters_atomically", SetParametersAtomically, request).result
+    assert result.successful == (not result.reason)
+    return str(result.reason)
+
+
+def get(ros: Any, node: Any, *names: str) -> List[Any]:
+    from rcl_interfaces.srv import GetParameters
+    from rclpy.parameter import parameter_value_to_python
+
+    values = ros._call(f"{node.name}/get_parameters", GetParameters, GetParameters.Request(names=names)).values
+    return [parameter_value_to_python(value) for value in values]
+
+
+def describe(ros: Any, node: Any, name: str) -> Any:
+    from rcl_interfaces.srv import DescribeParameters
+
+    request = DescribeParameters.Request(names=[name])
+    (descriptor,) = ros._call(f"{node.name}/describe_parameters", DescribeParameters, request).descriptors
+    return descriptor
+
+
+class Watched:
+    """A node whose parameters are those of alert_system with one signal."""
+
+    def __init__(self, ros: Any, given: Mapping[str, Any]) -> None:
+        self.trees: List[Mapping[str, Any]] = []
+        self.node = ros.node("alert_system", parameters=given)
+        config = load_config(self.node.given_parameters())
+        self.node.declare_parameters(described_parameters(config), self._on_change)
+
+    def _on_change(self, tree: Mapping[str, Any]) -> None:
+        load_config(tree)
+        self.trees.append(tree)
+
+
+GIVEN: Dict[str, Any] = {"signals": {"battery_level": {"warn_below": 20.0, "error_below": 10.0, "unit": "%"}}}
+WARN_BELOW, ERROR_BELOW = "signals.battery_level.warn_below", "signals.battery_level.error_below"
+
+
+def test_parameters_are_described_with_ranges_and_choices(ros: Any) -> None:
+    node = Watched(ros, GIVEN).node
+    rate = describe(ros, node, "publish_rate")
+    assert "/diagnostics, in Hz" in rate.description
+    assert [(limit.from_value, limit.to_value) for limit in rate.floating_point_range] == [(0.01, 100.0)]
+    samples = describe(ros, node, "signals.battery_level.window_samples")
+    assert [(limit.from_value, limit.to_value) for limit in samples.integer_range] == [(1, 1_000_000)]
+    statistic = describe(ros, node, "signals.battery_level.statistic")
+    assert statistic.additional_constraints.startswith("one of last, mean, min")
+    assert "WARN below this value" in describe(ros, node, WARN_BELOW).description
+
+
+def test_parameters_show_what_was_given_and_the_defaults(ros: Any) -> None:
+    node = Watched(ros, GIVEN).node
+    assert get(ros, node, WARN_BELOW, "signals.battery_level.warn_above", "publish_rate", "executor") == [
+        20.0,
+        None,
+        1.0,
+        "auto",
+    ]
+
+
+def test_a_whole_number_will_do_for_a_bound(ros: Any) -> None:
+    watched = Watched(ros, GIVEN)
+    assert ros.propose(watched.node, WARN_BELOW, 30) == ""
+    assert watched.trees[-1]["signals"]["battery_level"]["warn_below"] == 30
+    assert get(ros, watched.node, WARN_BELOW) == [30]
+
+
+def test_a_contradiction_is_refused_with_the_reason_and_the_old_values_stay(ros: Any) -> None:
+    watched = Watched(ros, GIVEN)
+    reason = ros.propose(watched.node, WARN_BELOW, 5.0)
+    assert reason.startswith("signals.battery_level.error_below: expected at most warn_below (5), got 10")
+    assert get(ros, watched.node, WARN_BELOW) == [20.0]
+    assert watched.trees == []
+
+
+def test_a_wrong_kind_is_refused_with_what_is_allowed(ros: Any) -> None:
+    watched = Watched(ros, GIVEN)
+    assert ros.propose(watched.node, WARN_BELOW, "low") == f"{WARN_BELOW}: expected a number, got 'low'"
+    assert get(ros, watched.node, WARN_BELOW) == [20.0]
+
+
+def test_parameters_that_are_set_together_are_one_change(ros: Any) -> None:
+    """Neither bound could be moved below the other's old value alone."""
+    watched = Watched(ros, GIVEN)
+    assert set_atomically(ros, watched.node, {WARN_BELOW: 5.0, ERROR_BELOW: 2.0}) == ""
+    assert [tree["signals"]["battery_level"]["error_below"] for tree in watched.trees] == [2.0]
+    assert get(ros, watched.node, WARN_BELOW, ERROR_BELOW) == [5.0, 2.0]
+    assert "error_below" in set_atomically(ros, watched.node, {WARN_BELOW: 1.0, "publish_rate": 5.0})
+    assert get(ros, watched.node, WARN_BELOW, "publish_rate") == [5.0, 1.0]
+
+
+def test_a_deleted_bound_is_off_and_can_be_set_again(ros: Any) -> None:
+    watched = Watched(ros, GIVEN)
+    assert ros.propose(watched.node, ERROR_BELOW, None) == ""
+    assert "error_below" not in watched.trees[-1]["signals"]["battery_level"]
+    assert get(ros, watched.node, ERROR_BELOW) == [None]
+    assert ros.propose(watched.node, ERROR_BELOW, 8.0) == ""
+    assert watched.trees[-1]["signals"]["battery_level"]["error_below"] == 8.0
+
+
+@pytest.mark.parametrize(("name", "value"), [("use_sim_time", False), ("executor", "events")])
+def test_what_is_fixed_at_the_start_cannot_be_changed(ros: Any, name: str, value: object) -> None:
+    watched = Watched(ros, GIVEN)
+    assert name in ros.propose(watched.node, name, value)
+    assert watched.trees == []
+
+
+def test_an_unknown_parameter_is_refused(ros: Any) -> None:
+    watched = Watched(ros, GIVEN)
+    assert "undeclared" in ros.propose(watched.node, "signals.battery_level.warn_bellow", 3.0)
+    assert watched.trees == []
+
+
+@pytest.mark.parametrize(
+    ("given", "key"), [({"executor": "many"}, "executor"), ({"use_sim_time": "perhaps"}, "use_sim_time")]
+)
+def test_the_arguments_of_the_adapter_are_checked(ros: Any, given: Mapping[str, Any], key: str) -> None:
+    with pytest.raises(ConfigError, match=key):
+        ros.node("alert_system", parameters=given, sim_time=None).given_parameters()
+
+
+def test_an_accepted_change_is_one_info_line(ros: Any) -> None:
+    node = ros.node("alert_system")
+    rate = Parameter("publish_rate", float, 1.0, "rate in Hz")
+    node.declare_parameters([rate], lambda tree: NOTHING_CHANGED if tree["publish_rate"] == 3.0 else "rate: 1 -> 2")
+    for value in (2.0, 3.0):
+        assert ros.propose(node, "publish_rate", value) == ""
+    lines = [line.text for line in ros.log_lines() if "parameters changed" in line.text]
+    assert lines == ["parameters changed: rate: 1 -> 2"]
+
+
+def test_the_log_level_can_be_changed(ros: Any) -> None:
+    node = ros.node("alert_system", parameters={"log_level": "WARN"})
+    levels = Parameter("log_level", str, "INFO", "least severe", choices=("INFO", "WARN"))
+    node.declare_parameters([levels], lambda tree: None)
+    node.log(Severity.INFO, "not this one")
+    assert ros.propose(node, "log_level", "INFO") == ""
+    node.log(Severity.INFO, "but this one")
+    ros.wait_until(lambda: any(line.text == "but this one" for line in ros.log_lines()))
+    assert not any(line.text == "not this one" for line in ros.log_lines())
