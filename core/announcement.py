@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Dict, Optional, Sequence
 
 from . import explanation
@@ -11,12 +12,15 @@ from .flapping import FlapDetector
 from .model import Level, Transition
 from .rule import TIME_TOLERANCE_S, Rule
 from .saved_state import Downtime, Saved, age_s
+from .storm import StormDetector
 
 
 class Announcer:
     """Keeps the announced level of one signal. It is OK at first."""
 
-    __slots__ = ("_announced_at_s", "_repeat_s", "_unknown_since_s", "_was_known", "flaps", "level", "rule", "since_s")
+    __slots__ = (
+        "_announced_at_s", "_config", "_unknown_since_s", "_was_known", "flaps", "level", "rule", "since_s", "storm",
+    )  # fmt: skip
 
     def __init__(self, config: SignalConfig, now_s: float) -> None:
         """Starts at `now_s`, in seconds."""
@@ -31,16 +35,23 @@ class Announcer:
         self.rule: Optional[Rule] = None
         """The rule that explained the last transition."""
         self._announced_at_s = now_s
-        self.flaps = FlapDetector(config.flap_high, config.flap_low)
-        """Follows the level after each good sample, where flap detection is enabled."""
-        self._repeat_s = config.repeat_s
+        self.flaps = FlapDetector(_flap_high(config), config.flap_low)
+        """Follows the level after each good sample."""
+        self.storm = StormDetector()
+        """Follows the transitions."""
+        self._config = config
 
-    def configure(self, config: SignalConfig) -> None:
-        """Applies a new configuration."""
-        self._repeat_s = config.repeat_s
-        if not config.flap_detection:
-            self.flaps = FlapDetector(config.flap_high, config.flap_low)
-        self.flaps.configure(config.flap_high, config.flap_low)
+    def configure(self, config: SignalConfig, now_s: float) -> None:
+        """Applies a new configuration at `now_s`, in seconds."""
+        self._config = config
+        self.flaps.configure(_flap_high(config), config.flap_low)
+        if not config.flap_detection and not self.storm.is_storm(now_s):
+            self.flaps.end()
+
+    def note_sample(self, level: Level, now_s: float) -> None:
+        """Notes the level after a good sample at `now_s`, in seconds."""
+        flaps = self.flaps
+        flaps.add(level, is_storm=flaps.flapping and self.storm.is_storm_with_next(now_s))
 
     def note_unknown(self, now_s: float) -> None:
         """Notes that the level is unknown from `now_s` on, in seconds."""
@@ -68,9 +79,9 @@ class Announcer:
 
     def is_repeat_due(self, now_s: float) -> bool:
         """Whether the level is to be announced again at `now_s`, in seconds (`repeat_s`)."""
-        if self._repeat_s <= 0.0 or self.level is Level.OK or self.flaps.flapping:
+        if self._config.repeat_s <= 0.0 or self.level is Level.OK or self.flaps.flapping:
             return False
-        return now_s - self._announced_at_s >= self._repeat_s - TIME_TOLERANCE_S
+        return now_s - self._announced_at_s >= self._config.repeat_s - TIME_TOLERANCE_S
 
     def announce(self, judgement: Judgement, message: Optional[str] = None) -> Transition:
         """Announces a level.
@@ -79,6 +90,11 @@ class Announcer:
             judgement: the state of the signal.
             message: in place of the reason for its level.
         """
+        if judgement.level is not self.level:
+            self.storm.note_transition(judgement.now_s)
+        if self.storm.is_storm(judgement.now_s):
+            self.flaps.begin()
+            judgement = judgement._replace(flapping=True, is_storm=True)
         self.flaps.note_announced(judgement.level)
         status = explanation.status(judgement, message)
         unknown_s = None if self._was_known else judgement.now_s - self.since_s
@@ -118,9 +134,9 @@ class Announcer:
             state["never_known"] = True
         if self.rule is not None:
             state["rule"] = rules.index(self.rule)
-        if self._repeat_s > 0.0 and self.level is not Level.OK:
+        if self._config.repeat_s > 0.0 and self.level is not Level.OK:
             state["repeat_waited_s"] = now_s - self._announced_at_s
-        flaps = self.flaps.snapshot()
+        flaps = self.flaps.snapshot() if self._config.flap_detection or self.flaps.flapping else {}
         return {**state, "flaps": flaps} if flaps else state
 
     def since(self, now_s: float, wall_s: float) -> Dict[str, float]:
@@ -135,24 +151,23 @@ class Announcer:
             times["unknown"] = wall_s - (now_s - self._unknown_since_s)
         return times
 
-    def restore(
-        self, saved: Saved, since: Saved, rules: Sequence[Rule], flaps: bool, now_s: float, downtime: Downtime
-    ) -> None:
+    def restore(self, state: Saved, rules: Sequence[Rule], now_s: float, downtime: Downtime) -> None:
         """Continues from a snapshot. The level is unknown since the end of the earlier run, or longer.
 
         Args:
-            saved: the snapshot.
-            since: its times.
+            state: that of the signal.
             rules: the rules of the signal.
-            flaps: whether flap detection is enabled.
             now_s: the time in seconds.
             downtime: between the earlier run and this one.
 
         Raises:
             UnusableStateError: the snapshot is malformed.
         """
-        if flaps:
-            self.flaps.restore(saved.section("flaps"))
+        saved, since = state.section("announced"), state.section("since")
+        self.flaps.restore(saved.section("flaps"))
+        self.storm.restore(state.section("storm"), now_s, downtime)
+        if not self._config.flap_detection and not self.storm.is_storm(now_s):
+            self.flaps.end()
         rule = saved.number("rule")
         self.rule = rules[int(rule)] if rule is not None and rule in range(len(rules)) else None
         self.level = saved.level("level")
@@ -163,9 +178,14 @@ class Announcer:
         self._was_known = not saved.flag("never_known")
         self._announced_at_s = now_s - saved.duration_s("repeat_waited_s")
 
-    def restart(self, now_s: float) -> None:
-        """Time went back to `now_s`, in seconds."""
+    def restart(self, now_s: float, back_s: float) -> None:
+        """Time went back to `now_s` by `back_s`, in seconds."""
+        self.storm.restart_time(back_s)
         self.since_s = min(self.since_s, now_s)
         if self._unknown_since_s is not None:
             self._unknown_since_s = min(self._unknown_since_s, now_s)
         self._announced_at_s = min(self._announced_at_s, now_s)
+
+
+def _flap_high(config: SignalConfig) -> float:
+    return config.flap_high if config.flap_detection else math.inf

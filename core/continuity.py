@@ -161,8 +161,8 @@ class Continuity:
 
 
 def _is_same(state: SavedSignal, saved: SavedSignal) -> bool:
-    """Whether two states are equal, apart from the jitter between two clocks."""
-    if {**state, "since": None} != {**saved, "since": None}:
+    """Whether two states are equal, apart from the jitter between two clocks, and from old transitions (`storm`)."""
+    if {**state, "since": None, "storm": None} != {**saved, "since": None, "storm": None}:
         return False
     since, saved_since = state.get("since"), saved.get("since")
     if not isinstance(since, Mapping) or not isinstance(saved_since, Mapping) or since.keys() != saved_since.keys():

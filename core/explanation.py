@@ -14,6 +14,7 @@ from .formatting import bound_text, datum_text, duration_text, number_text, with
 from .model import Level, Status
 from .quality import as_float, converted
 from .rule import Rule, State
+from .storm import MOST, PERIOD_S
 
 
 class Judgement(NamedTuple):
@@ -61,6 +62,8 @@ class Judgement(NamedTuple):
     state_change_percent: float
     cause: str
     """Why the link is down, for the signal `link`."""
+    is_storm: bool = False
+    """Whether it flaps because of the number of its transitions."""
 
     @property
     def seen(self) -> bool:
@@ -92,7 +95,7 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     values["since"] = f"{judgement.since_s:.3f}"
     values["lasts_s"] = number_text(judgement.now_s - judgement.since_s)
     values["flapping"] = "true" if judgement.flapping else "false"
-    if config.flap_detection:
+    if config.flap_detection or judgement.flapping:
         values["state_change_percent"] = number_text(judgement.state_change_percent)
     values["fingerprint"] = judgement.fingerprint
     text = reason(judgement) if message is None else message
@@ -119,6 +122,9 @@ def alert_line(
     text = f"{config.name} {judgement.level.name}: {message} ({before})"
     if not judgement.flapping:
         return text
+    if judgement.is_storm:
+        storm = f"more than {MOST} transitions in {PERIOD_S:g} s"
+        return f"{text}, flapping: {storm}, further changes not announced until it settles"
     percent = number_text(judgement.state_change_percent, config.flap_high)
     low = bound_text(config.flap_low)
     return f"{text}, flapping: {percent} % state change, further changes not announced until below {low} %"

@@ -30,7 +30,7 @@ class FlapDetector:
         """Starts with a past of 21 times OK.
 
         Args:
-            high: flapping begins at this state change or above, in %.
+            high: flapping begins at this state change or above, in %; above 100: only `begin` begins it.
             low: flapping ends below this state change, in %.
         """
         self._changes = 0
@@ -55,7 +55,7 @@ class FlapDetector:
     @property
     def is_at_rest(self) -> bool:
         """Whether there was no change, so that the same level again makes no difference."""
-        return not self._changes
+        return not self._changes and not self.flapping
 
     def snapshot(self) -> Dict[str, Any]:
         """Returns the state as JSON values; empty if it is that of a new detector."""
@@ -82,14 +82,24 @@ class FlapDetector:
         self._changes = int("".join("1" if mark == "x" else "0" for mark in changes), 2)
         self._last, self._worst, self.flapping = last, worst, flapping
 
-    def add(self, level: Level) -> None:
-        """Processes the level after a good sample."""
+    def add(self, level: Level, *, is_storm: bool = False) -> None:
+        """Processes the level after a good sample. During a storm, flapping does not end."""
         self._changes = (self._changes << 1 | (level is not self._last)) & _KEPT
         self._last = level
-        percent = 0.0 if self.is_at_rest else self.percent
-        self.flapping = percent >= (self._low if self.flapping else self._high)
-        if not self.flapping:
-            self._worst = None
+        limit = self._low if self.flapping else self._high
+        if limit <= 100.0 and not (is_storm and self.flapping):
+            self.flapping = (self.percent if self._changes else 0.0) >= limit
+            if not self.flapping:
+                self._worst = None
+
+    def begin(self) -> None:
+        """Begins flapping, whatever the state change is."""
+        self.flapping = True
+
+    def end(self) -> None:
+        """Ends flapping, whatever the state change is."""
+        self.flapping = False
+        self._worst = None
 
     def note_announced(self, level: Level) -> None:
         """Notes a level that is being announced: while flapping, only a worse one is announced again."""

@@ -349,7 +349,7 @@ class Monitor:
             back_s = self._now_s - now_s
             changes.notices = (f"time went back by {back_s:.3f} s: windows, pending timers and staleness restart",)
             for signal in self._signals.values():
-                signal.restart_time(now_s)
+                signal.restart_time(now_s, back_s)
         return float(now_s)
 
     def _start(self, now_s: float, changes: Changes) -> None:

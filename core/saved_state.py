@@ -14,7 +14,7 @@ from .model import Level
 SavedSignal = Mapping[str, Any]
 """State of one signal: numbers, texts, booleans, None and mappings of them. Empty: the signal is no longer watched.
 
-Durations are in seconds. Times are in seconds since 1970, and all of them are in the mapping `since`.
+Durations are in seconds. Times are in seconds since 1970, and all of them are in the mappings `since` and `storm`.
 """
 
 LONGEST_S = 1e10

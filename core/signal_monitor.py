@@ -184,13 +184,13 @@ class SignalMonitor:
         self._judge_rules(now_s)  # samples that arrived while the link was down
         return self._settle(now_s)
 
-    def restart_time(self, now_s: float) -> None:
-        """Restarts window, pending timers and staleness: time went back to `now_s`, in seconds. Latches stay."""
+    def restart_time(self, now_s: float, back_s: float) -> None:
+        """Restarts window, pending timers and staleness: time went back to `now_s` by `back_s`, in s. Latches stay."""
         self._window.clear()
         if self.config.statistic != "last":
             self._judged = None
         self._level_since_s = min(self._level_since_s, now_s)
-        self._announcer.restart(now_s)
+        self._announcer.restart(now_s, back_s)
         for rule in (*self._rules, self._invalid):
             rule.restart(now_s)
         self._staleness.restart(now_s)
@@ -203,7 +203,7 @@ class SignalMonitor:
 
     def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
         """Applies a new configuration of the same signal and judges by it at once; samples and durations stay."""
-        self._announcer.configure(config)
+        self._announcer.configure(config, now_s)
         limits = (config.window_s, config.window_samples, config.window_min_s)
         if limits != (self.config.window_s, self.config.window_samples, self.config.window_min_s):
             self._window.resize(*limits)
@@ -284,6 +284,9 @@ class SignalMonitor:
             "since": {**announcer.since(now_s, wall_s), "level": wall_s - (now_s - self._level_since_s)},
             "announced": announcer.snapshot(self._rules, now_s),
         }
+        storm = announcer.storm.snapshot(now_s, wall_s)
+        if storm:
+            state["storm"] = storm
         for name, rule in self._saved_rules():
             saved = rule.snapshot(now_s)
             if saved:
@@ -311,8 +314,7 @@ class SignalMonitor:
         for name, rule in self._saved_rules():
             if name == "invalid" or any(bound.startswith(name) for bound in config.bounds):
                 rule.restore(saved.section(name), now_s)
-        announced = saved.section("announced")
-        self._announcer.restore(announced, since, self._rules, config.flap_detection, now_s, downtime)
+        self._announcer.restore(saved, self._rules, now_s, downtime)
         latched = saved.level("latched")
         if config.latch and latched is not _STALE:
             self._latched = latched
@@ -361,8 +363,8 @@ class SignalMonitor:
         if good is self._invalid.condition or self._invalid.state is not _INACTIVE:
             self._invalid.set_condition(not good, now_s)
         level = self._true_level()
-        if good and config.flap_detection:
-            self._announcer.flaps.add(level)
+        if good:
+            self._announcer.note_sample(level, now_s)
         transition = self._enter(level, now_s)
         if self._calm_min < number <= self._healthy_max and self._is_at_rest:
             self._calm_max = self._healthy_max
