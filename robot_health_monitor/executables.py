@@ -3,7 +3,7 @@
 =========  ================================================================
 exit code  meaning
 =========  ================================================================
-0          ended by SIGINT, SIGTERM or a shutdown that ROS requested
+0          ended by SIGINT, SIGTERM or a shutdown that ROS requested; --help
 2          the configuration cannot be used, or ROS is not installed
 3          failed; a supervisor may start it again
 =========  ================================================================
@@ -95,6 +95,8 @@ def run(
     """
     with StandardStreams() as streams, Interrupts(patience_s) as interrupts:
         try:
+            if {"-h", "--help"} & set(sys.argv[1:]):
+                return _help(executable, ros)
             return _run(executable, open_process, streams, interrupts)
         except KeyboardInterrupt:
             return SUCCESS
@@ -106,6 +108,13 @@ def run(
             where = f"{os.path.basename(place.filename)}:{place.lineno}"
             _print_error(executable, f"internal error: {type(error).__name__}: {error} ({where})")
             return FAILED
+
+
+def _help(executable: str, ros: str) -> int:
+    from .executable_help import help_text
+
+    sys.stdout.write(help_text(executable, ros))
+    return SUCCESS
 
 
 def _run(

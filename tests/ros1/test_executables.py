@@ -161,6 +161,18 @@ def test_a_wrong_file_ends_it_with_file_line_and_key(
     assert "warn_below" in line
 
 
+@pytest.mark.parametrize("option", ["--help", "-h"])
+def test_help_does_not_end_the_node_that_runs(start: Any, ros: Any, option: str) -> None:
+    running = start("alert_system")
+    running.wait_for_text(READY["alert_system"])
+    process = start("alert_system", option)
+    assert process.wait() == 0
+    assert process.lines[0].text.startswith("usage: rosrun robot_health_monitor alert_system")
+    assert ros.call("/alert_system/reset", TRIGGER)["success"] is True
+    assert running.is_running
+    assert "shutdown" not in running.text
+
+
 def test_a_wrong_private_parameter_ends_it_with_the_key(master: Any, start: Any) -> None:
     process = start("battery_sensor", "_publish_rate:=fast")
     assert process.wait() == 2
