@@ -84,6 +84,14 @@ class World:
     def stop_the_server(self) -> None:
         self.trial.stop(self.server, 4.0, shortest_s=0.5)
 
+    def stop_the_server_until_the_link_is_down(self) -> None:
+        self.trial.pause()
+        self.server.signal(signal.SIGSTOP)
+        try:
+            self.output.wait_for_links("ERROR")
+        finally:
+            self.server.signal(signal.SIGCONT)
+
     def kill_the_monitor(self) -> None:
         self.trial.pause()
         self.monitor.signal(signal.SIGKILL)
@@ -99,6 +107,15 @@ def test_alerts_are_neither_lost_nor_repeated(world: World, fault: str) -> None:
         world.trial.change(getattr(world, fault))
         world.trial.check()
     world.trial.finish()
+    end(world.monitor)
+
+
+def test_a_server_that_is_stopped_is_one_alert_of_the_link_and_its_end(world: World) -> None:
+    world.trial.change(world.trial.pause)
+    world.trial.change(world.stop_the_server_until_the_link_is_down)
+    world.output.wait_for_links("ERROR", "OK")
+    world.trial.finish()
+    assert world.output.links == ["ERROR", "OK"]
     end(world.monitor)
 
 

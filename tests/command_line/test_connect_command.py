@@ -158,6 +158,7 @@ def test_a_robot_that_is_not_there_is_one_alert_with_its_cause(robot_health: Sta
     watcher = robot_health("connect", "atlas=ws://127.0.0.1:1", "--thresholds", thresholds, "--duration", 3)
     assert watcher.wait() == 1
     assert alerts(watcher) == ["link ERROR: down: connection refused: no server listens on this port"]
+    assert "no server listens on this port (was never up)" in watcher.text
     assert not watcher.errors
     assert not [line.text for line in watcher.lines if "[WARN]" in line.text or "[ERROR]" in line.text]
 

@@ -330,7 +330,7 @@ def test_the_token_file_of_the_configuration_protects_the_server(
 def test_a_token_is_no_argument_and_is_not_repeated(robot_health: Start, arguments: Any, token: Any) -> None:
     process = robot_health(*arguments, *token)
     assert process.wait() == 2
-    assert len(process.lines) == 1 and "use --token-file or ROBOT_HEALTH_TOKEN" in process.errors[0]
+    assert len(process.lines) == 1 and "token-file or ROBOT_HEALTH_TOKEN" in process.errors[0]
     assert "s3cret" not in process.text
 
 

@@ -249,6 +249,16 @@ class AlertsOfOutput:
 
     def __init__(self) -> None:
         self.alerts: List[str] = []
+        """The levels of battery_level's."""
+        self.links: List[str] = []
+        """The levels of the link's."""
+
+    def wait_for_links(self, *levels: str) -> None:
+        """Waits until the alerts of the link are these."""
+        give_up_s = time.monotonic() + DEADLINE_S
+        while self.links != list(levels):
+            assert time.monotonic() < give_up_s, f"expected {levels}, got {self.links} after {DEADLINE_S:g} s"
+            time.sleep(0.01)
 
     def follow(self, process: Any) -> None:
         """Takes what was read of a process, and reads it in a thread until it ends."""
@@ -273,4 +283,6 @@ class AlertsOfOutput:
             fields = json.loads(line)
             if fields["signal"] == "battery_level":
                 self.alerts.append(fields["to_level"])
+            elif fields["signal"] == "link":
+                self.links.append(fields["to_level"])
         return False
