@@ -100,5 +100,4 @@ class Alertmanager(HttpTarget, Sender):
             if found_wrong and answer.status == 400:
                 text = f"this clock and the server's differ by {duration_text(abs(ahead_s))}; corrected"
                 raise DeliveryError(text, is_corrected=True)
-        self.require_success(answer)
-        return answer.title
+        return self.require_success(answer)

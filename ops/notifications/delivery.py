@@ -63,6 +63,8 @@ class Delivery:
         self._chance = chance
         self._failures = 0
         self._retry_at_s = clock()
+        self._not_before_s = clock()
+        """The wait that the target requested ends then; nothing shortens it."""
         self._attempted_s = clock() - FIRST_RETRY_S
         self._repeat_at_s = clock()
         self._has_news = False
@@ -88,9 +90,9 @@ class Delivery:
             self._finish()
             if self._has_news:
                 self._has_news = False
-                self._retry_at_s = min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S)
+                self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
             now_s = self._clock()
-            if self.sender.repeat_every_s is not None and now_s >= self._repeat_at_s:
+            if self.sender.repeat_every_s is not None and now_s >= max(self._repeat_at_s, self._not_before_s):
                 self._repeat_at_s = now_s + self.sender.repeat_every_s
                 self._repeat()
                 return 0.0
@@ -107,7 +109,7 @@ class Delivery:
 
     def _wait_s(self, until_s: float) -> float:
         if self.sender.repeat_every_s is not None:
-            until_s = min(until_s, self._repeat_at_s)
+            until_s = min(until_s, max(self._repeat_at_s, self._not_before_s))
         return max(0.0, until_s - self._clock())
 
     def _repeat(self) -> None:
@@ -169,8 +171,8 @@ class Delivery:
         self._attempted_s = self._clock()
         longest_s = min(LONGEST_RETRY_S, FIRST_RETRY_S * 2.0 ** min(self._failures, 30))
         self._failures += 1
-        wait_s = max(longest_s * (0.5 + 0.5 * self._chance()), error.retry_after_s)
-        self._retry_at_s = self._attempted_s + wait_s
+        self._not_before_s = self._attempted_s + error.retry_after_s
+        self._retry_at_s = max(self._not_before_s, self._attempted_s + longest_s * (0.5 + 0.5 * self._chance()))
         level = Level.ERROR if error.is_refused else Level.WARN
         self._faults.report(self._part, f"{self.sender.place}: {error}", level)
         self._report_warning()

@@ -59,7 +59,7 @@ class Heartbeat(HttpTarget):
             self.deliver(None)
         except DeliveryError as error:
             self._faults.report(self._part, f"{self.place}: {error}", Level.WARN)
-            self._due_s = min(self._due_s, self._clock() + self._retry_s)
+            self._due_s = max(min(self._due_s, self._clock() + self._retry_s), self._clock() + error.retry_after_s)
             self._retry_s = min(2.0 * self._retry_s, self._every_s)
         else:
             self._faults.clear(self._part)

@@ -26,7 +26,9 @@ from robot_health_monitor.core.version import package_version
 from .sender import DeliveryError
 
 _MOST_SHOWN = 200  # characters of a response
-_LONGEST_WAIT_S = 300.0
+
+LONGEST_WAIT_S = 3600.0
+"""Longest wait that a server may request, in s: a target cannot keep alerts back for longer."""
 
 
 class Answer(NamedTuple):
@@ -51,6 +53,11 @@ class Answer(NamedTuple):
     def title(self) -> str:
         """Status and reason: `404 Not Found`."""
         return f"{self.status} {self.reason}".strip()
+
+    @property
+    def standard_title(self) -> str:
+        """The status with its standard reason: that of the server may repeat a secret of the address."""
+        return f"{self.status} {http.client.responses.get(self.status, '')}".strip()
 
 
 class _NotConnectedError(OSError):
@@ -179,6 +186,7 @@ def _remaining_s(deadline_s: float) -> float:
 
 def _answer(response: http.client.HTTPResponse) -> Answer:
     headers: Dict[str, str] = {name.lower(): value for name, value in response.headers.items()}
+    date_s = _date_s(headers.get("date", ""))
     text = ""
     if not 200 <= response.status < 300:
         try:
@@ -189,8 +197,8 @@ def _answer(response: http.client.HTTPResponse) -> Answer:
         response.status,
         printable(str(response.reason))[:_MOST_SHOWN],
         printable(" ".join(text.split()))[:_MOST_SHOWN],
-        _date_s(headers.get("date", "")),
-        _wait_s(headers.get("retry-after", "")),
+        date_s,
+        _wait_s(headers.get("retry-after", ""), date_s),
     )
 
 
@@ -201,9 +209,14 @@ def _date_s(text: str) -> Optional[float]:
         return None
 
 
-def _wait_s(text: str) -> float:
-    fits = text.isascii() and text.isdigit() and len(text) < 10
-    return min(float(text), _LONGEST_WAIT_S) if fits else 0.0
+def _wait_s(text: str, date_s: Optional[float]) -> float:
+    """Returns the wait of `Retry-After`, in s: a number, or a date by the server's clock (RFC 9110, 10.2.3)."""
+    if text.isascii() and text.isdigit():
+        return float(min(int(text[:10]), LONGEST_WAIT_S))
+    until_s = _date_s(text)
+    if until_s is None:
+        return 0.0
+    return min(max(until_s - (time.time() if date_s is None else date_s), 0.0), LONGEST_WAIT_S)
 
 
 def _problem(error: object, on_timeout: str, timeout_s: float) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Optional
 
+from robot_health_monitor.core.formatting import duration_text
+
 from ..configuration import TargetSettings
 from .address import Address
 from .http_request import Answer, request
@@ -54,17 +56,23 @@ class HttpTarget:
             DeliveryError: no response, or another one than success (2xx).
         """
         answer = self.call(body, path)
-        self.require_success(answer)
-        return answer.title
+        return self.require_success(answer)
 
-    def require_success(self, answer: Answer) -> None:
-        """Raises DeliveryError for another response than success (2xx)."""
+    def require_success(self, answer: Answer) -> str:
+        """Returns the status of a response.
+
+        Raises:
+            DeliveryError: another response than success (2xx).
+        """
+        title = answer.standard_title if self._address.is_secret else answer.title
         if answer.is_success:
-            return
-        text = f"response {answer.title}"
+            return title
+        text = f"response {title}"
         if 300 <= answer.status < 400:
             text += "; redirects are not followed"
         elif answer.text and not self._address.is_secret:  # a page that says "not found" may repeat the address
             text += f": {answer.text}"
+        if answer.retry_after_s:
+            text += f"; the server asks to wait {duration_text(answer.retry_after_s)}"
         is_refused = 400 <= answer.status < 500 and answer.status not in _RETRIED
         raise DeliveryError(text, is_refused=is_refused, retry_after_s=answer.retry_after_s)

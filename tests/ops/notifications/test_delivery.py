@@ -207,6 +207,37 @@ def test_a_requested_wait_is_respected(bench: Bench, server: HttpServer) -> None
     assert len(server.all()) == 1
 
 
+@pytest.mark.parametrize("signal", ["battery", "cpu"])
+def test_news_does_not_shorten_a_requested_wait(bench: Bench, server: HttpServer, signal: str) -> None:
+    server.behave = responding(429, Retry_After="60")
+    bench.change("WARN")
+    bench.settle()
+    for level in ("ERROR", "WARN") * 29:
+        bench.change(level, signal)
+        bench.run(bench.now_s + 1.0)
+    bench.run(59.9)
+    assert len(server.all()) == 1
+    text = f"{server.url}: response 429 Too Many Requests; the server asks to wait 60 s"
+    assert bench.fault() == (Level.WARN, text)
+    server.behave = responding(200)
+    bench.run(60.0)
+    assert "battery WARN firing" in received(server) and bench.fault() is None
+
+
+def test_repetitions_do_not_shorten_a_requested_wait(server: HttpServer) -> None:
+    bench = Bench(server.url, "alertmanager")
+    bench.change("WARN")
+    bench.settle()
+    server.all()
+    server.behave = responding(503, Retry_After="200")
+    bench.run(30.0)
+    assert len(server.all()) == 1
+    bench.run(229.0)
+    assert server.all() == []
+    bench.run(230.0)
+    assert len(server.all()) == 1
+
+
 def test_a_restart_loses_nothing_and_repeats_nothing(bench: Bench, server: HttpServer) -> None:
     bench.change("WARN", "cpu")
     bench.settle()

@@ -53,3 +53,13 @@ def test_a_failure_is_a_fault_and_retried_with_growing_waits(server: HttpServer)
     server.behave = responding(200)
     run(heartbeat, clock, 200.0)
     assert faults.current() == {}
+
+
+def test_a_requested_wait_is_respected(server: HttpServer) -> None:
+    clock = Clock()
+    heartbeat = Heartbeat(TargetSettings("alive", "heartbeat", url=server.url, every_s=10.0), Faults(), clock)
+    server.behave = responding(429, Retry_After="40")
+    run(heartbeat, clock, 40.0)
+    assert len(server.all()) == 1
+    run(heartbeat, clock, 41.0)
+    assert len(server.all()) == 1

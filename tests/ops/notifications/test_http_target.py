@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from harness.http_server import HttpServer, redirecting_to_itself, responding
+from harness.http_server import Behaviour, Handler, HttpServer, redirecting_to_itself, responding
 
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.http_target import HttpTarget
 from robot_health_monitor.ops.notifications.sender import DeliveryError
+from robot_health_monitor.ops.notifications.trial import try_target
 
 
 @pytest.mark.parametrize("status", [200, 201, 202, 204])
@@ -45,6 +46,38 @@ def test_nothing_of_a_secret_address_is_shown(server: HttpServer, tmp_path: Path
     with pytest.raises(DeliveryError, match=r"^response 404 Not Found$"):
         target.deliver("{}")
     assert server.next().path == "/hooks/s3cret" and target.place == server.url
+
+
+def giving_reason(status: int, reason: str) -> Behaviour:
+    def behave(handler: Handler) -> None:
+        handler.send_response(status, reason)
+        handler.send_header("Content-Length", "0")
+        handler.end_headers()
+
+    return behave
+
+
+@pytest.mark.parametrize(("status", "shown"), [(404, "404 Not Found"), (499, "499"), (301, "301 Moved Permanently")])
+def test_the_servers_reason_is_not_shown_if_the_address_is_secret(
+    server: HttpServer, tmp_path: Path, status: int, shown: str
+) -> None:
+    server.behave = giving_reason(status, "no such page: /hooks/s3cret")
+    file = tmp_path / "chat.url"
+    file.write_text(f"{server.url}/hooks/s3cret")
+    secret = HttpTarget(TargetSettings("chat", "webhook", url_file=str(file)))
+    with pytest.raises(DeliveryError, match=rf"^response {shown}(; redirects are not followed)?$"):
+        secret.deliver("{}")
+    known = HttpTarget(TargetSettings("chat", "webhook", url=server.url))
+    with pytest.raises(DeliveryError, match=rf"^response {status} no such page: /hooks/s3cret"):
+        known.deliver("{}")
+
+
+def test_the_reason_of_a_success_is_not_shown_either(server: HttpServer, tmp_path: Path) -> None:
+    server.behave = giving_reason(200, "thanks for /hooks/s3cret")
+    file = tmp_path / "chat.url"
+    file.write_text(f"{server.url}/hooks/s3cret")
+    for kind in ("webhook", "alertmanager"):
+        assert try_target(TargetSettings("chat", kind, url_file=str(file)), "r3").text == f"{server.url}: 200 OK"
 
 
 def test_a_path_is_appended_once(server: HttpServer) -> None:
