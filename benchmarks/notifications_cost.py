@@ -37,7 +37,7 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
 from robot_health_monitor.ops.history import schema
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS
+from robot_health_monitor.ops.history.rows import INSERT_TRANSITION
 from robot_health_monitor.ops.notifications import Notifier
 
 TRANSITIONS = 1_000
@@ -181,11 +181,10 @@ class _Disk:
         """Commits the rows; returns the time in s."""
         execute = self._connection.execute
         text = "battery_level WARN: 10 % is below 20 % (was OK for 1 s)"
-        row = (time.time(), "r3", "battery_level", 0, 1, 10.0, "last", 20.0, 1.0, 0.0, "0" * 16, text, "x" * 120, 0)
+        row = (time.time(), "r3", "battery_level", 0, 1, 10.0, "last", 20.0, 1.0, 0.0, "0" * 16, text, "x" * 120, 0, "")
         began_s = time.perf_counter()
         execute("BEGIN IMMEDIATE")
-        insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
-        number = execute(insert, row).lastrowid
+        number = execute(INSERT_TRANSITION, row).lastrowid
         execute("INSERT INTO evidence VALUES (?, ?)", (number, b"x" * 728))  # 60 samples
         execute("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", ("r3", "battery_level", "x" * 400))
         execute("INSERT INTO noted_transitions (at_s, transition_json) VALUES (?, ?)", (0.0, "x" * 900))

@@ -114,6 +114,7 @@ class Announcer:
             status=status,
             statistics=judgement.statistics,
             repeat=judgement.level is self.level,
+            hint=status.hint,
         )
         if not transition.repeat:
             self.level = judgement.level

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Dict, Iterable, Optional
 
-from .formatting import datum_text
+from .formatting import datum_text, with_hint
 from .middleware import Message
 from .model import Status, Transition
 
@@ -17,7 +17,7 @@ def status_message(status: Status, node: str) -> Message:
     return {
         "level": int(status.level),
         "name": f"{node}: {status.name}",
-        "message": status.message,
+        "message": with_hint(status.message, status.hint),
         "hardware_id": status.hardware_id,
         "values": [{"key": key, "value": value} for key, value in status.values.items()],
     }
@@ -48,7 +48,7 @@ def alert_message(transition: Transition, node: str, silence: Optional[str] = No
     }
     if silence is not None:
         values["silenced"] = silence
-    status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values)
+    status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values, transition.hint)
     return status_message(status, node)
 
 

@@ -62,6 +62,8 @@ class Judgement(NamedTuple):
     state_change_percent: float
     cause: str
     """Why the link is down, for the signal `link`."""
+    hint: str
+    """Why there are no samples; empty: unknown, or there are."""
     is_storm: bool = False
     """Whether it flaps because of the number of its transitions."""
 
@@ -99,7 +101,7 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
         values["state_change_percent"] = number_text(judgement.state_change_percent)
     values["fingerprint"] = judgement.fingerprint
     text = reason(judgement) if message is None else message
-    return Status(config.name, judgement.level, text, judgement.robot, values)
+    return Status(config.name, judgement.level, text, judgement.robot, values, judgement.hint)
 
 
 def alert_line(

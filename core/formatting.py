@@ -62,6 +62,15 @@ def with_degree_sign(text: str) -> str:
     return _DEGREE_CELSIUS.sub("°C", text)
 
 
+def with_hint(text: str, hint: str) -> str:
+    """Appends the hint of a status or transition, if there is one, as everything that shows it to people does.
+
+    >>> with_hint("no sample for 6 s (limit 5 s)", "no publisher on /battery")
+    'no sample for 6 s (limit 5 s) [no publisher on /battery]'
+    """
+    return f"{text} [{hint}]" if hint else text
+
+
 def count_text(number: int, noun: str) -> str:
     """Returns a number with its noun: 1 alert, 0 alerts, 2,000 alerts."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"

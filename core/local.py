@@ -12,6 +12,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Opt
 from .errors import ConfigError, ServiceError
 from .mapping_node import CLOCK, MappingNode, MappingSubscription
 from .middleware import Graph, Message, NodeInfo, Severity, split_type_name
+from .missing_samples import Answer, explain, similar_topics
 from .standard_messages import check_type, complete, definition, is_stamped
 
 
@@ -199,6 +200,14 @@ class LocalMiddleware(MappingNode):
         self._bus._add_listener(resolved, subscription.deliver)
         self._subscriptions.append(subscription)
         return subscription
+
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        published: Dict[str, str] = {}
+        for node in self._bus.nodes:
+            published.update(node._advertised)
+        own = {*self._advertised, *(subscription.topic for subscription in self._subscriptions)}
+        types = [published[topic]] if topic in published else []
+        answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own)))
 
     def unsubscribe(self, subscription: Any) -> None:
         if subscription in self._subscriptions:

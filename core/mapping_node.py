@@ -16,6 +16,7 @@ from .faults import Faults
 from .field_path import ABSENT, mapping_getter
 from .formatting import printable
 from .middleware import Message, Result, Severity, resolve_name
+from .missing_samples import Answer, Hints
 from .parameters import Parameter, flatten, unflatten
 from .standard_messages import check_field
 from .timers import ClockTimer, ClockTimers
@@ -135,11 +136,20 @@ class MappingNode(abc.ABC):
         self._sim_time_s: Optional[float] = 0.0 if use_sim_time else None
         self._steady_timers = ClockTimers()
         self._sim_timers = ClockTimers()
+        self._hints = Hints(self.look_up_silence, self.steady_s)
         self._waiting: Deque[Tuple[Delivery, Any]] = collections.deque(maxlen=_MAX_WAITING)
 
     @abc.abstractmethod
     def log(self, severity: Severity, text: str) -> None:
         """See `Middleware.log`."""
+
+    @abc.abstractmethod
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        """Looks up why a topic brings no samples; see `Hints`."""
+
+    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+        """See `Middleware.why_silent`."""
+        return self._hints.get(self.resolve(topic), type_name)
 
     def now_s(self) -> float:
         """See `Middleware.now_s`."""

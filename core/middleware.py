@@ -154,6 +154,18 @@ class Middleware(Protocol):
                 Also if `topic` is not a name, or is already used with another type.
         """
 
+    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+        """Returns why a topic that is subscribed to brings no samples, as a short text; None: nothing is known.
+
+        Never waits. Where a server has to be asked, the first call returns None and asks; a later call returns the
+        answer. However often it is called, each topic is looked up at most every 10 s. The texts are those of
+        `missing_samples.py`; a topic is named as resolved.
+
+        Args:
+            topic: the topic, as for `subscribe`.
+            type_name: the configured type; empty: any.
+        """
+
     def unsubscribe(self, subscription: Subscription) -> None:
         """Ends a subscription; does nothing if it has ended."""
 

@@ -78,6 +78,8 @@ class Status:
     """The robot's name."""
     values: Mapping[str, str] = field(hash=False)
     """Key-values; see docs/rules.md."""
+    hint: str = field(default="", compare=False)
+    """Why there are no samples, as far as the middleware knows; empty: nothing is known. Not part of `message`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", FrozenDict(self.values))
@@ -118,6 +120,8 @@ class Transition:
     """The window's defined statistics at that moment, by name."""
     repeat: bool = False
     """True for a repeated announcement (`repeat_s`)."""
+    hint: str = field(default="", compare=False)
+    """Why there are no samples, as far as the middleware knows; empty: nothing is known. Not part of `text`."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "statistics", FrozenDict(self.statistics))

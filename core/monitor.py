@@ -10,7 +10,7 @@ import sys
 from typing import Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
 
 from . import explanation
-from .config import CONDITIONS, LINK, MonitorConfig, read_signal
+from .config import CONDITIONS, LINK, MonitorConfig, SignalConfig, read_signal
 from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
@@ -198,6 +198,25 @@ class Monitor:
         if not self._signals:
             return dict.fromkeys(self.config.signals, (Level.STALE, "waiting"))
         return {name: (signal.level, signal.state) for name, signal in self._signals.items()}
+
+    def without_samples(self, now_s: float) -> List[SignalConfig]:
+        """Returns the signals without a sample for half of the time allowed, or longer, while the link is up.
+
+        Args:
+            now_s: the time in seconds.
+        """
+        return [signal.config for signal in self._signals.values() if signal.lacks_samples(now_s)]
+
+    def note_hint(self, signal: str, hint: str) -> None:
+        """Notes why a signal has no samples, for its status and its next transition; ignored if it is not watched.
+
+        Args:
+            signal: its name.
+            hint: the reason, see `Middleware.why_silent`; empty: unknown. It is forgotten with the next sample.
+        """
+        known = self._signals.get(signal)
+        if known is not None:
+            known.note_hint(hint)
 
     def fresh_value(self, signal: str) -> Optional[float]:
         """Returns a signal's latest value; None while there is none, or it is bad, stale or unreachable."""

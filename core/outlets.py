@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Callable, Dict, NamedTuple, Union
 
 from .faults import Faults
+from .formatting import with_hint
 from .middleware import Severity
 from .model import Transition
 
@@ -27,6 +28,12 @@ class Notice(NamedTuple):
 
 Event = Union[Transition, Notice]
 """What an outlet receives."""
+
+
+def event_text(event: Event) -> str:
+    """Returns the line that people read about an event: a transition with its hint."""
+    return with_hint(event.text, event.hint) if isinstance(event, Transition) else event.text
+
 
 Outlet = Callable[[Event], None]
 """Receives one event. It must return quickly: the events of all signals wait for it."""

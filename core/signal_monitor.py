@@ -116,6 +116,14 @@ class SignalMonitor:
         unusable = self._staleness.stale or self._staleness.unknown or self._invalid.condition
         return None if unusable else self._window.last()
 
+    def lacks_samples(self, now_s: float) -> bool:
+        """Whether half of the silence that is allowed has passed at `now_s`, in seconds, and the robot is reachable."""
+        return self._staleness.is_half_over(now_s, self.config.startup_grace_s)
+
+    def note_hint(self, hint: str) -> None:
+        """Notes why there are no samples, for texts, until the next sample."""
+        self._staleness.note_hint(hint)
+
     def observe(self, value: object, now_s: float) -> Optional[Transition]:
         """Processes a sample that arrived at `now_s` (seconds, not before the previous call)."""
         if type(value) is float and self._calm_min < value <= self._calm_max:
@@ -265,6 +273,7 @@ class SignalMonitor:
             flapping=self._announcer.flaps.flapping,
             state_change_percent=self._announcer.flaps.percent,
             cause=self.cause,
+            hint=staleness.hint,
         )
 
     @property
@@ -330,7 +339,7 @@ class SignalMonitor:
         """Returns the transition with which a signal that is not OK leaves the configuration."""
         if self._announcer.level is _OK:
             return None
-        ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False)
+        ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
         return self._announcer.announce(ended, "no longer watched")
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:

@@ -12,7 +12,16 @@ from .rule import TIME_TOLERANCE_S
 class Staleness:
     """Follows the arrivals of one signal. The downtime of the link does not count as silence."""
 
-    __slots__ = ("last_seen_s", "limit_s", "silent_since_s", "stale", "unreachable_since_s", "waiting")
+    __slots__ = (
+        "_hint",
+        "_hint_since_s",
+        "last_seen_s",
+        "limit_s",
+        "silent_since_s",
+        "stale",
+        "unreachable_since_s",
+        "waiting",
+    )
 
     limit_s: float
     """Silence that is not yet too long, in seconds; infinite where staleness is disabled."""
@@ -29,6 +38,8 @@ class Staleness:
         """Whether no sample has come yet, and the silence is not yet too long."""
         self.unreachable_since_s: Optional[float] = None
         """Since when the link has been down, in seconds; None while it is up."""
+        self._hint = ""
+        self._hint_since_s = now_s
         self.configure(config, seen=False)
 
     @property
@@ -57,6 +68,24 @@ class Staleness:
     def silence_s(self, now_s: float) -> float:
         """Returns the time without samples until `now_s`, in seconds."""
         return (now_s if self.unreachable_since_s is None else self.unreachable_since_s) - self.silent_since_s
+
+    @property
+    def hint(self) -> str:
+        """Why there are no samples; empty while there are, or while the link is down."""
+        is_silent = (self.stale or self.waiting) and self.unreachable_since_s is None
+        return self._hint if is_silent and self._hint_since_s == self.silent_since_s else ""
+
+    def note_hint(self, hint: str) -> None:
+        """Notes why there are no samples; valid until the next one."""
+        self._hint, self._hint_since_s = hint, self.silent_since_s
+
+    def is_half_over(self, now_s: float, startup_grace_s: float) -> bool:
+        """Whether half of the silence that is allowed has passed at `now_s`, in seconds.
+
+        Where staleness is disabled, `startup_grace_s` counts before the first sample.
+        """
+        limit_s = startup_grace_s if self.waiting and math.isinf(self.limit_s) else self.limit_s
+        return self.unreachable_since_s is None and now_s - self.silent_since_s >= limit_s / 2.0
 
     def arrive(self, now_s: float) -> None:
         """Processes a sample, good or bad."""

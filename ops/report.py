@@ -18,7 +18,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tup
 
 from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.explanation import judged_unit
-from robot_health_monitor.core.formatting import bound_text, duration_text, printable, with_unit
+from robot_health_monitor.core.formatting import bound_text, duration_text, printable, with_hint, with_unit
 from robot_health_monitor.core.model import Level, Transition
 
 from .envelope import Envelope
@@ -233,9 +233,13 @@ def _alert_table(report: Report, several: bool) -> Iterable[str]:
         file = f'<td class="file">{_text(alert.file)}</td>' if several else ""
         yield (
             f'<tr id="alert-{number}"><td class="time">{time}</td><td class="level {level.lower()}">{level}</td>'
-            f'{file}<td class="text">{_text(alert.transition.text)}</td></tr>'
+            f'{file}<td class="text">{_text(_line(alert.transition))}</td></tr>'
         )
     yield "</tbody></table></div>"
+
+
+def _line(transition: Transition) -> str:
+    return with_hint(transition.text, transition.hint)
 
 
 def _plots(report: Report) -> Iterable[str]:
@@ -279,7 +283,7 @@ def _data(report: Report) -> Mapping[str, Any]:
                 "id": f"alert-{number}",
                 "t": round(alert.wall_s, 3),
                 "level": alert.transition.to_level.name,
-                "text": printable(alert.transition.text),
+                "text": printable(_line(alert.transition)),
             }
         )
     return {

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Container, Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
@@ -17,6 +17,7 @@ from robot_health_monitor.core.formatting import count_text, list_text
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
 from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.missing_samples import Answer, similar_topics, with_similar
 from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
 
@@ -121,6 +122,10 @@ class RecordedMiddleware(MappingNode):
             subscription.receive = lambda value, wall_s: self.call_back(subscription, value)
         self._subscriptions.append(subscription)
         return self.player.subscribe(subscription, type_name, field)
+
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        own = {subscription.topic for subscription in self._subscriptions}
+        answer(self.player.why_silent(topic, type_name, own))
 
     def unsubscribe(self, subscription: Any) -> None:
         subscription.active = False
@@ -233,6 +238,13 @@ class Player:
         if not self._matching(topic, type_name):
             return f"{topic} is recorded as {found[0].type_name}, configured as {canonical_type(type_name)}"
         return ""
+
+    def why_silent(self, topic: str, type_name: str, own: Container[str]) -> Optional[str]:
+        """Returns why the recordings bring no samples of a topic; None: it is recorded. See `similar_topics`."""
+        if topic in self._channels:
+            return None
+        types = {name: channels[0].type_name for name, channels in self._channels.items()}
+        return with_similar(f"{topic} is not recorded", similar_topics(topic, type_name, types, own))
 
     def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
         """Adds a node.

@@ -72,7 +72,7 @@ class _ShowVersion(argparse.Action):
 class _RejectToken(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         parser.error(
-            f"--token is not supported: every user of this machine can read arguments; use {self.const} or "
+            f"--token is not supported: every user of this machine can read arguments; use --token-file or "
             f"{TOKEN_VARIABLE}"
         )
 
@@ -128,8 +128,7 @@ def _add_run(commands: Any) -> None:
         default="",
         help="address of the rosbridge server (default: as configured, or 127.0.0.1); any other one requires a token",
     )
-    command.add_argument("--token-file", metavar="FILE", default="", help=_token_help("that clients must present"))
-    _reject_token(command, "--token-file")
+    _add_token_file(command, "file with the token that clients must present")
     command.add_argument(
         "--origin", action="append", default=[], metavar="URL", help="web page that may connect (repeatable)"
     )
@@ -153,24 +152,17 @@ def _add_connect(commands: Any) -> None:
         "robots. SIGHUP reads the configuration again and changes only what differs.",
     )
     command.add_argument(
-        "urls",
-        metavar="URL",
-        nargs="*",
-        help="host:port, ws://host:port, wss://host:port, or NAME=host:port to name the robot",
+        "urls", metavar="URL", nargs="*", help="ws://host:port, wss://host:port, or NAME=ws://... to name the robot"
     )
     command.add_argument(
         "--fleet",
         metavar="FILE",
         default="",
-        help="a fleet.yaml with further robots; --thresholds, --namespace, --robot-token-file and --ca apply where "
-        "it names none",
+        help="a fleet.yaml with further robots; --thresholds, --namespace, --token-file and --ca apply where it names "
+        "none",
     )
     _add_namespace(command, "namespace of the robots' topics")
-    command.add_argument(
-        "--robot-token-file", metavar="FILE", default="", help=_token_help("to present to the robots' servers")
-    )
-    command.add_argument("--token-file", dest="old_token_file", metavar="FILE", default="", help=argparse.SUPPRESS)
-    _reject_token(command, "--robot-token-file")
+    _add_token_file(command, "file with the token to present to the servers")
     command.add_argument("--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss://")
     command.add_argument(
         "--port",
@@ -184,17 +176,14 @@ def _add_connect(commands: Any) -> None:
 
 
 def _check_connect(arguments: argparse.Namespace) -> str:
-    if arguments.robot_token_file and arguments.old_token_file:
-        return "argument --token-file: not allowed with argument --robot-token-file"
     return "" if arguments.urls or arguments.fleet else "expected the URL of a robot, or --fleet FILE"
 
 
-def _token_help(meaning: str) -> str:
-    return f"file with the token {meaning} (default: the variable {TOKEN_VARIABLE})"
-
-
-def _reject_token(command: argparse.ArgumentParser, option: str) -> None:
-    command.add_argument("--token", action=_RejectToken, const=option, nargs="?", help=argparse.SUPPRESS)
+def _add_token_file(command: argparse.ArgumentParser, meaning: str) -> None:
+    command.add_argument(
+        "--token-file", metavar="FILE", default="", help=f"{meaning} (default: the variable {TOKEN_VARIABLE})"
+    )
+    command.add_argument("--token", action=_RejectToken, nargs="?", help=argparse.SUPPRESS)
 
 
 def _add_namespace(command: argparse.ArgumentParser, meaning: str) -> None:
@@ -343,17 +332,10 @@ def _add_notify(commands: Any) -> None:
     command = commands.add_parser(
         "notify",
         help="send a test notification to every target of an ops.yaml",
-        description="Sends a test alert to every target of an ops.yaml, then resolves it, and reports each response. "
-        "Ends with code 3 if a target failed.",
+        description="Sends a test notification to every target of an ops.yaml, then its end, and reports each "
+        "response. Ends with code 3 if a target failed.",
     )
     command.add_argument("file", metavar="FILE", help="an ops.yaml")
-    command.add_argument(
-        "--hold",
-        metavar="TIME",
-        type=_hold,
-        help="how long the test alert stays, such as 90s or 0 (default: 60s at alertmanager, which notifies after its "
-        "group_wait, and 0 at all other targets)",
-    )
 
 
 def _add_history(commands: Any) -> None:
@@ -468,16 +450,6 @@ def _duration(text: str) -> float:
         return parse_duration_s(text)
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _hold(text: str) -> float:
-    try:
-        seconds = float(text)  # 0, and seconds without their unit
-    except ValueError:
-        seconds = _duration(text)
-    if not 0.0 <= seconds <= 86_400.0:
-        raise argparse.ArgumentTypeError(f"expected a duration of at most a day, such as 90s, got {text!r}")
-    return seconds
 
 
 def _moment(text: str) -> float:

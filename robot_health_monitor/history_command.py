@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, Union
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import count_text, duration_text, number_text, printable
+from robot_health_monitor.core.formatting import count_text, duration_text, number_text, printable, with_hint
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.transition_json import json_line
 from robot_health_monitor.ops.history import queries
@@ -31,7 +31,7 @@ _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 _COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
 _CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
-    "text",
+    "text", "hint",
 )  # fmt: skip
 _SUMMARY_HEAD = ("robot", "signal", *(level.name for level in _LEVELS), "unknown", "alerts", "longest outage")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -122,7 +122,8 @@ def _merged(
 def _line(item: Union[StoredTransition, MonitorEvent], is_coloured: bool) -> str:
     if isinstance(item, MonitorEvent):
         return f"{time_text(item.wall_s)} {printable(_event_text(item))}"
-    text = printable(f"{time_text(item.wall_s)} #{item.id} {item.robot}: {item.text}")
+    line = with_hint(item.text, item.hint)
+    text = printable(f"{time_text(item.wall_s)} #{item.id} {item.robot}: {line}")
     return f"\x1b[{_COLOURS[item.to_level]}m{text}\x1b[0m" if is_coloured else text
 
 
@@ -146,7 +147,7 @@ def _csv_row(transition: StoredTransition) -> List[object]:
     row = (
         transition.id, iso_time(transition.wall_s), transition.robot, transition.signal, transition.from_level.name,
         transition.to_level.name, transition.value, transition.statistic, transition.bound, transition.repeat,
-        transition.fingerprint, transition.text,
+        transition.fingerprint, transition.text, transition.hint,
     )  # fmt: skip
     return [_csv_cell(value) for value in row]
 

@@ -14,7 +14,7 @@ from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes.identity import host_name
-from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.outlets import Event, event_text
 
 from .tokens import find_token
 
@@ -390,7 +390,7 @@ def _show_log(monitor: Served, server: Server) -> None:
     def add(alert_system: AlertSystem) -> None:
         def publish_event(event: Event) -> None:
             severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
-            server.publish_log(LogLine(event.now_s, alert_system.node_name, severity, event.text))
+            server.publish_log(LogLine(event.now_s, alert_system.node_name, severity, event_text(event)))
 
         alert_system.outlets.add("rosout", publish_event)
 

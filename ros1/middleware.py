@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 import time
 import weakref
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 import genpy
 import rospy
@@ -24,12 +24,14 @@ from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Result, Severity, resolve_name
+from robot_health_monitor.core.missing_samples import Hints
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
 
 from . import messages
 from .master import Master
 from .parameters import NodeParameters, set_log_level
+from .publishers import PublisherLookup
 
 _LOG = {
     Severity.DEBUG: rospy.logdebug,
@@ -67,6 +69,7 @@ class Ros1Middleware:
         self._services: List[Any] = []
         self._timers: List[_Timer] = []
         self._closed = False
+        self._hints = Hints(PublisherLookup(self._master, self._own_topics).look_up, time.monotonic)
         self.faults = Faults()
 
     def now_s(self) -> float:
@@ -152,6 +155,9 @@ class Ros1Middleware:
                 self._subscriptions.remove(subscription)
                 subscription.end()
 
+    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+        return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
+
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         def locked(request: Message) -> Message:
             with self._lock:
@@ -232,6 +238,11 @@ class Ros1Middleware:
         if resolved not in self._publishers:
             raise MessageError(f"{self.name} has not advertised {resolved}")
         return self._publishers[resolved]
+
+    def _own_topics(self) -> Set[str]:
+        """Returns the topics of this node, as the master knows them. May be called in any thread."""
+        advertised = {publisher.resolved_name for publisher, _ in tuple(self._publishers.values())}
+        return advertised | {subscription.topic for subscription in tuple(self._subscriptions)}
 
     def _resolve(self, name: str) -> str:
         """Returns the absolute name. It is not remapped: rospy remaps every name that it gets."""

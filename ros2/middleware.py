@@ -10,7 +10,7 @@ import collections
 import functools
 import threading
 import time
-from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
@@ -23,10 +23,12 @@ from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.middleware import Message, Result, Severity
+from robot_health_monitor.core.missing_samples import Hints
 from robot_health_monitor.core.parameters import Parameter
 
 from . import messages
 from .parameters import NodeParameters, ParameterNode
+from .publishers import PublisherLookup
 
 _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
@@ -65,6 +67,7 @@ class Ros2Middleware:
         self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
         self._timers: List[_Timer] = []
         self._qos_timer: Optional[Any] = None
+        self._hints = Hints(PublisherLookup(self.node, self._own_topics, self._qos_of).look_up, time.monotonic)
         self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
         self._closed = False
         self._jumps = self._ros_clock.create_jump_callback(
@@ -140,6 +143,10 @@ class Ros2Middleware:
                 self._subscriptions.remove(subscription)
                 subscription.active = False
                 self._stop(subscription)
+
+    def why_silent(self, topic: str, type_name: str) -> Optional[str]:
+        with self._lock:
+            return self._hints.get(self._resolve(topic), type_name)
 
     def advertise_service(self, service: str, type_name: str, handler: Callable[[Message], Message]) -> None:
         cls = messages.service_class(type_name)
@@ -248,6 +255,13 @@ class Ros2Middleware:
         if resolved not in self._publishers:
             raise MessageError(f"{self.name} has not advertised {resolved}")
         return self._publishers[resolved]
+
+    def _own_topics(self) -> Set[str]:
+        return {*self._publishers, *(subscription.topic for subscription in self._subscriptions)}
+
+    def _qos_of(self, topic: str) -> List[QoSProfile]:
+        """Returns the QoS of this node's subscriptions to a topic."""
+        return [channel.native.qos_profile for channel in self._channels.values() if channel.key[0] == topic]
 
     def _resolve(self, name: str) -> str:
         try:

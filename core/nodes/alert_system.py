@@ -17,7 +17,7 @@ from ..formatting import printable
 from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
-from ..outlets import Event, Notice, Outlet, Outlets
+from ..outlets import Event, Notice, Outlet, Outlets, event_text
 from .changes import Sections, describe_changes
 from .identity import DIAGNOSTICS, LOG_LEVEL, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_changes
 from .self_monitor import CHECK_PERIOD_S, SelfMonitor
@@ -269,9 +269,15 @@ class AlertSystem:
 
     def _tick(self, now_s: float) -> None:
         self._self_monitor.note_tick(now_s)
+        self._middleware.faults.guard("hints", self._look_up_hints, now_s)
         self._announce(self.monitor.tick(now_s), now_s)
         if self._continuity is not None:
             self._middleware.faults.guard("storing the state", self._continuity.save, now_s)
+
+    def _look_up_hints(self, now_s: float) -> None:
+        """Looks up why signals have no samples, before they are announced as STALE."""
+        for config in self.monitor.without_samples(now_s):
+            self.monitor.note_hint(config.name, self._middleware.why_silent(config.topic, config.type) or "")
 
     def _check(self, now_s: float) -> None:
         """Runs on steady time."""
@@ -301,7 +307,7 @@ class AlertSystem:
 
     def _log(self, event: Event) -> None:
         severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
-        self._middleware.log(severity, printable(event.text))
+        self._middleware.log(severity, printable(event_text(event)))
 
     def _publish_alert(self, event: Event) -> None:
         if isinstance(event, Transition):

@@ -18,7 +18,7 @@ from ..configuration import HistorySettings
 from .database_errors import is_file_error
 from .fault_reports import FaultReports
 from .reader import HistoryReader
-from .rows import TRANSITION_COLUMNS, pack_samples, transition_row
+from .rows import INSERT_TRANSITION, pack_samples, transition_row
 from .storage import PART, SLOW_S, Storage
 from .writer import Job, Writer
 
@@ -35,8 +35,6 @@ _HOOK_PART = "notifications"
 LOST_PART = "history queue"
 """The part whose fault counts transitions that were not stored."""
 _DEFAULT_KEEP = HistorySettings("")
-
-_INSERT_TRANSITION = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
 
 
 class History:
@@ -117,7 +115,7 @@ class History:
         samples = pack_samples(evidence)
 
         def insert(connection: sqlite3.Connection) -> None:
-            number = connection.execute(_INSERT_TRANSITION, row).lastrowid or 0
+            number = connection.execute(INSERT_TRANSITION, row).lastrowid or 0
             connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
             self._storage.note_transition(number)
             self._storage.write_states(robot, {transition.signal: state})

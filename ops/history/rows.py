@@ -16,9 +16,14 @@ MAX_EVIDENCE = 300
 
 TRANSITION_COLUMNS = (
     "wall_s, robot, signal, from_level, to_level, value, statistic, bound, now_s, since_s, fingerprint, text, "
-    "statistics, repeated"
+    "statistics, repeated, hint"
 )
 """The columns of a transition except its id, in the order of `transition_row`."""
+
+INSERT_TRANSITION = (
+    f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' for _ in TRANSITION_COLUMNS.split(','))})"
+)
+"""Stores what `transition_row` returns."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class StoredTransition:
     wall_s: float
     """When, in s since 1970."""
     robot: str
-    """As the fields of `Transition` of the same names, down to `repeat`."""
+    """As the fields of `Transition` of the same names, down to `hint`."""
     signal: str
     from_level: Level
     to_level: Level
@@ -45,6 +50,7 @@ class StoredTransition:
     statistics: Mapping[str, Optional[float]]
     """None: not finite."""
     repeat: bool
+    hint: str
 
 
 _FIELDS = tuple(StoredTransition.__dataclass_fields__)
@@ -73,6 +79,7 @@ def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:
         printable(transition.text),
         json.dumps(statistics),
         int(transition.repeat),
+        printable(transition.hint),
     )
 
 

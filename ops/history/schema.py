@@ -11,7 +11,7 @@ from typing import Callable, List, Mapping
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Version of the tables, in the SQLite header (`PRAGMA user_version`)."""
 
 _TABLES = """
@@ -47,7 +47,8 @@ CREATE TABLE transitions (
     fingerprint TEXT NOT NULL,
     text TEXT NOT NULL,
     statistics TEXT NOT NULL,            -- JSON object
-    repeated INTEGER NOT NULL            -- 1: a repetition (repeat_s), no change of level
+    repeated INTEGER NOT NULL,           -- 1: a repetition (repeat_s), no change of level
+    hint TEXT NOT NULL DEFAULT ''        -- why there were no samples
 );
 CREATE INDEX transitions_by_time ON transitions(wall_s);
 CREATE INDEX transitions_by_signal ON transitions(robot, signal, id);
@@ -153,7 +154,11 @@ def _note_ends_of_silences(connection: sqlite3.Connection) -> None:
         connection.execute(f"ALTER TABLE silences ADD COLUMN {column}")
 
 
-_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {1: _note_ends_of_silences}
+def _add_hints(connection: sqlite3.Connection) -> None:
+    connection.execute("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''")
+
+
+_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {1: _note_ends_of_silences, 2: _add_hints}
 """By version: migrates a file from this version to the next one, inside a transaction."""
 
 

@@ -7,6 +7,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Mapping, Optional
 
+from robot_health_monitor.core.formatting import with_hint
 from robot_health_monitor.core.model import Level
 
 FIRING, RESOLVED = "firing", "resolved"
@@ -57,8 +58,8 @@ class Notification:
 
     @property
     def text(self) -> str:
-        """The alert line, after the name of the robot: many robots may share a channel."""
-        return text_with_robot(self.robot, str(self.transition["text"]))
+        """The alert line with its hint, after the name of the robot: many robots may share a channel."""
+        return alert_line(self.transition)
 
     @property
     def sent(self) -> Notified:
@@ -75,13 +76,16 @@ class Notification:
         return json.dumps({**self.transition, **further, **({"test": True} if self.is_test else {})})
 
 
-def text_with_robot(robot: str, line: str) -> str:
-    """Returns an alert line after the name of its robot.
+def alert_line(transition: Mapping[str, Any]) -> str:
+    """Returns the line of a transition, with its hint, after the name of its robot.
 
-    >>> text_with_robot("husky1", "link ERROR: down: refused (was OK for 2 h)")
+    >>> alert_line({"robot": "husky1", "text": "link ERROR: down: refused (was OK for 2 h)"})
     'husky1: link ERROR: down: refused (was OK for 2 h)'
+
+    Args:
+        transition: the fields of `--json`; older files have no hint.
     """
-    return f"{robot}: {line}"
+    return f"{transition['robot']}: {with_hint(str(transition['text']), str(transition.get('hint', '')))}"
 
 
 def utc_text(wall_s: float) -> str:

@@ -25,7 +25,7 @@ from robot_health_monitor.core.transition_json import json_line
 
 from ..configuration import TargetSettings
 from ..matchers import matches_pattern
-from .notification import Notification, Notified, text_with_robot
+from .notification import Notification, Notified, alert_line
 
 MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
@@ -324,13 +324,17 @@ def _matches(patterns: Sequence[str], name: str) -> bool:
 
 def _notified(level: int, since_s: float, line: str) -> Notified:
     transition = json.loads(line)
-    robot, signal, text = (transition[name] for name in ("robot", "signal", "text"))
-    return Notified(robot, signal, Level(level), since_s, text_with_robot(robot, text))
+    return Notified(transition["robot"], transition["signal"], Level(level), since_s, alert_line(transition))
 
 
 def _no_longer_watched(line: str) -> str:
     """Returns the JSON of the transition with which an alert ends because its signal is no longer watched."""
     transition: Dict[str, object] = json.loads(line)
     signal = transition["signal"]
-    ended = {"from_level": transition["to_level"], "to_level": "OK", "text": f"{signal} OK: no longer watched"}
+    ended = {
+        "from_level": transition["to_level"],
+        "to_level": "OK",
+        "text": f"{signal} OK: no longer watched",
+        "hint": "",
+    }
     return json.dumps({**transition, **ended, "repeat": False})

@@ -137,6 +137,7 @@ def _alert(transition: StoredTransition) -> Json:
         "bound": transition.bound,
         "since": iso_time(transition.wall_s - (transition.now_s - transition.since_s)),
         "text": transition.text,
+        "hint": transition.hint,
         "repeat": transition.repeat,
     }
 

@@ -172,6 +172,7 @@ class RobotReader:
             "value": number if math.isfinite(number) else None,
             "unit": config.unit,
             "message": explanation.reason(judgement),
+            "hint": judgement.hint,
             "since": known.since,
             "silenced": self.alert_system.silence_of(name),
             "bounds": known.bounds,

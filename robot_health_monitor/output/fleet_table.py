@@ -16,7 +16,7 @@ from robot_health_monitor.core.formatting import count_text
 from robot_health_monitor.core.model import Status
 
 from .display import Shown
-from .status_text import level_text, rank, rank_counts, rank_of
+from .status_text import level_text, rank, rank_counts, rank_of, reason_text
 from .text_cells import GAP, INDENT, cells_line, wrapped
 
 __all__ = ["FleetState", "RobotState", "fleet_lines", "fleet_state", "fleet_summary"]
@@ -191,7 +191,7 @@ class _Layout:
         return self._row(Text(""), status)
 
     def _row(self, name: Text, status: Status) -> List[Text]:
-        reason = self._shown(status.message)
+        reason = self._shown(reason_text(status))
         return self._lines(name, level_text(status), self._since_text(status), self._shown(status.name), reason)
 
     def _lines(self, robot: Text, level: Text, since: str, signal: str, reason: str) -> List[Text]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Sequence, TextIO
 
-from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.formatting import printable, with_hint
 from robot_health_monitor.core.model import Transition
 
 from .display import Shown
@@ -75,7 +75,7 @@ def plain_line(
         prefix = prefix or (event.robot if name_robots else "")
         robot = f"{prefix}: " if prefix else ""
         silenced = "" if entry.silenced is None else f" [silenced: {entry.silenced}]"
-        return printable(f"{time_text} {robot}{event.text}{silenced}")
+        return printable(f"{time_text} {robot}{with_hint(event.text, event.hint)}{silenced}")
     return printable(f"{time_text} [{event.severity.name}] {event.node.rpartition('/')[2]}: {event.text}")
 
 

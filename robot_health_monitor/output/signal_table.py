@@ -14,7 +14,7 @@ from robot_health_monitor.core.config import LINK, SignalConfig
 from robot_health_monitor.core.formatting import bound_text
 from robot_health_monitor.core.model import Status
 
-from .status_text import level_text, rank, rank_counts
+from .status_text import level_text, rank, rank_counts, reason_text
 from .text_cells import GAP, INDENT, cells_line, wrapped
 
 __all__ = ["TREND_SAMPLES", "SignalRow", "short_bounds", "signal_lines"]
@@ -96,10 +96,10 @@ class _Layout:
         if not self._beside:
             self._reason = width - len(INDENT)
             return
-        reasons = _widest("value", (shown(row.status.message) for row in rows))
+        reasons = _widest("value", (shown(reason_text(row.status)) for row in rows))
         spare = self._reason - reasons - GAP
         # A reason that is not OK names the bound: it may take the column of the bounds.
-        values = _widest("value", (shown(row.status.message) for row in rows if rank(row.status) == 0))
+        values = _widest("value", (shown(reason_text(row.status)) for row in rows if rank(row.status) == 0))
         bounds = _widest("", (row.bounds for row in rows))
         both = max(reasons, values + GAP + bounds)
         if bounds and both <= self._reason:
@@ -124,7 +124,7 @@ class _Layout:
 
     def row(self, row: SignalRow) -> List[Text]:
         """Returns the lines of a signal."""
-        reason = self._shown(row.status.message)
+        reason = self._shown(reason_text(row.status))
         cells = [(Text(self._shown(row.status.name)), self._name), (level_text(row.status), self._level)]
         if not self._beside:
             return [cells_line(cells, self._width), *(Text(INDENT + part) for part in wrapped(reason, self._reason))]

@@ -6,6 +6,7 @@ from typing import Sequence
 
 from rich.text import Text
 
+from robot_health_monitor.core.formatting import with_hint
 from robot_health_monitor.core.model import Level, Status
 
 __all__ = ["STYLE_OF_LEVEL", "UNKNOWN_STATES", "is_unknown", "level_text", "rank", "rank_counts", "rank_of"]
@@ -41,6 +42,11 @@ def rank_counts(ranks: Sequence[int]) -> str:
     """Returns how many there are of each rank: `2 ERROR, 198 OK`."""
     counts = [(ranks.count(number), name) for number, name in _RANKS]
     return ", ".join(f"{count} {name}" for count, name in counts if count)
+
+
+def reason_text(status: Status) -> str:
+    """Returns the reason for the level, with the hint why there are no samples."""
+    return with_hint(status.message, status.hint)
 
 
 def level_text(status: Status) -> Text:

@@ -13,6 +13,7 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription
 from robot_health_monitor.core.middleware import Message, Middleware, Severity, split_type_name
+from robot_health_monitor.core.missing_samples import Answer
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer
@@ -20,6 +21,7 @@ from robot_health_monitor.core.timers import ClockTimer
 from ..protocol import DEFAULT_LIMITS, Limits
 from .cause import Cause
 from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
+from .publishers import PublisherLookup
 
 __all__ = ["RosbridgeClient", "RosbridgeMiddleware"]
 
@@ -81,6 +83,7 @@ class RosbridgeClient:
             on_log=self.log,
             clock=clock,
         )
+        self.publishers = PublisherLookup(self.connection.calls.call)
         self.loop: Optional[asyncio.AbstractEventLoop] = None
         self._nodes: List[RosbridgeMiddleware] = []
 
@@ -259,6 +262,10 @@ class RosbridgeMiddleware(MappingNode):
             self._subscriptions.append(subscription)
             self._connection.subscriptions.add(subscription.topic, type_name, subscription)
         return subscription
+
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        own = {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}
+        self._client.run_in_loop(lambda: self._client.publishers.look_up(topic, type_name, own, answer))
 
     def unsubscribe(self, subscription: Any) -> None:
         with self._lock:

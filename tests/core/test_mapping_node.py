@@ -9,6 +9,7 @@ import pytest
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, read_clock
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.missing_samples import Answer
 
 
 class Node(MappingNode):
@@ -21,6 +22,9 @@ class Node(MappingNode):
 
     def log(self, severity: Severity, text: str) -> None:
         self.lines.append((severity, text))
+
+    def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
+        answer(f"{topic} is not connected")
 
     def subscription(self, field: str = "data", **options: Any) -> Tuple[MappingSubscription, List[Tuple[Any, float]]]:
         received: List[Tuple[Any, float]] = []

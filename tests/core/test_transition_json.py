@@ -30,6 +30,7 @@ def test_json_has_every_field_and_levels_by_name() -> None:
         "text": "battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)",
         "statistics": {"mean": 21.0},
         "repeat": False,
+        "hint": "",
     }
 
 

@@ -757,6 +757,74 @@ class PortConformance:
         harness.wait_until(lambda: heard.values == [19.5])
         assert heard.times_s == [START_S]
 
+    # Missing samples
+
+    def test_a_topic_without_a_publisher_is_named_as_resolved(self, harness: Harness) -> None:
+        node = harness.node("alert_system", namespace="robot1", remap={"battery": "/power/battery"})
+        for topic, resolved in (("battery", "/power/battery"), ("pressure", "/robot1/pressure")):
+            node.subscribe(topic, FLOAT32, Recorder(), field="data")
+            self._wait_for_hint(harness, node, topic, FLOAT32, f"no publisher on {resolved}")
+
+    def test_a_topic_of_another_type_gives_both_types(self, harness: Harness) -> None:
+        self._publish_until_heard(harness, "/battery", "sensor_msgs/Temperature", "temperature")
+        text = "/battery is published as sensor_msgs/Temperature, configured as std_msgs/Float32"
+        for type_name in (FLOAT32, "std_msgs/msg/Float32"):
+            self._wait_for_hint(harness, harness.node("alert_system"), "battery", type_name, text)
+
+    @pytest.mark.parametrize(
+        ("topic", "type_name", "existing"),
+        [
+            ("battery", FLOAT32, "/battery_state"),  # part of the name
+            ("/robot1/battery_state", "sensor_msgs/BatteryState", "/battery_state"),  # another namespace
+            ("batery_state", "sensor_msgs/BatteryState", "/battery_state"),  # a typing mistake
+            ("power", "sensor_msgs/BatteryState", "/battery_state"),  # the type
+        ],
+    )
+    def test_a_topic_that_may_be_meant_is_named(
+        self, harness: Harness, topic: str, type_name: str, existing: str
+    ) -> None:
+        self._publish_until_heard(harness, existing, "sensor_msgs/BatteryState", "percentage")
+        node = harness.node("alert_system")
+        resolved = node.subscribe(topic, type_name, Recorder(), field=None).topic
+        text = f"no publisher on {resolved}; {existing} exists"
+        self._wait_for_hint(harness, node, topic, type_name, text)
+
+    def test_topics_that_nobody_publishes_or_that_the_node_uses_itself_are_not_meant(self, harness: Harness) -> None:
+        self._publish_until_heard(harness, "/battery_state", "sensor_msgs/BatteryState", "percentage")
+        node = harness.node("alert_system")
+        node.advertise("battery_alert", FLOAT32)
+        for topic in ("battery_state", "battery_current"):
+            node.subscribe(topic, "", Recorder(), field=None)
+        self._wait_for_hint(harness, node, "battery", FLOAT32, "no publisher on /battery")
+
+    def test_a_topic_with_a_publisher_of_the_type_gives_no_hint(self, harness: Harness) -> None:
+        self._publish_until_heard(harness, "/battery", FLOAT32, "data")
+        node = harness.node("alert_system")
+        for type_name in (FLOAT32, "std_msgs/msg/Float32", ""):
+            assert node.why_silent("battery", type_name) is None
+        self._wait_for_hint(harness, node, "elsewhere", FLOAT32, "no publisher on /elsewhere")  # so all have answers
+        for type_name in (FLOAT32, "std_msgs/msg/Float32", ""):
+            assert node.why_silent("battery", type_name) is None
+
+    @staticmethod
+    def _publish_until_heard(harness: Harness, topic: str, type_name: str, field: str) -> None:
+        """Publishes a number; returns when another node has received it, so that the publisher is known everywhere."""
+        heard = Recorder()
+        harness.node("listener").subscribe(topic, type_name, heard, field=field)
+        harness.publish(topic, type_name, {field: 0.5})
+        harness.wait_until(lambda: heard.values == [0.5])
+
+    @staticmethod
+    def _wait_for_hint(harness: Harness, node: Middleware, topic: str, type_name: str, text: str) -> None:
+        answers: List[Optional[str]] = []
+
+        def is_answered() -> bool:
+            answers.append(node.why_silent(topic, type_name))
+            return answers[-1] is not None
+
+        harness.wait_until(is_answered)
+        assert answers[-1] == text
+
     # Services
 
     def test_a_service_answers_every_call(self, harness: Harness) -> None:

@@ -1,7 +1,7 @@
 /* Tables of past alerts, from the history. */
 import {request} from "./connection.js";
 import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
-import {durationText, fullTimeText, patternOf, timeText} from "./format.js";
+import {durationText, fullTimeText, patternOf, timeText, withHint} from "./format.js";
 import {Badge, kindOfLevel} from "./levels.js";
 import {drawEvidence} from "./plots.js";
 
@@ -85,7 +85,7 @@ class AlertRow {
     this.more = makeRow("details", this.cell);
     this.more.hidden = true;
     this.button = make("button.evidence", {"aria-expanded": "false", title: "show the samples at that moment", onclick: () => this.toggle()},
-      shape("open"), isolated(alert.text));
+      shape("open"), isolated(withHint(alert.text, alert.hint)));
     const {now} = this.page.fleet;
     this.row = makeRow("alert",
       makeCell("time", make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now))),

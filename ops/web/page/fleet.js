@@ -1,9 +1,10 @@
 /* The state of all robots, as the last events gave it. Knows nothing of the page. */
+import {withHint} from "./format.js";
 import {LINK, kindOfLevel, kindOfSignal, rankOf} from "./levels.js";
 
 const NAMES = new Intl.Collator("en", {numeric: true});
 
-const reasonOf = ([name, signal]) => `${name}: ${signal.message}`;
+const reasonOf = ([name, signal]) => `${name}: ${withHint(signal.message, signal.hint)}`;
 
 /** One robot. `data` is as in the API; all else is derived from it. */
 class Robot {

@@ -12,6 +12,11 @@ export function durationText(seconds) {
   return `${large} ${unit}${small ? ` ${small} ${smallUnit}` : ""}`;
 }
 
+/** Returns a message or alert line with the hint why there are no samples, as everything shows it. */
+export function withHint(text, hint) {
+  return hint ? `${text} [${hint}]` : text;
+}
+
 /** Returns a value with its unit, with at most five digits; texts as they are. */
 export function valueText(value, unit) {
   if ((value ?? "") === "") return "";

@@ -4,7 +4,7 @@ import {AlertTable} from "./alerts.js";
 import {Connection, request} from "./connection.js";
 import {byId, isolated, make, setAttribute, setChildren, setShape, setText} from "./elements.js";
 import {Fleet} from "./fleet.js";
-import {countText, durationText, timeText, zoneText} from "./format.js";
+import {countText, durationText, timeText, withHint, zoneText} from "./format.js";
 import {drawIcon} from "./icon.js";
 import {KINDS, worse} from "./levels.js";
 import {RobotList} from "./robots.js";
@@ -168,7 +168,7 @@ class Page {
   collectNews(alerts) {
     const known = alerts.filter(([robot, signal]) => !["waiting", "unknown"].includes(robot.kinds.get(signal)));
     if (known.length && !this.news.length) setTimeout(() => this.readNews(), ANNOUNCE_MS);
-    this.news.push(...known.map(([robot, signal]) => `${robot.name}: ${signal} ${KINDS.get(robot.kinds.get(signal))}, ${robot.data.signals[signal].message}`));
+    this.news.push(...known.map(([robot, signal]) => `${robot.name}: ${signal} ${KINDS.get(robot.kinds.get(signal))}, ${withHint(robot.data.signals[signal].message, robot.data.signals[signal].hint)}`));
   }
 
   readNews() {

@@ -1,5 +1,5 @@
 /* Plots of windows and of the evidence of alerts, drawn by plot.js (`HealthPlot`), which the replay report uses too. */
-import {utcOffset} from "./format.js";
+import {utcOffset, withHint} from "./format.js";
 
 /* global HealthPlot */
 
@@ -79,7 +79,7 @@ export function drawEvidence(element, past, id) {
     name: alert.signal, unit: past.unit || "", ...columns(samples), bad: [], gap: gapOf(samples),
     bounds: boundsOf({statistic: alert.statistic, bounds: past.bounds}),
     levels: [[Date.parse(alert.since) / 1000 || from, alert.from_level], [time, alert.to_level]],
-    alerts: [{id, t: time, level: alert.to_level, text: alert.text}],
+    alerts: [{id, t: time, level: alert.to_level, text: withHint(alert.text, alert.hint)}],
   };
   const view = new HealthPlot.View(from - room, to + room, utcOffset(time * 1000));
   return new HealthPlot.Plot(element, signal, view);

@@ -1,7 +1,7 @@
 /* The signals of one robot: a table, and for each opened signal its plot, settings and alerts. */
 import {AlertTable} from "./alerts.js";
 import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
-import {showAge, valueText} from "./format.js";
+import {showAge, valueText, withHint} from "./format.js";
 import {Badge, LINK} from "./levels.js";
 import {WindowPlot} from "./plots.js";
 
@@ -98,7 +98,7 @@ class SignalRow {
     const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : signal.text || valueText(signal.value, signal.unit) || "–";
     setText(this.value, value);
     // The reason of a healthy signal only repeats its value.
-    setText(this.message, kind === "ok" && signal.message === value ? "" : signal.message || "");
+    setText(this.message, kind === "ok" && signal.message === value ? "" : withHint(signal.message || "", signal.hint));
     this.silenced.hidden = !signal.silenced;
     setAttribute(this.silenced, "title", signal.silenced);
     if (this.details) this.details.update(signal, kind);

@@ -10,7 +10,7 @@ from harness.histories import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.history import queries, schema
-from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, pack_samples, transition_row
+from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, pack_samples, transition_row
 
 
 def test_a_gap_lies_between_the_end_of_a_run_and_the_start_of_the_next() -> None:
@@ -34,8 +34,7 @@ def connection() -> sqlite3.Connection:
         (930.0, transition(4, Level.WARN, robot="r2", signal="cpu_usage")),
         (1020.0, transition(5, Level.STALE, robot="r1", signal="cpu_usage")),
     ]
-    insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
-    connection.executemany(insert, [transition_row(each, wall_s) for wall_s, each in rows])
+    connection.executemany(INSERT_TRANSITION, [transition_row(each, wall_s) for wall_s, each in rows])
     return connection
 
 

@@ -11,7 +11,7 @@ from harness.histories import transition
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.history import schema
 from robot_health_monitor.ops.history.retention import AgeClock, delete_expired, used_bytes
-from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, transition_row
+from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, transition_row
 
 RUN = 3
 WARN, OK = Level.WARN, Level.OK
@@ -30,8 +30,7 @@ def add(
 ) -> None:
     """Adds a transition with 1 kB of evidence."""
     row = transition_row(transition(0, level, signal=signal, repeat=repeat), wall_s)
-    insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * len(row))})"
-    number = connection.execute(insert, row).lastrowid
+    number = connection.execute(INSERT_TRANSITION, row).lastrowid
     connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, b"x" * 1000))
 
 

@@ -6,9 +6,11 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from harness.histories import opened
+from harness.histories import opened, transition
 
-from robot_health_monitor.ops.history import schema
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.ops.history import queries, schema
+from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, transition_row
 from robot_health_monitor.ops.silences import read_silences
 
 
@@ -91,10 +93,33 @@ def test_a_migration_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pyt
     assert connection.execute("PRAGMA user_version").fetchone() == (version,)
 
 
+def without_hints(connection: sqlite3.Connection) -> None:
+    """Makes the table `transitions` of versions 1 and 2, empty."""
+    columns = TRANSITION_COLUMNS.replace(", hint", "")
+    connection.execute("DROP TABLE transitions")
+    connection.execute(f"CREATE TABLE transitions (id INTEGER PRIMARY KEY AUTOINCREMENT, {columns})")
+
+
+def test_alerts_of_version_2_are_kept_without_a_hint(tmp_path: Path) -> None:
+    path = tmp_path / "history.db"
+    connection = sqlite3.connect(path, isolation_level=None)
+    schema.prepare(connection)
+    without_hints(connection)
+    row = transition_row(transition(1, Level.STALE), 5.0)
+    connection.execute(f"INSERT INTO transitions VALUES (7{', ?' * 14})", row[:-1])
+    connection.execute("PRAGMA user_version = 2")
+    connection.close()
+    history = opened(path)
+    (kept,) = history.run(lambda connection: list(queries.transitions(connection)))
+    assert (kept.to_level, kept.hint) == (Level.STALE, "")
+    history.close()
+
+
 def test_silences_of_version_1_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "history.db"
     connection = sqlite3.connect(path, isolation_level=None)
     schema.prepare(connection)
+    without_hints(connection)
     connection.execute("DROP TABLE silences")
     connection.execute(
         "CREATE TABLE silences (id INTEGER PRIMARY KEY AUTOINCREMENT, matchers TEXT NOT NULL, reason TEXT NOT NULL, "

@@ -10,7 +10,7 @@ from harness.histories import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, transition_row
+from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, transition_row
 from robot_health_monitor.ops.history.summary import SignalSummary, summarize
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
@@ -41,8 +41,7 @@ def change(
     """Adds a transition; the level before had been known for `lasted_s`."""
     times = {"now_s": 0.0, "since_s": -lasted_s}
     added = transition(0, after, from_level=before, signal=signal, repeat=before is after, **times)
-    insert = f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' * 14)})"
-    connection.execute(insert, transition_row(added, wall_s))
+    connection.execute(INSERT_TRANSITION, transition_row(added, wall_s))
 
 
 def only(summaries: list[SignalSummary]) -> SignalSummary:

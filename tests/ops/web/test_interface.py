@@ -36,6 +36,7 @@ EXPECTED = {
             "value": 19.0,
             "unit": "%",
             "message": "19 % is below 20 %",
+            "hint": "",
             "since": "2026-11-22T05:06:41.000Z",
             "silenced": None,
             "bounds": [{"level": "WARN", "side": "below", "value": 20.0, "clears": 22.0}],
@@ -622,6 +623,7 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "bound": 20.0,
             "since": "2026-11-22T05:06:40.000Z",
             "text": "battery_level WARN: 19 % is below 20 % (was OK for 1 s)",
+            "hint": "",
             "repeat": False,
         }
         assert alert == expected

@@ -1,0 +1,164 @@
+"""Why a topic brings no samples, as far as a middleware knows: its publishers, their type, similar topics.
+
+`explain` makes the text; `Hints` keeps an adapter from asking too often. Adapters supply what they know of the graph.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import Callable, Container, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from .formatting import printable
+from .middleware import split_type_name
+
+__all__ = ["INCOMPATIBLE_QOS", "Answer", "Hints", "explain", "similar_topics", "with_similar"]
+
+INCOMPATIBLE_QOS = "its publishers are not compatible in QoS"
+
+Answer = Callable[[Optional[str]], None]
+"""Receives the text, or None; may be called in any thread."""
+
+_PERIOD_S = 10.0
+_MOST_KNOWN = 1000
+_MOST_TOPICS = 5000
+"""Most topics that are compared: their names come from outside."""
+_LONGEST_NAME = 100
+_SHORTEST_PART = 4
+"""A name shorter than this is not looked for within others: `imu` is part of many words."""
+
+
+class Hints:
+    """Answers of a middleware by topic and type; each is looked up at most every 10 s."""
+
+    def __init__(self, look_up: Callable[[str, str, Answer], None], clock: Callable[[], float]) -> None:
+        """Starts without answers.
+
+        Args:
+            look_up: called with the resolved topic, the configured type and what receives the answer, at once or later.
+                It must not wait.
+            clock: monotonic seconds.
+        """
+        self._look_up = look_up
+        self._clock = clock
+        self._known: Dict[Tuple[str, str], _Known] = {}
+
+    def get(self, topic: str, type_name: str) -> Optional[str]:
+        """Returns the latest answer; begins to look it up again if it is older than 10 s."""
+        now_s = self._clock()
+        known = self._known.get((topic, type_name))
+        # One that nobody has asked for meanwhile belongs to an earlier silence.
+        if known is None or not 0.0 <= now_s - known.asked_s < 2.0 * _PERIOD_S:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            known = self._known[topic, type_name] = _Known()
+        if now_s - known.asked_s >= _PERIOD_S:
+            known.asked_s = now_s
+            self._look_up(topic, type_name, known.take)
+        return known.text
+
+
+class _Known:
+    """What is known about one topic."""
+
+    def __init__(self) -> None:
+        self.asked_s = float("-inf")
+        self.text: Optional[str] = None
+
+    def take(self, text: Optional[str]) -> None:
+        self.text = text
+
+
+def explain(topic: str, type_name: str, types: Sequence[str], similar: Iterable[str]) -> Optional[str]:
+    """Returns why a topic brings no samples; None if its publishers give no reason.
+
+    >>> explain("/battery", "std_msgs/Float32", [], ["/battery_state"])
+    'no publisher on /battery; /battery_state exists'
+    >>> explain("/battery", "std_msgs/Float32", ["sensor_msgs/msg/Temperature"], [])
+    '/battery is published as sensor_msgs/Temperature, configured as std_msgs/Float32'
+
+    Args:
+        topic: the resolved topic.
+        type_name: the configured type; empty: any.
+        types: types with which the topic is published; empty: it has no publisher.
+        similar: published topics of similar names, the best first; only read where there is no publisher.
+    """
+    if not types:
+        return with_similar(f"no publisher on {_shown(topic)}", similar)
+    wanted = _canonical(type_name)
+    found = [_canonical(name) for name in types]
+    if not wanted or wanted in found:
+        return None
+    return f"{_shown(topic)} is published as {_shown(found[0])}, configured as {wanted}"
+
+
+def with_similar(text: str, similar: Iterable[str]) -> str:
+    """Appends the first of the topics that may be meant, if there is one."""
+    other = next(iter(similar), None)
+    return text if other is None else f"{text}; {_shown(other)} exists"
+
+
+def similar_topics(topic: str, type_name: str, topics: Mapping[str, str], own: Container[str] = ()) -> List[str]:
+    """Returns the topics that may be meant in place of one that has no publisher, the best first.
+
+    A similar last part of the name counts, and the configured type unless it is one of std_msgs, which says nothing
+    about the meaning.
+
+    Args:
+        topic: the resolved topic.
+        type_name: the configured type; empty: unknown.
+        topics: type of each topic that there is; empty where it is not known.
+        own: topics that the node itself uses.
+    """
+    wanted = _Name.of(topic)
+    wanted_type = _canonical(type_name)
+    tells_by_type = bool(wanted_type) and not wanted_type.startswith("std_msgs/")
+    found: List[Tuple[int, bool, bool, str]] = []
+    for other, other_type in islice(topics.items(), _MOST_TOPICS):
+        name = _Name.of(other)
+        has_type = bool(wanted_type) and _canonical(other_type) == wanted_type
+        distance = wanted.distance(name)
+        if (distance < _FAR or (tells_by_type and has_type)) and other != topic and other not in own:
+            found.append((distance, not has_type, name.namespace != wanted.namespace, other))
+    return [other for _, _, _, other in sorted(found)]
+
+
+_FAR = 3
+
+
+class _Name(NamedTuple):
+    namespace: str
+    base: str
+    """The last part, without what is often written differently."""
+
+    @classmethod
+    def of(cls, topic: str) -> _Name:
+        namespace, _, base = topic.rpartition("/")
+        return cls(namespace, base.replace("_", "").lower())
+
+    def distance(self, other: _Name) -> int:
+        """Returns 0 for the same last part, 1 for a typing mistake, 2 if one is part of the other, else 3."""
+        mine, theirs = self.base, other.base
+        if mine == theirs:
+            return 0
+        if abs(len(mine) - len(theirs)) <= 1 and len(mine) >= _SHORTEST_PART and _differ_in_one_letter(mine, theirs):
+            return 1
+        shorter, longer = (mine, theirs) if len(mine) < len(theirs) else (theirs, mine)
+        return 2 if len(shorter) >= _SHORTEST_PART and shorter in longer else _FAR
+
+
+def _differ_in_one_letter(a: str, b: str) -> bool:
+    """Whether one letter was replaced, left out, added, or exchanged with its neighbour."""
+    begin = 0
+    while begin < min(len(a), len(b)) and a[begin] == b[begin]:
+        begin += 1
+    a, b = a[begin:], b[begin:]
+    return a[1:] == b[1:] or a[1:] == b or a == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])
+
+
+def _canonical(type_name: str) -> str:
+    """Returns `pkg/Type` for either spelling; another text as it is."""
+    return "/".join(split_type_name(type_name) or (type_name,))
+
+
+def _shown(name: str) -> str:
+    return printable(name[:_LONGEST_NAME])

@@ -1,0 +1,190 @@
+"""The hint why a signal has no samples: looked up before it is needed, valid until the next sample, in every text."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Dict, List, Optional, Tuple
+
+import pytest
+from harness.stage import FLOAT32, Stage, status, values_of
+
+from robot_health_monitor.core import Changes, Level, Monitor, Sample, load_config
+from robot_health_monitor.core.local import LocalMiddleware
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.transition_json import json_line
+
+HINT = "no publisher on /battery"
+
+
+def monitor(**settings: Any) -> Monitor:
+    watched = Monitor(load_config({"signals": {"battery": settings}}), "atlas")
+    watched.tick(0.0)
+    return watched
+
+
+def silent(watched: Monitor, now_s: float) -> List[str]:
+    return [config.name for config in watched.without_samples(now_s)]
+
+
+def test_a_signal_lacks_samples_when_half_of_the_grace_or_of_the_limit_has_passed() -> None:
+    watched = monitor(startup_grace_s=10.0, stale_after_s=4.0)
+    assert silent(watched, 4.9) == []
+    assert silent(watched, 5.0) == ["battery"]
+    watched.observe(Sample("battery", 50.0, 5.0))
+    assert silent(watched, 6.9) == []
+    assert silent(watched, 7.0) == ["battery"]
+
+
+def test_where_staleness_is_disabled_only_the_first_sample_is_missed() -> None:
+    watched = monitor(stale_after_s=0.0, startup_grace_s=10.0)
+    assert silent(watched, 5.0) == ["battery"]
+    watched.observe(Sample("battery", 50.0, 6.0))
+    assert silent(watched, 1e6) == []
+
+
+def test_while_the_link_is_down_no_signal_lacks_samples() -> None:
+    watched = monitor()
+    watched.note_hint("battery", HINT)
+    watched.set_link(False, "connection refused", 1.0)
+    assert silent(watched, 8.0) == []
+    assert watched.status("battery", 8.0).hint == ""  # type: ignore[union-attr]
+    watched.set_link(True, "", 9.0)
+    assert silent(watched, 100.0) == ["battery"]
+
+
+def test_status_and_transition_carry_the_hint_beside_their_texts() -> None:
+    watched = monitor()
+    watched.note_hint("battery", HINT)
+    waiting = watched.status("battery", 6.0)
+    assert waiting is not None
+    assert (waiting.message, waiting.hint) == ("waiting for the first sample", HINT)
+    (stale,) = watched.tick(11.0)
+    assert stale.to_level is Level.STALE
+    assert stale.hint == stale.status.hint == HINT
+    assert HINT not in stale.text and HINT not in stale.status.message and HINT not in stale.status.values.values()
+    assert json.loads(json_line(stale))["hint"] == HINT
+
+
+def test_the_hint_does_not_make_two_transitions_different() -> None:
+    with_hint, without = monitor(), monitor()
+    with_hint.note_hint("battery", HINT)
+    assert with_hint.tick(11.0) == without.tick(11.0)
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_the_next_sample_ends_the_hint(quick: bool) -> None:
+    watched = monitor(warn_below=20.0)
+    if not quick:
+        watched.tick(11.0)
+    else:  # a sample that changes nothing
+        watched.observe(Sample("battery", 50.0, 0.0))
+        watched.observe(Sample("battery", 50.0, 1.0))
+    watched.note_hint("battery", HINT)
+    changes = watched.observe(Sample("battery", 50.0, 12.0 if not quick else 5.0))
+    assert [change.hint for change in changes] == ([] if quick else [""])
+    changes = watched.tick(100.0)
+    assert [(change.to_level, change.hint) for change in changes] == [(Level.STALE, "")]
+
+
+def test_a_signal_that_stays_error_while_it_is_silent_has_the_hint_in_its_status() -> None:
+    watched = monitor(error_below=10.0)
+    watched.observe(Sample("battery", 5.0, 0.0))
+    watched.tick(8.0)
+    watched.note_hint("battery", HINT)
+    found = watched.status("battery", 8.0)
+    assert found is not None
+    assert (found.level, found.hint) == (Level.ERROR, HINT)
+
+
+def test_a_repetition_carries_the_hint_that_holds_then() -> None:
+    watched = monitor(repeat_s=5.0)
+    watched.note_hint("battery", HINT)
+    watched.tick(11.0)
+    watched.note_hint("battery", "")
+    (repeated,) = watched.tick(16.0)
+    assert (repeated.repeat, repeated.hint) == (True, "")
+
+
+def test_a_signal_that_is_no_longer_watched_ends_without_a_hint() -> None:
+    watched = monitor()
+    watched.note_hint("battery", HINT)
+    watched.tick(11.0)
+    (ended,) = watched.end()
+    assert (ended.to_level, ended.hint, ended.status.hint) == (Level.OK, "", "")
+
+
+def test_an_unknown_signal_takes_no_hint() -> None:
+    watched = monitor()
+    watched.note_hint("nothing", HINT)
+    assert isinstance(watched.tick(1.0), Changes)
+
+
+# --- the node ---
+
+CONFIG: Dict[str, Any] = {
+    "robot_name": "robot1",
+    "signals": {"battery": {"type": FLOAT32}, "gps": {"topic": "fix", "type": "sensor_msgs/NavSatFix", "field": ""}},
+}
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def test_the_log_the_alert_and_diagnostics_show_the_hint_in_brackets(stage: Stage) -> None:
+    alerts, arrays = stage.listen("alerts"), stage.listen("/diagnostics")
+    stage.bus.node("driver").advertise("/battery_state", "sensor_msgs/BatteryState")
+    stage.alert_system(CONFIG)
+    stage.bus.run_until(6.0)
+    waiting = status(arrays[-1], "alert_system: battery")
+    assert waiting["message"] == "waiting for the first sample [no publisher on /battery; /battery_state exists]"
+    stage.bus.run_until(12.0)
+    line = next(text for text in stage.log(Severity.WARN) if text.startswith("battery "))
+    assert line.startswith("battery STALE: no sample since the start ")
+    assert line.endswith(" [no publisher on /battery; /battery_state exists]")
+    assert next(text for text in stage.log(Severity.WARN) if text.startswith("gps ")).endswith(
+        " [no publisher on /fix]"
+    )
+    assert line in [alert["message"] for alert in alerts]
+    assert status(arrays[-1], "alert_system: battery")["message"].endswith(
+        " [no publisher on /battery; /battery_state exists]"
+    )
+    stage.publish("battery", 50.0)
+    stage.bus.run_until(13.0)
+    assert "[" not in status(arrays[-1], "alert_system: battery")["message"]
+    assert values_of(status(arrays[-1], "alert_system: battery"))["state"] == "inactive"
+
+
+def test_the_middleware_is_asked_from_half_of_the_grace_on_by_ticks_only(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: List[Tuple[float, str, str]] = []
+
+    def why_silent(self: LocalMiddleware, topic: str, type_name: str) -> Optional[str]:
+        asked.append((self.now_s(), topic, type_name))
+        return None
+
+    monkeypatch.setattr(LocalMiddleware, "why_silent", why_silent)
+    stage.alert_system(CONFIG)
+    for tenths in range(200):
+        stage.bus.run_until(tenths / 10.0)
+        stage.publish("battery", 50.0)
+    times_s = {topic: [now_s for now_s, of_topic, _ in asked if of_topic == topic] for topic in ("battery", "fix")}
+    assert times_s["battery"] == []
+    assert 5.0 <= times_s["fix"][0] <= 7.0
+    assert len(times_s["fix"]) <= 16
+    assert {type_name for _, _, type_name in asked} == {"sensor_msgs/NavSatFix"}
+
+
+def test_a_middleware_that_fails_delays_no_tick_and_hides_no_alert(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def why_silent(self: LocalMiddleware, topic: str, type_name: str) -> Optional[str]:
+        raise RuntimeError("the graph is broken")
+
+    monkeypatch.setattr(LocalMiddleware, "why_silent", why_silent)
+    stage.alert_system(CONFIG)
+    stage.bus.run_until(12.0)
+    stale = [text for text in stage.log(Severity.WARN) if " STALE: " in text]
+    assert len(stale) == 2 and not any("[" in text for text in stale)
