@@ -52,7 +52,7 @@ async def monitor(count: int, signals: int, rate_hz: float, bare: bool) -> None:
     web = WebInterface(lambda: robots)
     for robot in robots:
         web.watch(robot)
-    routes = () if bare else web.routes()
+    routes = (lambda client_of: ()) if bare else web.routes
     server = Server(bus.node("rosbridge"), port=0, threads=False, routes=routes, on_close=(web.close,))
     await server.start()
 

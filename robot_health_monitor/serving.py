@@ -16,7 +16,7 @@ from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.outlets import Event, event_text
 
-from .tokens import find_token
+from .tokens import SHORTEST_TOKEN, find_token
 
 if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig
@@ -81,7 +81,7 @@ def server_settings(
         config: parameters of alert_system.
         options: section `server` of an ops.yaml; None: there is none.
         arguments: options of a command that serves; None: of a node, which has none.
-        warn: called with one line if other users may read the token file.
+        warn: called with one line if other users may read the token file, and if the token is short.
 
     Raises:
         ConfigError: the token file cannot be used.
@@ -94,11 +94,13 @@ def server_settings(
     if port is None:
         port = config.rosbridge_port or (DEFAULT_PORT if options.port is None else options.port)
     address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
-    token_file = given.get("token_file") or config.rosbridge_token_file or options.token_file
+    token = find_token(given.get("token_file") or config.rosbridge_token_file or options.token_file, warn)
+    if 0 < len(token) < SHORTEST_TOKEN:
+        warn(f"the token has fewer than {SHORTEST_TOKEN} characters and can be guessed; make one: openssl rand -hex 16")
     return ServerSettings(
         port=port,
         address=given.get("host") or address or options.address or DEFAULT_ADDRESS,
-        token=find_token(token_file, warn),
+        token=token,
         origins=given.get("origin") or (),
         allow_publish=given.get("allow_publish") or options.allow_publish,
         allow_call=given.get("allow_call") or options.allow_call,
@@ -149,7 +151,7 @@ def make_server(
         access=access,
         threads=threads,
         parameters=parameters,
-        routes=web.routes(),
+        routes=web.routes,
         on_close=(web.close,),
         ssl_context=_tls_context(settings),
     )
@@ -214,7 +216,6 @@ class Served(Protocol):
 
 def make_web(
     robots: Callable[[], Sequence[AlertSystem]],
-    settings: ServerSettings,
     operations: Optional[Operations] = None,
     *,
     process_faults: Callable[[], Mapping[str, Fault]] = dict,
@@ -224,7 +225,6 @@ def make_web(
 
     Args:
         robots: returns the alert_systems of the robots that are watched now.
-        settings: those of the server.
         operations: history, silences and notifications; None: there are none.
         process_faults: returns the faults of the monitor that belong to no robot, by part.
         threads: whether robots are judged in other threads than the server's loop.
@@ -237,7 +237,6 @@ def make_web(
     notifier = None if operations is None else operations.notifier
     web = WebInterface(
         robots,
-        token=settings.token,
         threads=threads,
         history=None if operations is None else operations.history,
         silences=None if operations is None else operations.silences,
@@ -290,13 +289,7 @@ async def serve(
     """
     node = monitor.bus.node("rosbridge")
     try:
-        web = make_web(
-            lambda: monitor.alert_systems,
-            settings,
-            operations,
-            process_faults=monitor.process_faults,
-            threads=False,
-        )
+        web = make_web(lambda: monitor.alert_systems, operations, process_faults=monitor.process_faults, threads=False)
         server = make_server(node, monitor.alert_system_pattern, settings, monitor.parameters, web, threads=False)
         await server.start()
     except ModuleNotFoundError as error:
@@ -350,7 +343,7 @@ def serve_in_thread(
         )
         node = create_node()
         given = middleware.given_parameters()
-        web = make_web(lambda: [alert_system], settings, operations, threads=True)
+        web = make_web(lambda: [alert_system], operations, threads=True)
         server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, web, threads=True)
         thread = ServerThread(server)
     except ModuleNotFoundError as error:

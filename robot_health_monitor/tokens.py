@@ -12,6 +12,8 @@ from typing import Callable
 from robot_health_monitor.core.errors import ConfigError
 
 TOKEN_VARIABLE = "ROBOT_HEALTH_TOKEN"
+SHORTEST_TOKEN = 16
+"""A server's token of fewer characters can be guessed."""
 LARGEST_TOKEN = 1024
 """Longest token in bytes; it travels in an HTTP header."""
 

@@ -21,8 +21,18 @@ from ..metrics import METRICS_LIBRARY, Metrics
 from .history import HistorySource, PastAlerts, query_of
 from .own_state import OwnState
 from .page_files import PageFiles
-from .requests import API_HEADERS, ApiError, check_same_origin, json_bytes, json_response, read_object, read_text
-from .sessions import SESSION_S, LoginLimit, Sessions, TooManyLoginsError
+from .requests import (
+    API_HEADERS,
+    WITH_TOKEN,
+    WITHOUT_TOKEN,
+    ApiError,
+    Client,
+    check_same_origin,
+    json_bytes,
+    json_response,
+    read_object,
+    read_text,
+)
 from .silencing import SilenceSource, expire_silence, new_silence, silence_json
 from .state import RobotReader, Samples, iso_time
 from .updates import Updates
@@ -50,7 +60,6 @@ class WebInterface:
         self,
         robots: Callable[[], Sequence[AlertSystem]],
         *,
-        token: str = "",
         threads: bool = False,
         history: Optional[HistorySource] = None,
         silences: Optional[SilenceSource] = None,
@@ -62,7 +71,6 @@ class WebInterface:
 
         Args:
             robots: returns the alert_systems of the robots that are watched now.
-            token: what clients must present; empty: nothing.
             threads: whether robots are judged in other threads than the server's loop (ROS).
             history: past alerts; None: there are none.
             silences: silences; None: none can be added.
@@ -74,8 +82,6 @@ class WebInterface:
         self._history = None if history is None else PastAlerts(history)
         self._silences = silences
         self._wall_time_s = wall_time_s
-        self._sessions = Sessions(token, wall_time_s)
-        self._logins = LoginLimit()
         # Reading a robot waits for its callbacks, and a history for a disk.
         self._reading = Worker(4, _READ_TIMEOUT_S) if threads else None
         self._worker = Worker(8, _READ_TIMEOUT_S)
@@ -98,10 +104,15 @@ class WebInterface:
 
         alert_system.outlets.add("web", note)
 
-    def routes(self) -> List[web.RouteDef]:
-        """Returns the routes."""
+    def routes(self, client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
+        """Returns the routes.
+
+        Args:
+            client_of: returns who sends a request.
+        """
+        self._client_of = client_of
         get, post = web.get, web.post
-        api = [
+        return [
             get("/api/state", self._reading_route(self._get_state)),
             get("/api/events", self._reading_route(self.updates.serve), allow_head=False),
             get("/api/history", self._reading_route(self._get_history)),
@@ -111,12 +122,6 @@ class WebInterface:
             post("/api/silence", self._changing_route(self._add_silence)),
             post("/api/silence/expire", self._changing_route(self._expire_silence)),
             post("/api/reset", self._changing_route(self._reset)),
-        ]
-        methods = {route.path: route.method for route in api}
-        return [
-            *api,
-            *(web.route("*", path, self._route(_method_refusal(method))) for path, method in methods.items()),
-            web.route("*", "/api/{path:.*}", self._route(_refuse_path)),
             get("/metrics", self._reading_route(self._get_metrics)),
             get("/healthz", self._route(self._get_health)),
             get("/", self._page.serve),
@@ -152,9 +157,8 @@ class WebInterface:
 
     def _reading_route(self, handler: Handler) -> Handler:
         async def handle(request: web.Request) -> web.StreamResponse:
-            if not self._sessions.admits(request.headers, request.cookies):
-                raise ApiError(401, "a token is required", {"WWW-Authenticate": "Bearer"})
-            return await handler(request)
+            client = self._client_of(request)
+            return await handler(request) if client.admitted else client.refusal()
 
         return self._route(handle)
 
@@ -172,30 +176,14 @@ class WebInterface:
 
     async def _login(self, request: web.Request) -> web.StreamResponse:
         check_same_origin(request)
-        client = request.remote or ""
-        try:
-            self._logins.check(client)
-        except TooManyLoginsError as error:
-            raise ApiError(429, str(error), {"Retry-After": f"{error.wait_s:.0f}"}) from None
-        body = await read_object(request)
-        response = json_response({"ok": True})
-        if self._sessions.required:
-            if not self._sessions.is_token(body.get("token")):
-                self._logins.note_wrong(client)
-                raise ApiError(401, "wrong token")
-            self._set_cookie(request, response, self._sessions.new_session(), SESSION_S)
-        return response
+        client = self._client_of(request)
+        body = await read_object(request, WITH_TOKEN if client.admitted else WITHOUT_TOKEN)
+        return client.login(body.get("token"))
 
     async def _logout(self, request: web.Request) -> web.StreamResponse:
         check_same_origin(request)
-        response = json_response({"ok": True})
-        self._set_cookie(request, response, "", 0)
-        return response
-
-    def _set_cookie(self, request: web.Request, response: web.Response, value: str, max_age_s: int) -> None:
-        secure = "; Secure" if request.secure else ""
-        cookie = f"{self._sessions.cookie}={value}; Path=/; Max-Age={max_age_s}; HttpOnly; SameSite=Strict{secure}"
-        response.headers.add("Set-Cookie", cookie)  # set_cookie of aiohttp 3.6 knows no SameSite
+        client = self._client_of(request)
+        return client.logout()
 
     # State
 
@@ -344,14 +332,3 @@ class WebInterface:
             return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
         return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, status=503)
-
-
-async def _refuse_path(request: web.Request) -> web.StreamResponse:
-    raise ApiError(404, f"there is no path {request.path}")
-
-
-def _method_refusal(method: str) -> Handler:
-    async def refuse(request: web.Request) -> web.StreamResponse:
-        raise ApiError(405, f"expected the method {method}", {"Allow": method})
-
-    return refuse

@@ -9,7 +9,7 @@ from typing import Dict, Mapping, NamedTuple, Optional
 from aiohttp import web
 
 from ..plot import plot_script, plot_style
-from .requests import SECURITY_HEADERS
+from .requests import SECURITY_HEADERS, ApiError
 
 __all__ = ["PageFiles"]
 
@@ -63,7 +63,7 @@ class PageFiles:
             self._files = _read_files()
         file = self._files.get(request.match_info.get("name", _INDEX))
         if file is None:
-            return web.Response(status=404, text="not found\n", headers=SECURITY_HEADERS)
+            return ApiError(404, f"there is no path {request.path}").response()
         headers = {**_HEADERS, "ETag": file.etag}
         if file.etag in request.headers.get("If-None-Match", ""):
             return web.Response(status=304, headers=headers)

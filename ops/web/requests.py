@@ -4,20 +4,47 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import Any, Dict, Mapping, Optional
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Protocol
 from urllib.parse import urlsplit
 
 from aiohttp import web
 
 __all__ = ["API_HEADERS", "ApiError", "check_same_origin", "json_bytes", "json_response", "read_object", "read_text"]
 
-MOST_BODY = 16_384
-"""Largest body of a request, in bytes."""
-_BODY_TIMEOUT_S = 10.0
+
 _MOST_TEXT = 200
+
+
+class BodyLimit(NamedTuple):
+    """What the body of a request may be."""
+
+    most_bytes: int
+    timeout_s: float
+
+
+WITH_TOKEN = BodyLimit(16_384, 10.0)
+WITHOUT_TOKEN = BodyLimit(4096, 5.0)
+"""Of a client that has not presented the token yet."""
 
 SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 API_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+
+
+class Client(Protocol):
+    """Who sends a request, as the server has judged it."""
+
+    @property
+    def admitted(self) -> bool:
+        """Whether it has presented the token, or none is required."""
+
+    def refusal(self) -> web.Response:
+        """Returns the answer for a client that is not admitted."""
+
+    def login(self, presented: object) -> web.Response:
+        """Returns the answer to a login with a token."""
+
+    def logout(self) -> web.Response:
+        """Returns the answer that ends a login."""
 
 
 class ApiError(Exception):
@@ -75,7 +102,7 @@ def check_same_origin(request: web.Request) -> None:
         raise ApiError(403, "requests that change something must come from the server's own page")
 
 
-async def read_object(request: web.Request) -> Dict[str, Any]:
+async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Dict[str, Any]:
     """Returns the JSON object in a request's body.
 
     Raises:
@@ -83,10 +110,10 @@ async def read_object(request: web.Request) -> Dict[str, Any]:
     """
     if request.content_type != "application/json":
         raise ApiError(415, "expected Content-Type: application/json")
-    if (request.content_length or 0) > MOST_BODY:
-        raise ApiError(413, f"expected a body of at most {MOST_BODY} bytes")
+    if (request.content_length or 0) > limit.most_bytes:
+        raise _too_large(limit)
     try:
-        body = await asyncio.wait_for(_read(request), _BODY_TIMEOUT_S)
+        body = await asyncio.wait_for(_read(request, limit), limit.timeout_s)
     except asyncio.TimeoutError:
         raise ApiError(400, "the body did not come in time") from None
     try:
@@ -112,13 +139,17 @@ def read_text(body: Mapping[str, Any], name: str) -> str:
     return value
 
 
-async def _read(request: web.Request) -> bytes:
+async def _read(request: web.Request, limit: BodyLimit) -> bytes:
     body = bytearray()
     async for chunk in request.content.iter_chunked(4096):
         body += chunk
-        if len(body) > MOST_BODY:
-            raise ApiError(413, f"expected a body of at most {MOST_BODY} bytes")
+        if len(body) > limit.most_bytes:
+            raise _too_large(limit)
     return bytes(body)
+
+
+def _too_large(limit: BodyLimit) -> ApiError:
+    return ApiError(413, f"expected a body of at most {limit.most_bytes} bytes")
 
 
 def _refuse(constant: str) -> None:

@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-import enum
 import fnmatch
-import hashlib
-import hmac
 import ipaddress
 from dataclasses import dataclass, field
-from typing import Mapping, Sequence
+from typing import Sequence
 from urllib.parse import urlsplit
 
-from ..protocol import Auth
-
-__all__ = ["LOCAL_PAGES", "Access", "Credentials", "is_loopback", "monitor_access"]
+__all__ = ["LOCAL_PAGES", "Access", "is_loopback", "monitor_access"]
 
 LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
-_CLOCK_TOLERANCE_S = 5.0
-
-
-class Credentials(enum.Enum):
-    """Whether a request carries the token."""
-
-    VALID = "valid"
-    """The right token, or none is required."""
-    MISSING = "missing"
-    WRONG = "wrong"
 
 
 @dataclass(frozen=True)
@@ -77,33 +62,6 @@ class Access:
         is_own = parts.scheme in ("http", "https") and parts.netloc == host != ""
         return is_own or f"{parts.scheme}://{name}" in self.origins
 
-    def credentials(self, headers: Mapping[str, str], query: Mapping[str, str]) -> Credentials:
-        """Returns whether a request carries the token."""
-        if not self.token:
-            return Credentials.VALID
-        scheme, _, parameter = headers.get("Authorization", "").partition(" ")
-        if "Authorization" in headers:
-            presented = parameter.strip() if scheme.lower() == "bearer" else ""
-        elif "token" in query:
-            presented = query["token"]
-        else:
-            return Credentials.MISSING
-        is_valid = hmac.compare_digest(_bytes(presented), _bytes(self.token))
-        return Credentials.VALID if is_valid else Credentials.WRONG
-
-    def auth_allowed(self, auth: Auth, time_s: float) -> bool:
-        """Returns whether an `auth` operation proves knowledge of the token, by the rules of the package rosauth.
-
-        Args:
-            auth: the operation.
-            time_s: the current time, in s since 1970.
-        """
-        if abs(time_s - auth.t) > _CLOCK_TOLERANCE_S or auth.end <= time_s:
-            return False
-        text = f"{self.token}{auth.client}{auth.dest}{auth.rand}{int(auth.t)}{auth.level}{int(auth.end)}"
-        expected = hashlib.sha512(_bytes(text)).hexdigest()
-        return hmac.compare_digest(_bytes(auth.mac), expected.encode("ascii"))
-
 
 def monitor_access(
     alert_system: str,
@@ -145,8 +103,3 @@ def is_loopback(host: str) -> bool:
 
 def _matches(name: str, patterns: Sequence[str]) -> bool:
     return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
-
-
-def _bytes(text: str) -> bytes:
-    # aiohttp decodes invalid UTF-8 in a header to lone surrogates.
-    return text.encode("utf-8", "surrogatepass")

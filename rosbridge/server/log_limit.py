@@ -63,6 +63,8 @@ class _OneLine(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
+        if isinstance(error, ConnectionError):
+            return  # the client has gone
         if isinstance(error, HttpProcessingError):
             self._limit.write(f"refused a malformed HTTP request ({type(error).__name__})")
             return

@@ -1,4 +1,4 @@
-"""Checks that every HTTP request to the server must pass, whatever it asks for."""
+"""Checks of host and origin that every HTTP request to the server must pass, whatever it asks for."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import NamedTuple, Optional
 from aiohttp import web
 
 from ..protocol.errors import shown
-from .access import Access, Credentials, is_loopback
+from .access import Access, is_loopback
+from .http_connection import json_error
 
 __all__ = ["Refusal", "check_request"]
 
@@ -15,27 +16,22 @@ __all__ = ["Refusal", "check_request"]
 class Refusal(NamedTuple):
     """The reason for which a request is refused."""
 
-    status: int
-    """HTTP status."""
     text: str
     """The reason for the client."""
     log_text: str
-    """One line for the log, without the token."""
+    """One line for the log."""
 
     def response(self) -> web.Response:
         """Returns the HTTP response, in the form of docs/api.md."""
-        headers = {"WWW-Authenticate": "Bearer"} if self.status == 401 else {}
-        return web.json_response({"error": self.text}, status=self.status, headers=headers)
+        return json_error(403, self.text)
 
 
 def check_request(request: web.Request, access: Access, *, check_host: bool) -> Optional[Refusal]:
-    """Checks the host, the origin and the token of a request.
-
-    A request without a token passes: the caller decides whether it needs one, with `Access.credentials`.
+    """Checks the host and the origin of a request.
 
     Args:
         request: the request.
-        access: who may connect.
+        access: which origins may connect.
         check_host: whether `Host` must be a loopback name. Otherwise a web page could reach a server on loopback
             through a name that resolves to 127.0.0.1 (DNS rebinding).
 
@@ -45,14 +41,11 @@ def check_request(request: web.Request, access: Access, *, check_host: bool) -> 
     host = request.headers.get("Host", "")
     if check_host and not is_loopback(host):
         log_text = f"refused a request for host {shown(host)}: without a token, only loopback names are served"
-        return Refusal(403, "without a token, only loopback names are served", log_text)
+        return Refusal("without a token, only loopback names are served", log_text)
     origin = request.headers.get("Origin", "")
     if not access.origin_allowed(origin, host):
         return Refusal(
-            403,
             "pages of this origin may not connect",
             f"refused a web page of {shown(origin, 100)}: origin not allowed",
         )
-    if access.credentials(request.headers, request.query) is Credentials.WRONG:
-        return Refusal(401, "wrong token", f"refused a client at {request.remote}: wrong token")
     return None

@@ -25,19 +25,20 @@ from robot_health_monitor.core.middleware import ServedMiddleware, Severity
 
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
 from ..turns import limit_reads
-from .access import Access, Credentials, is_loopback
+from .access import Access, is_loopback
 from .connections import Connections, Stage, connection_limit
 from .graph import ServedGraph
+from .http_connection import HttpConnection, json_error
 from .incoming import FloodError, Incoming
 from .log_limit import LogLimit
 from .node_access import NodeAccess
 from .publications import Publications
 from .request_check import check_request
-from .request_size import MOST_REQUEST_BYTES, SizeLimitedProtocol
 from .rosapi import Rosapi
 from .services import Services
 from .session import AuthenticationError, ServerParts, Session
 from .slow_clients import SlowClients
+from .token_check import Client, Credentials, TokenCheck
 from .topics import Topics
 from .worker_pool import WorkerPool
 
@@ -50,7 +51,6 @@ _CLOSE_HANDSHAKE_S = 0.5
 _CLOSE_S = 1.0
 # It warns about the subprotocols of every client that offers others than the server's, and quotes them.
 logging.getLogger("aiohttp.websocket").setLevel(logging.ERROR)
-_BUSY = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 18\r\n\r\nToo many clients.\n"
 
 
 class Server:
@@ -72,7 +72,7 @@ class Server:
         max_clients: int = 500,
         ssl_context: Optional[ssl.SSLContext] = None,
         parameters: Optional[Callable[[], Mapping[str, Mapping[str, Any]]]] = None,
-        routes: Sequence[web.RouteDef] = (),
+        routes: Callable[[Callable[[web.Request], Client]], Sequence[web.RouteDef]] = lambda client_of: (),
         on_close: Sequence[Callable[[], None]] = (),
     ) -> None:
         """Prepares a server; `start` opens the port.
@@ -91,8 +91,8 @@ class Server:
             max_clients: most open connections.
             ssl_context: serve TLS (`wss://`) with it.
             parameters: returns the parameters that clients may read, per node; None: those of `middleware`.
-            routes: further HTTP routes. Host, origin and a wrong token are checked here; a handler that needs a token
-                checks it itself.
+            routes: returns further HTTP routes. Host, origin and a wrong token are checked here; a handler that needs
+                a token gets the `Client` of the request from the function that is passed.
             on_close: called in the loop before connections are closed, to end the long answers of `routes`.
 
         Raises:
@@ -108,6 +108,7 @@ class Server:
                 f"address {host} is reachable from other machines: expected a token or TLS client certificates"
             )
         self._check_host = not self.access.token and not has_certificates
+        self._tokens = TokenCheck(self.access.token)
         self._middleware = middleware
         self._host = host
         self._limits = limits
@@ -141,17 +142,11 @@ class Server:
         timeout_s = self._auth_timeout_s + _SWEEP_PERIOD_S
         self._connections = Connections(self._max_clients, timeout_s, loop.time, self._report_full)
         application = web.Application(middlewares=[self._create_check()])
-        application.add_routes([*self._routes, web.get("/{path:.*}", _explain)])
-        runner = web.AppRunner(application, access_log=None, handle_signals=False, logger=self._log_limit.logger())
+        application.add_routes([*self._routes(self._tokens.client), web.get("/", _explain)])
+        runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
         try:
-            self._listener = await loop.create_server(
-                self._accept(runner),
-                self._host,
-                self.port,
-                ssl=self._ssl_context,
-                ssl_handshake_timeout=self._auth_timeout_s if self._ssl_context else None,
-            )
+            self._listener = await loop.create_server(self._accept(runner), self._host, self.port)
         except OSError:
             await runner.cleanup()
             raise
@@ -239,22 +234,16 @@ class Server:
 
     def _accept(self, runner: web.AppRunner) -> Callable[[], asyncio.Protocol]:
         """Returns the factory of the protocols for accepted connections."""
-        create = runner.server
-        assert create is not None
+        server = runner.server
+        assert server is not None
+        options = {"loop": asyncio.get_event_loop(), "access_log": None, "logger": self._log_limit.logger()}
 
         def accept() -> asyncio.Protocol:
-            protocol: Any = create()
-            if not self._connections.add(protocol):
-                return _Busy()
-            return SizeLimitedProtocol(
-                protocol, lambda: self._connections.opened_s(protocol), lambda: self._refuse_size(protocol)
+            return HttpConnection(
+                server, self._connections, self.log, self._ssl_context, self._auth_timeout_s, **options
             )
 
         return accept
-
-    def _refuse_size(self, protocol: Any) -> None:
-        self._connections.abort(protocol)
-        self.log(f"disconnected a client: its request is larger than {MOST_REQUEST_BYTES} bytes")
 
     def _report_full(self) -> None:
         self.log(f"{self._max_clients} connections are open: new ones replace the oldest without a request or token")
@@ -274,19 +263,29 @@ class Server:
             if refusal is not None:
                 self.log(refusal.log_text)
                 return refusal.response()
+            client = self._tokens.client(request)
+            if client.token is Credentials.WRONG:
+                self.log(f"refused a client at {request.remote}: wrong token")
+                return client.refusal()
             if request.method == "GET" and web.WebSocketResponse().can_prepare(request):
-                return await self._serve(request)
-            self._connections.set_stage(request.protocol, Stage.ACTIVE)
+                return await self._serve(request, client)
+            self._set_stage(request, Stage.ACTIVE if client.admitted else Stage.OPENED)
             try:
                 return await handler(request)
+            except web.HTTPException as error:
+                return _refuse(request, error)
             finally:
-                self._connections.set_stage(request.protocol, Stage.OPENED)
+                self._set_stage(request, Stage.KNOWN if client.admitted else Stage.OPENED)
 
         return check
 
-    async def _serve(self, request: web.Request) -> web.StreamResponse:
-        """Serves one WebSocket until it is closed."""
-        authenticated = self.access.credentials(request.headers, request.query) is Credentials.VALID
+    def _set_stage(self, request: web.Request, stage: Stage) -> None:
+        assert isinstance(request.protocol, HttpConnection)
+        self._connections.set_stage(request.protocol, stage)
+
+    async def _serve(self, request: web.Request, client: Client) -> web.StreamResponse:
+        """Serves one WebSocket until it is closed. The cookie does not count: pages of other origins may connect."""
+        authenticated = client.token is Credentials.VALID
         socket = web.WebSocketResponse(
             timeout=_CLOSE_S,
             heartbeat=self._heartbeat_s,
@@ -305,7 +304,7 @@ class Server:
         self._sockets.add(socket)
         try:
             if authenticated or await self._authenticate(request, socket, incoming, session):
-                self._connections.set_stage(request.protocol, Stage.ACCEPTED)
+                self._set_stage(request, Stage.ACCEPTED)
                 self._sessions.add(session)
                 await self._receive(request, incoming, session)
         except FloodError:
@@ -321,12 +320,13 @@ class Server:
         self, request: web.Request, socket: web.WebSocketResponse, incoming: Incoming, session: Session
     ) -> bool:
         """Waits for the operation `auth`; closes the connection if it does not come or does not prove the token."""
-        self._connections.set_stage(request.protocol, Stage.OPENED)
+        self._set_stage(request, Stage.OPENED)
         try:
             data = await incoming.next(self._auth_timeout_s)
             if data is None:
                 return False
-            session.authenticate(data)
+            if not self._tokens.is_proof(session.read_auth(data)):
+                raise AuthenticationError(self._tokens.refusal(request.remote or "", Credentials.WRONG)[0])
         except (AuthenticationError, asyncio.TimeoutError) as error:
             reason = str(error) or "token required"
             self.log(f"refused a client at {request.remote}: {reason}")
@@ -337,7 +337,7 @@ class Server:
     async def _receive(self, request: web.Request, incoming: Incoming, session: Session) -> None:
         data = await incoming.next()
         if data is not None:
-            self._connections.set_stage(request.protocol, Stage.ACTIVE)
+            self._set_stage(request, Stage.ACTIVE)
         while data is not None:
             await session.receive(data)
             data = await incoming.next()
@@ -350,14 +350,16 @@ class Server:
         self._dropped += session.dropped
 
 
-class _Busy(asyncio.Protocol):
-    """Answers a connection for which there is no room."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        if isinstance(transport, asyncio.WriteTransport):
-            transport.write(_BUSY)
-        transport.close()
-
-
 async def _explain(request: web.Request) -> web.Response:
-    return web.Response(status=426, text="This is a rosbridge server: connect with a WebSocket.\n")
+    return json_error(426, "this is a rosbridge server: connect with a WebSocket", {"Upgrade": "websocket"})
+
+
+def _refuse(request: web.Request, error: web.HTTPException) -> web.Response:
+    """Answers a request for which there is no route."""
+    if isinstance(error, web.HTTPMethodNotAllowed):
+        allowed = sorted(error.allowed_methods)
+        text = f"expected the method {' or '.join(method for method in allowed if method != 'HEAD')}"
+        return json_error(405, text, {"Allow": ",".join(allowed)})
+    if isinstance(error, web.HTTPNotFound):
+        return json_error(404, f"there is no path {request.path}")
+    return json_error(error.status, error.reason)

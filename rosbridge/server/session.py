@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from typing import Any, Awaitable, Callable, Dict, NamedTuple, Optional, Set, Type
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
@@ -77,11 +76,11 @@ class Session:
         self._provided: Set[str] = set()
         self._calls: Set[asyncio.Task[None]] = set()
 
-    def authenticate(self, data: Wire) -> None:
-        """Processes the first message of a client that has not presented the token in its request.
+    def read_auth(self, data: Wire) -> protocol.Auth:
+        """Returns the first message of a client that has not presented the token in its request.
 
         Raises:
-            AuthenticationError: it is not an `auth` operation that proves the token.
+            AuthenticationError: it is not an `auth` operation.
         """
         if not isinstance(data, str) or len(data) > self._parts.limits.first_message_bytes:
             raise AuthenticationError("token required")
@@ -91,8 +90,7 @@ class Session:
             operation = None
         if not isinstance(operation, protocol.Auth):
             raise AuthenticationError("token required")
-        if not self._parts.access.auth_allowed(operation, time.time()):
-            raise AuthenticationError("wrong token")
+        return operation
 
     async def receive(self, data: Wire) -> None:
         """Takes one message of the client. No message ends the session."""

@@ -179,6 +179,17 @@ def test_the_token_file_of_the_ops_yaml_is_used(tmp_path: Path) -> None:
     assert of_arguments(ServerOptions(token_file=str(tmp_path / "token"))).token == "secret"
 
 
+@pytest.mark.parametrize(("length", "lines"), [(15, 1), (16, 0)])
+def test_a_short_token_is_a_warning(tmp_path: Path, length: int, lines: int) -> None:
+    file = tmp_path / "token"
+    file.write_text("x" * length)
+    file.chmod(0o600)
+    warnings: List[str] = []
+    server_settings(NO_PARAMETERS, ServerOptions(token_file=str(file)), warn=warnings.append)
+    problem = "the token has fewer than 16 characters and can be guessed; make one: openssl rand -hex 16"
+    assert warnings == [problem] * lines
+
+
 def test_with_a_certificate_clients_connect_over_tls(tmp_path: Path) -> None:
     trustme = pytest.importorskip("trustme", reason="trustme, which makes certificates, is not installed")
     authority = trustme.CA()

@@ -38,6 +38,7 @@ from robot_health_monitor.rosbridge.protocol.definitions import null_reader, par
 from robot_health_monitor.rosbridge.server.access import Access, is_loopback
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.session import AuthenticationError, Session
+from robot_health_monitor.rosbridge.server.token_check import TokenCheck
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [file.read_bytes() for file in sorted((ROOT / "config").glob("*.yaml"))]
@@ -496,12 +497,13 @@ class Addresses(Target):
         return [data.decode("utf-8", "surrogateescape") for data in made] + [any_text(chance)]
 
     def use(self, data: List[str]) -> None:
-        access = Access(token="secret", origins=("https://studio.example.org",))
+        access = Access(origins=("https://studio.example.org",))
+        tokens = TokenCheck("secret")
         for text in data:
             is_loopback(text)
             access.origin_allowed(text, data[0])
-            access.credentials({"Authorization": text}, {})
-            access.credentials({}, {"token": text})
+            tokens.judge(text)
+            tokens.judge_cookie(text)
             access.may_publish(text)
             shown_address(text)
             for read in (host_and_port, parse_matchers, parse_duration_s, lambda url: check_url(url, "webhook")):

@@ -182,7 +182,6 @@ class ServedRobots:
         robots = self.robots
         web = WebInterface(
             lambda: robots.all,
-            token=self._token,
             history=robots.history,
             silences=self._silences,
             wall_time_s=robots.wall_s,
@@ -191,7 +190,7 @@ class ServedRobots:
             web.watch(alert_system)
         access = monitor_access("/alert_system", token=self._token)
         node = robots.bus.node("server")
-        server = Server(node, port=port, access=access, threads=False, routes=web.routes(), on_close=(web.close,))
+        server = Server(node, port=port, access=access, threads=False, routes=web.routes, on_close=(web.close,))
         await server.start()
         return server
 

@@ -86,12 +86,12 @@ def with_site(
     async def run() -> None:
         served = robots or Robots()
         settings = {"history": served.history, **options}
-        web = WebInterface(lambda: served.all, token=token, wall_time_s=served.wall_s, **settings)
+        web = WebInterface(lambda: served.all, wall_time_s=served.wall_s, **settings)
         for alert_system in served.all:
             web.watch(alert_system)
         access = monitor_access("/alert_system", token=token)
         node = served.bus.node("server")
-        server = Server(node, port=0, access=access, threads=False, routes=web.routes(), on_close=(web.close,))
+        server = Server(node, port=0, access=access, threads=False, routes=web.routes, on_close=(web.close,))
         await server.start()
         try:
             async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as session:

@@ -7,16 +7,19 @@ import contextlib
 import gc
 import os
 import socket as sockets
+import ssl
 import threading
 import weakref
-from typing import Any, AsyncIterator, Dict, List
+from typing import Any, AsyncIterator, Callable, Dict, List, Optional
 
 import aiohttp
 import pytest
+from aiohttp import web
 from harness.rosbridge_peer import Peer, Robot, with_robot
 
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
+from robot_health_monitor.rosbridge.server.token_check import Client
 
 
 @contextlib.asynccontextmanager
@@ -370,6 +373,69 @@ async def test_websockets_without_a_token_lock_no_client_out(robot: Robot) -> No
     assert robot.server.clients <= 1
     for connection in idle:
         connection.close()
+
+
+HALF_BODY = b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 100\r\n\r\n{"
+HALF_HEAD = b"GET / HTTP/1.1\r\nHost: loc"
+HALF_HELLO = b"\x16\x03\x01\x02\x00\x01"
+
+
+def with_login(client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
+    async def login(request: web.Request) -> web.Response:
+        await request.read()
+        return client_of(request).login("")
+
+    async def state(request: web.Request) -> web.Response:
+        return web.Response(status=200 if client_of(request).admitted else 401)
+
+    return [web.post("/login", login), web.get("/state", state)]
+
+
+@pytest.mark.parametrize("tls", [False, True])
+def test_clients_without_the_token_never_keep_out_those_with_it(tls: bool) -> None:
+    """They hold half-open connections of every kind, more than there is room for, and open lost ones again at once."""
+    options: Dict[str, Any] = {}
+    trust = None
+    if tls:
+        trustme = pytest.importorskip("trustme", reason="trustme, which makes certificates, is not installed")
+        authority = trustme.CA()
+        options["ssl_context"] = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+        authority.issue_cert("127.0.0.1").configure_cert(options["ssl_context"])
+        trust = ssl.create_default_context()
+        authority.configure_trust(trust)
+
+    @with_robot(Access(token="s3cret"), max_clients=40, auth_timeout_s=60.0, routes=with_login, **options)
+    async def scenario(robot: Robot) -> None:
+        begun = 0
+
+        async def hold(opening: bytes, context: Optional[ssl.SSLContext]) -> None:
+            nonlocal begun
+            while True:
+                with contextlib.suppress(OSError):
+                    reader, writer = await asyncio.open_connection("127.0.0.1", robot.server.port, ssl=context)
+                    writer.write(opening)
+                    begun += 1
+                    await reader.read()
+                    writer.close()
+                await asyncio.sleep(0.01)
+
+        kinds = [(opening, trust) for opening in (HALF_BODY, HALF_HEAD, HANDSHAKE, b"")]
+        kinds += [(opening, None) for opening in (HALF_HELLO, b"")] if tls else []
+        attackers = [asyncio.ensure_future(hold(*kinds[number % len(kinds)])) for number in range(60)]
+        try:
+            await robot.until(lambda: begun > 60)
+            url = robot.url.replace("http:", "https:") if tls else robot.url
+            for _ in range(10):
+                session = aiohttp.ClientSession(headers={"Authorization": "Bearer s3cret"})
+                async with session, session.get(f"{url}state", ssl=trust) as response:
+                    assert response.status == 200
+                assert len(robot.server._connections) <= 40
+        finally:
+            for attacker in attackers:
+                attacker.cancel()
+            await asyncio.wait(attackers)
+
+    scenario()
 
 
 @with_robot(Access(token="s3cret"), auth_timeout_s=0.3)

@@ -100,7 +100,7 @@ export class Connection {
       await request("api/state?window=0&robot=");
     } catch (error) {
       if (this.retryTimer !== attempt || !this.retryAt) return;
-      if (error.status === 401) {
+      if ([401, 429].includes(error.status)) {  // 429: too many wrong tokens; the right one is accepted
         this.close();
         this.listener.loginRequired();
       } else if (error.status && error.status !== 404) {

@@ -18,8 +18,9 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.web.sessions import SESSION_S
+from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
 from robot_health_monitor.ops.web.worker import BusyError
+from robot_health_monitor.rosbridge.server.token_check import SESSION_S
 
 BEARER = {"Authorization": "Bearer s3cret"}
 EXPECTED = {
@@ -200,16 +201,47 @@ def test_a_page_gets_a_cookie_for_the_token() -> None:
     with_site(use, token="s3cret")
 
 
-def test_ten_wrong_tokens_lock_further_ones_for_a_while() -> None:
+def test_wrong_tokens_are_limited_and_never_lock_out_the_right_one() -> None:
     async def use(site: Site) -> None:
-        await site.post("/api/login", {"token": "s3cret"})
-        for _ in range(10):
-            assert (await site.post("/api/login", {"token": "guess"}))[0] == 401
-        async with site.session.post(f"{site.url}/api/login", json={"token": "s3cret"}) as response:
-            assert response.status == 429
-            assert 0 < int(response.headers["Retry-After"]) <= 60
-        assert (await site.get("/api/state"))[0] == 200  # who has a cookie is not affected
+        for number in range(10):
+            guess = {"Authorization": f"Bearer {number}"}
+            assert (await site.get("/api/state", headers=guess)) == (401, {"error": "wrong token"})
+        for refused in (
+            site.session.get(f"{site.url}/api/state", headers={"Authorization": "Bearer guess"}),
+            site.session.post(f"{site.url}/api/login", json={"token": "guess"}),
+        ):
+            async with refused as response:
+                assert response.status == 429
+                assert 0 < int(response.headers["Retry-After"]) <= 60
+        assert (await site.get("/api/state", headers=BEARER))[0] == 200
+        assert (await site.post("/api/login", {"token": "s3cret"})) == (200, {"ok": True})
+        assert (await site.get("/api/state"))[0] == 200
 
+    with_site(use, token="s3cret")
+
+
+def test_a_body_before_the_token_is_small() -> None:
+    async def use(site: Site) -> None:
+        problem = {"error": "expected a body of at most 4096 bytes"}
+        assert await site.post("/api/login", {"token": "x" * 4096}) == (413, problem)
+        assert await site.post("/api/login", {"token": "x" * 4096}, headers=BEARER) == (401, {"error": "wrong token"})
+
+    with_site(use, token="s3cret")
+
+
+def test_half_a_body_before_the_token_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.web.interface.WITHOUT_TOKEN", BodyLimit(4096, 0.1))
+
+    async def use(site: Site) -> None:
+        reader, writer = await asyncio.open_connection("127.0.0.1", site.server.port)
+        head = (
+            "POST /api/login HTTP/1.1\r\nHost: robot\r\nContent-Type: application/json\r\nContent-Length: 100\r\n\r\n{"
+        )
+        writer.write(head.encode("ascii"))
+        assert await asyncio.wait_for(reader.readline(), 30.0) == b"HTTP/1.1 400 Bad Request\r\n"
+        writer.close()
+
+    assert WITHOUT_TOKEN == (4096, 5.0)
     with_site(use, token="s3cret")
 
 
@@ -310,9 +342,14 @@ def test_unknown_paths_and_methods_are_errors_in_json() -> None:
     async def use(site: Site) -> None:
         for method, path, status, allowed in (
             ("GET", "/api/nothing", 404, None),
-            ("PUT", "/api/state", 405, "GET"),
-            ("POST", "/api/history/1", 405, "GET"),
+            ("GET", "/nothing", 404, None),
+            ("GET", "/nothing.html", 404, None),
+            ("GET", "/robots/atlas", 404, None),
+            ("PUT", "/api/state", 405, "GET,HEAD"),
+            ("POST", "/api/history/1", 405, "GET,HEAD"),
             ("GET", "/api/silence", 405, "POST"),
+            ("POST", "/", 405, "GET,HEAD"),
+            ("POST", "/healthz", 405, "GET,HEAD"),
         ):
             async with site.session.request(method, site.url + path) as response:
                 assert (response.status, response.headers.get("Allow")) == (status, allowed)
