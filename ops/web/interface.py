@@ -328,7 +328,7 @@ class WebInterface:
     async def _get_health(self, request: web.Request) -> web.StreamResponse:
         late = [robot for robot in self._robots() if robot.tick_age_s > LATEST_TICK_S]
         if not late:
-            admitted = self._sessions.admits(request.headers, request.cookies)
+            admitted = self._client_of(request).admitted
             return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
         return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, status=503)
