@@ -12,17 +12,18 @@ import re
 import sqlite3
 import time
 from dataclasses import dataclass, replace
-from typing import Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import duration_text, printable
 from robot_health_monitor.core.model import Level
 
-from .matchers import Matcher, matchers_text, parse_matchers
+from .matchers import Matcher, matchers_text, matches_pattern, parse_matchers
 
 __all__ = [
     "Alert",
     "Silence",
+    "SilenceEvent",
     "add_silence",
     "expire_silence",
     "limit_to_durations",
@@ -31,6 +32,7 @@ __all__ = [
     "parse_matchers",
     "read_silences",
     "resolve_alert",
+    "silence_events",
     "silenced_transitions",
     "time_text",
 ]
@@ -43,6 +45,7 @@ LONGEST_S = 366 * 86_400.0
 """Longest silence, in s."""
 
 _MOST_KEPT = 10_000
+_RESOLVED = "its alerts are resolved"
 _CLOCK_WAS_WRONG = "it was made by a clock that was wrong"
 
 _DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
@@ -113,8 +116,11 @@ class Silence:
 
     def matches(self, robot: str, signal: str) -> bool:
         """Returns whether an alert fulfils all matchers."""
-        labels = {"robot": robot, "signal": signal}
-        return all(matcher.matches(labels[matcher.label]) for matcher in self.matchers)
+        return self.allows("robot", robot) and self.allows("signal", signal)
+
+    def allows(self, label: str, name: str) -> bool:
+        """Returns whether the name of a robot or a signal fulfils the matchers of that label."""
+        return all(matcher.matches(name) for matcher in self.matchers if matcher.label == label)
 
     @property
     def text(self) -> str:
@@ -330,9 +336,9 @@ def resolve_alert(connection: sqlite3.Connection, alert: Alert, now_s: float) ->
     ).rowcount
     if resolved:
         connection.execute(
-            "UPDATE silences SET ended_s = ? WHERE until_resolved AND ended_s IS NULL AND NOT EXISTS "
+            "UPDATE silences SET ended_s = ?, ended_reason = ? WHERE until_resolved AND ended_s IS NULL AND NOT EXISTS "
             "(SELECT 1 FROM silenced_alerts WHERE silence_id = silences.id AND resolved_s IS NULL)",
-            (now_s,),
+            (now_s, _RESOLVED),
         )
     return resolved > 0
 
@@ -350,6 +356,54 @@ def open_alerts(connection: sqlite3.Connection) -> Dict[Alert, Level]:
         if level is not Level.OK:
             found[robot, signal] = level
     return found
+
+
+class SilenceEvent(NamedTuple):
+    """A silence began, or no longer applies."""
+
+    wall_s: float
+    """When, in s since 1970."""
+    kind: str
+    """`added`, `ended` (by someone, or for a reason) or `expired`."""
+    silence: Silence
+
+
+def silence_events(
+    connection: sqlite3.Connection,
+    now_s: float,
+    since_s: float = 0.0,
+    robot: Optional[str] = None,
+    signal: Optional[str] = None,
+) -> List[SilenceEvent]:
+    """Returns begins and ends of the silences that are stored, by time.
+
+    Args:
+        connection: the database.
+        now_s: in s since 1970.
+        since_s: not older, in s since 1970.
+        robot: silences that apply to this robot only; `*` and `?` work as in file names.
+        signal: silences that apply to this signal only; `*` and `?` work as in file names.
+    """
+    found = []
+    given = [(label, name) for label, name in (("robot", robot), ("signal", signal)) if name is not None]
+    asked = [(label, _names(connection, label, name)) for label, name in given]
+    for stored in read_silences(connection):
+        silence = stored.seen_at(now_s)
+        if not all(any(silence.allows(label, name) for name in names) for label, names in asked):
+            continue
+        found.append(SilenceEvent(silence.created_s, "added", silence))
+        if not silence.is_active(now_s):
+            kind = "expired" if silence.ended_s is None else "ended"
+            found.append(SilenceEvent(silence.end_s(now_s), kind, silence))
+    return sorted((event for event in found if event.wall_s >= since_s), key=lambda event: event.wall_s)
+
+
+def _names(connection: sqlite3.Connection, label: str, given: str) -> List[str]:
+    """Returns the names of robots or signals that a filter means."""
+    if "*" not in given and "?" not in given:
+        return [given]
+    known = connection.execute(f"SELECT DISTINCT {label} FROM signal_states").fetchall()
+    return [name for (name,) in known if matches_pattern(name, given)]
 
 
 def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s: float) -> int:

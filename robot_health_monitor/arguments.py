@@ -401,8 +401,6 @@ def _add_silence(commands: Any) -> None:
         action="store_true",
         help="acknowledge: only the alerts that are open now, each until it resolves",
     )
-    add.add_argument("--reason", metavar="TEXT", default="", help="why; shown with the alerts")
-    add.add_argument("--author", metavar="NAME", help="who (default: the login name)")
     add.check = _check_silence
     lists = actions.add_parser(
         "list",
@@ -414,6 +412,9 @@ def _add_silence(commands: Any) -> None:
     lists.add_argument("--json", action="store_true", help="one JSON object per silence")
     expire = actions.add_parser("expire", help="end silences now", description="Ends silences now.")
     expire.add_argument("ids", metavar="ID", type=_silence_id, nargs="+", help="as shown by `list`")
+    for change, why in ((add, "why; shown with the alerts"), (expire, "why; shown in the history")):
+        change.add_argument("--reason", metavar="TEXT", default="", help=why)
+        change.add_argument("--author", metavar="NAME", help="who (default: the login name)")
     for action in (add, lists, expire):
         action.add_argument(
             "--history",

@@ -1,4 +1,4 @@
-"""`robot-health history`: past alerts, from a history file."""
+"""`robot-health history`: past alerts and silences, from a history file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import sqlite3
 import sys
 import time
 from datetime import datetime, timezone
-from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, Union
+from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, TypeVar, Union
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import count_text, duration_text, number_text, printable, with_hint
@@ -23,6 +23,8 @@ from robot_health_monitor.ops.history.queries import MonitorEvent
 from robot_health_monitor.ops.history.reader import HistoryReader
 from robot_health_monitor.ops.history.rows import StoredTransition
 from robot_health_monitor.ops.history.summary import SignalSummary, summarize
+from robot_health_monitor.ops.matchers import matchers_text
+from robot_health_monitor.ops.silences import SilenceEvent, silence_events
 
 from .history_file import history_file
 from .text_plot import text_plot
@@ -31,8 +33,11 @@ _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 _COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
 _CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
-    "text", "hint",
+    "text", "hint", "event", "matchers", "author", "reason", "until",
 )  # fmt: skip
+Event = Union[MonitorEvent, SilenceEvent]
+AnyEvent = TypeVar("AnyEvent", bound=Event)
+
 _SUMMARY_HEAD = ("robot", "signal", *(level.name for level in _LEVELS), "unknown", "alerts", "longest outage")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _PLOT_COLUMNS = 100
@@ -85,31 +90,36 @@ def _show_transitions(connection: sqlite3.Connection, arguments: argparse.Namesp
     transitions = queries.transitions(
         connection, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal, level=level
     )
+    silences: List[SilenceEvent] = []
+    if level is None:
+        since_s = arguments.since_s or 0.0
+        silences = silence_events(connection, time.time(), since_s, arguments.robot, arguments.signal)
     if arguments.json:
-        for transition in transitions:
-            stream.write(f"{json_line(transition, **_json_fields(transition))}\n")
+        for item in _merged(transitions, silences):
+            stream.write(f"{_json_line(item)}\n")
     elif arguments.csv:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(_CSV_HEAD)
-        for transition in transitions:
-            writer.writerow(_csv_row(transition))
+        for item in _merged(transitions, silences):
+            writer.writerow(_csv_row(item))
     else:
-        events: List[MonitorEvent] = []
+        events: List[Event] = [*silences]
         if arguments.signal is None and level is None:
-            events = queries.monitor_events(connection, arguments.since_s or 0.0, arguments.robot)
+            events += queries.monitor_events(connection, arguments.since_s or 0.0, arguments.robot)
+            events.sort(key=lambda event: event.wall_s)
         is_coloured = _is_coloured(stream)
         count = 0
-        for item in _merged(transitions, events):
+        for entry in _merged(transitions, events):
             count += 1
-            stream.write(f"{_line(item, is_coloured)}\n")
+            stream.write(f"{_line(entry, is_coloured)}\n")
         if not count:
             sys.stderr.write("no alerts\n")
 
 
 def _merged(
-    transitions: Iterator[StoredTransition], events: Sequence[MonitorEvent]
-) -> Iterator[Union[StoredTransition, MonitorEvent]]:
-    """Yields transitions in their order, and each event of the monitor before those that are younger."""
+    transitions: Iterator[StoredTransition], events: Sequence[AnyEvent]
+) -> Iterator[Union[StoredTransition, AnyEvent]]:
+    """Yields transitions in their order, and each event before those that are younger."""
     place = 0
     for transition in transitions:
         while place < len(events) and events[place].wall_s <= transition.wall_s:
@@ -119,12 +129,32 @@ def _merged(
     yield from events[place:]
 
 
-def _line(item: Union[StoredTransition, MonitorEvent], is_coloured: bool) -> str:
+def _line(item: Union[StoredTransition, Event], is_coloured: bool) -> str:
     if isinstance(item, MonitorEvent):
         return f"{time_text(item.wall_s)} {printable(_event_text(item))}"
+    if isinstance(item, SilenceEvent):
+        return f"{time_text(item.wall_s)} {printable(_silence_text(item))}"
     line = with_hint(item.text, item.hint)
     text = printable(f"{time_text(item.wall_s)} #{item.id} {item.robot}: {line}")
     return f"\x1b[{_COLOURS[item.to_level]}m{text}\x1b[0m" if is_coloured else text
+
+
+def _silence_text(event: SilenceEvent) -> str:
+    silence = event.silence
+    author, reason = _author_and_reason(event)
+    text = f"silence {silence.id} {event.kind}{f' by {author}' if author else ''}: {matchers_text(silence.matchers)}"
+    if event.kind == "added":
+        ends = [] if silence.until_s is None else [time_text(silence.until_s)]
+        text += f", until {' or '.join([*ends, 'resolved'] if silence.until_resolved else ends)}"
+    return f"{text} ({reason})" if reason else text
+
+
+def _author_and_reason(event: SilenceEvent) -> Tuple[str, str]:
+    """Returns who caused an event of a silence, and why."""
+    silence = event.silence
+    if event.kind == "added":
+        return silence.author, silence.reason
+    return silence.ended_by, silence.ended_reason
 
 
 def _event_text(event: MonitorEvent) -> str:
@@ -143,12 +173,37 @@ def _json_fields(transition: StoredTransition) -> Dict[str, object]:
     return {"id": transition.id, "time": iso_time(transition.wall_s)}
 
 
-def _csv_row(transition: StoredTransition) -> List[object]:
-    row = (
-        transition.id, iso_time(transition.wall_s), transition.robot, transition.signal, transition.from_level.name,
-        transition.to_level.name, transition.value, transition.statistic, transition.bound, transition.repeat,
-        transition.fingerprint, transition.text, transition.hint,
-    )  # fmt: skip
+def _json_line(item: Union[StoredTransition, SilenceEvent]) -> str:
+    if isinstance(item, StoredTransition):
+        return json_line(item, **_json_fields(item))
+    fields = {"id": item.silence.id, "time": iso_time(item.wall_s), **_silence_fields(item)}
+    return json.dumps({**fields, "until_resolved": item.silence.until_resolved})
+
+
+def _silence_fields(event: SilenceEvent) -> Dict[str, object]:
+    author, reason = _author_and_reason(event)
+    until_s = event.silence.until_s
+    return {
+        "text": _silence_text(event),
+        "event": f"silence {event.kind}",
+        "matchers": matchers_text(event.silence.matchers),
+        "author": author,
+        "reason": reason,
+        "until": None if until_s is None else iso_time(until_s),
+    }
+
+
+def _csv_row(item: Union[StoredTransition, SilenceEvent]) -> List[object]:
+    row: Tuple[object, ...]
+    if isinstance(item, StoredTransition):
+        row = (
+            item.id, iso_time(item.wall_s), item.robot, item.signal, item.from_level.name, item.to_level.name,
+            item.value, item.statistic, item.bound, item.repeat, item.fingerprint, item.text, item.hint,
+            "alert", *[""] * 4,
+        )  # fmt: skip
+    else:
+        text, *further = _silence_fields(item).values()
+        row = (item.silence.id, iso_time(item.wall_s), *[""] * 9, text, "", *further)
     return [_csv_cell(value) for value in row]
 
 

@@ -117,7 +117,7 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
         for_s=arguments.for_s,
         until_resolved=arguments.until_resolved,
         reason=arguments.reason,
-        author=_login_name() if arguments.author is None else arguments.author,
+        author=_author(arguments),
     )
     covered = [alert for alert in open_alerts(connection) if added.covers(*alert)]
     lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
@@ -127,7 +127,8 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
 
 
 def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
-    found = sorted(read_silences(connection), key=lambda each: (not each.is_active(now_s), -each.id))
+    stored = [each.seen_at(now_s) for each in read_silences(connection)]
+    found = sorted(stored, key=lambda each: (not each.is_active(now_s), -each.id))
     if not arguments.all:
         found = [each for each in found if each.is_active(now_s) or now_s - each.end_s(now_s) < _SHOWN_S]
     opened = open_alerts(connection)
@@ -154,12 +155,14 @@ def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: 
 def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
     lines = []
     for number in arguments.ids:
-        expired = expire_silence(connection, number, now_s)
+        expired = expire_silence(connection, number, now_s, reason=arguments.reason, author=_author(arguments))
         lines.append(f"silence {number} ended: {matchers_text(expired.matchers)}")
     return lines
 
 
-def _login_name() -> str:
+def _author(arguments: argparse.Namespace) -> str:
+    if arguments.author is not None:
+        return str(arguments.author)
     try:
         return printable(getpass.getuser())[:MOST_TEXT]
     except (KeyError, OSError, ImportError):  # a user without an entry, as in containers
@@ -168,7 +171,7 @@ def _login_name() -> str:
 
 def _state(each: Silence, now_s: float) -> str:
     if not each.is_active(now_s):
-        return f"ended {time_text(each.end_s(now_s))}"
+        return f"ended {time_text(each.end_s(now_s))}" + (f" by {each.ended_by}" if each.ended_by else "")
     ends = [] if each.until_s is None else [time_text(each.until_s)]
     return "until " + " or ".join([*ends, "resolved"] if each.until_resolved else ends)
 
@@ -197,6 +200,8 @@ def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str
         "until": None if each.until_s is None else iso_time(each.until_s),
         "until_resolved": each.until_resolved,
         "ended": None if active else iso_time(each.end_s(now_s)),
+        "ended_by": each.ended_by,
+        "ended_reason": each.ended_reason,
         "open_alerts": is_open,
         "alerts": alerts,
     }

@@ -36,11 +36,11 @@ class SilenceSource(Protocol):
             ServiceError: the history failed or did not answer.
         """
 
-    def expire(self, number: int) -> Silence:
+    def expire(self, number: int, *, reason: str = ..., author: str = ...) -> Silence:
         """Ends a silence.
 
         Raises:
-            ConfigError: there is no such silence, or it has ended.
+            ConfigError: there is no such silence, it has ended, or a text is too long.
             ServiceError: the history failed or did not answer.
         """
 
@@ -94,7 +94,10 @@ def expire_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
     text = str(body.get("id", ""))[:20]
     if not (text.isascii() and text.isdigit()):
         raise ApiError(400, "id: expected the id of a silence")
+    reason, author = read_text(body, "reason"), read_text(body, "author")
+    if not (reason + author).isprintable():
+        raise ApiError(400, "expected a reason and an author of one line each")
     try:
-        return silences.expire(int(text))
+        return silences.expire(int(text), reason=reason, author=author)
     except ConfigError as error:
         raise ApiError(404, error.problem) from None

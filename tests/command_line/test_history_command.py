@@ -6,10 +6,12 @@ import csv
 import io
 import json
 import os
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Iterator, List
 
@@ -22,6 +24,7 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.history_command import iso_time, time_text
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.silences import add_silence, expire_silence, parse_matchers, resolve_alert
 
 START_S = 1_700_000_000.0  # 2023-11-14 22:13:20 UTC
 
@@ -110,6 +113,88 @@ def test_json_has_the_fields_of_a_transition(file: Path, capsys: pytest.CaptureF
         "statistics": {"last": 15.0}, "repeat": False, "hint": "",
     }  # fmt: skip
     assert (third["to_level"], third["value"], third["bound"]) == ("STALE", None, None)
+
+
+@pytest.fixture
+def silenced(file: Path) -> Path:
+    """Returns the history with four silences: one that was ended, one that expired, one that resolved, one for ever."""
+
+    def silence(database: sqlite3.Connection, second: float, matchers: str, **options: Any) -> None:
+        add_silence(database, parse_matchers(matchers), START_S + second, **options)
+
+    with closing(sqlite3.connect(file)) as connection, connection:
+        silence(connection, 10.0, "robot=r1,signal=battery*", for_s=7200.0, reason="fan", author="ana")
+        silence(connection, 30.0, "robot=r2", for_s=30.0, author="=ben")
+        connection.execute('UPDATE signal_states SET state = \'{"announced": {"level": "WARN"}}\'')
+        silence(connection, 92.0, "signal=cpu*", until_resolved=True, reason="known")
+        expire_silence(connection, 1, START_S + 40.0, reason="fan works", author="eve")
+        for signal in ("battery_level", "cpu_usage"):
+            resolve_alert(connection, ("r1", signal), START_S + 93.0)
+    return file
+
+
+def test_silences_are_part_of_the_history(silenced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = output(capsys, silenced).splitlines()
+    day = "2023-11-14 22:1"
+    assert [line for line in lines if "silence" in line] == [
+        f"{day}3:30 +0000 silence 1 added by ana: robot=r1,signal=battery*, until 2023-11-15 00:13:30 +0000 (fan)",
+        f"{day}3:50 +0000 silence 2 added by =ben: robot=r2, until 2023-11-14 22:14:20 +0000",
+        f"{day}4:00 +0000 silence 1 ended by eve: robot=r1,signal=battery* (fan works)",
+        f"{day}4:20 +0000 silence 2 expired: robot=r2",
+        f"{day}4:52 +0000 silence 3 added: signal=cpu*, until resolved (known)",
+        f"{day}4:53 +0000 silence 3 ended: signal=cpu* (its alerts are resolved)",
+    ]
+    assert [line[:19] for line in lines] == sorted(line[:19] for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--robot", "r1"], [1, 1, 3, 3]),
+        (["--robot", "r1", "--signal", "cpu_usage"], [3, 3]),
+        (["--robot", "r2"], [2, 2, 3, 3]),
+        (["--robot", "r*", "--signal", "battery*"], [1, 1]),
+        (["--signal", "cpu*"], [2, 2, 3, 3]),
+        (["--since", "2023-11-14T22:14:10"], [2, 3, 3]),
+        (["--level", "WARN"], []),
+    ],
+)
+def test_silences_are_filtered(
+    silenced: Path, capsys: pytest.CaptureFixture[str], options: List[str], expected: List[int]
+) -> None:
+    found = [json.loads(line) for line in output(capsys, silenced, "--json", *options).splitlines()]
+    assert [each["id"] for each in found if "event" in each] == expected
+
+
+def test_silences_in_json(silenced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = [json.loads(line) for line in output(capsys, silenced, "--json").splitlines()]
+    assert [each["time"] for each in found] == sorted(each["time"] for each in found)
+    added, _, ended, expired, _, resolved = (each for each in found if "event" in each)
+    assert added == {
+        "id": 1, "time": "2023-11-14T22:13:30.000+00:00", "event": "silence added",
+        "matchers": "robot=r1,signal=battery*", "author": "ana", "reason": "fan",
+        "until": "2023-11-15T00:13:30.000+00:00", "until_resolved": False,
+        "text": "silence 1 added by ana: robot=r1,signal=battery*, until 2023-11-15 00:13:30 +0000 (fan)",
+    }  # fmt: skip
+    assert (ended["event"], ended["author"], ended["reason"]) == ("silence ended", "eve", "fan works")
+    assert (expired["event"], expired["author"], expired["reason"]) == ("silence expired", "", "")
+    assert (resolved["reason"], resolved["until"]) == ("its alerts are resolved", None)
+    assert resolved["until_resolved"]
+
+
+def test_silences_in_csv(silenced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = list(csv.DictReader(io.StringIO(output(capsys, silenced, "--csv"))))
+    assert [row["event"] for row in rows if row["signal"]] == ["alert"] * 3
+    silences = [row for row in rows if not row["signal"]]
+    assert [(row["id"], row["event"], row["author"], row["reason"]) for row in silences] == [
+        ("1", "silence added", "ana", "fan"),
+        ("2", "silence added", "'=ben", ""),
+        ("1", "silence ended", "eve", "fan works"),
+        ("2", "silence expired", "", ""),
+        ("3", "silence added", "", "known"),
+        ("3", "silence ended", "", "its alerts are resolved"),
+    ]
+    assert silences[0]["matchers"] == "robot=r1,signal=battery*" and silences[4]["until"] == ""
 
 
 def test_csv_texts_are_no_formulas(file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import json
 import re
 import sqlite3
@@ -73,6 +74,19 @@ def test_a_silence_is_added_listed_and_expired(silence: Callable[..., List[str]]
     assert (listed["state"], listed["open_alerts"], listed["until_resolved"]) == ("ended", 0, False)
     (problem,) = silence("expire", 1, code=2)
     assert problem.startswith("robot-health silence: silence 1 has ended already, at 20")
+
+
+def test_who_ends_a_silence_and_why_is_stored(silence: Callable[..., List[str]]) -> None:
+    for _ in range(2):
+        silence("add", "robot=r3", "--for", "2h", "--author", "ana")
+    silence("expire", 1, "--reason", "fan works", "--author", "eve")
+    silence("expire", 2)
+    by_default, ended = (json.loads(line) for line in silence("list", "--json"))
+    assert (ended["author"], ended["ended_by"], ended["ended_reason"]) == ("ana", "eve", "fan works")
+    assert (by_default["ended_by"], by_default["ended_reason"]) == (getpass.getuser(), "")
+    assert re.search(r"ended \S+ \S+ UTC by eve +0 ", silence("list")[2])
+    (error,) = silence("expire", 3, "--reason", "two\nlines", code=2)
+    assert "expected a reason of one line, at most 200 characters, got 'two\\nlines'" in error
 
 
 def test_until_resolved_acknowledges_what_is_open(silence: Callable[..., List[str]]) -> None:

@@ -78,7 +78,7 @@ export class Actions {
   /** Asks, then ends a silence. */
   expire(silence) {
     this.confirm("End this silence?", `Notifications for ${silence.matchers} are sent again.`, "End silence", async () => {
-      await request("api/silence/expire", {id: silence.id});
+      await request("api/silence/expire", {id: silence.id, author: remembered(AUTHOR)});
       return "silence ended";
     });
   }

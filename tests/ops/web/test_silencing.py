@@ -8,6 +8,7 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.silences import read_silences
 from robot_health_monitor.ops.web.requests import ApiError
 from robot_health_monitor.ops.web.silencing import expire_silence, new_silence, silence_json
 
@@ -26,7 +27,12 @@ def test_a_silence_is_shown_with_its_times() -> None:
             "until": "1970-01-01T00:02:00.000Z",
             "until_resolved": False,
         }
-        assert expire_silence(silences, {"id": 1}).id == 1
+        for bad in ({"id": 1, "author": "two\nlines"}, {"id": 1, "reason": 5}):
+            with pytest.raises(ApiError, match="reason"):
+                expire_silence(silences, bad)
+        assert expire_silence(silences, {"id": 1, "author": "ben", "reason": "replaced"}).id == 1
+        (stored,) = history.run(read_silences)
+        assert (stored.ended_by, stored.ended_reason) == ("ben", "replaced")
         for bad in ({}, {"id": "one"}, {"id": -1}):
             with pytest.raises(ApiError):
                 expire_silence(silences, bad)
