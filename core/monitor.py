@@ -139,8 +139,8 @@ class Monitor:
     def skip(self, since_s: float, until_s: float) -> Changes:
         """Leaves a time out of durations and silences: nothing is known of it.
 
-        For the time between two recordings, which does not count as silence of the robot. Like downtime of the link
-        (step 8 of docs/rules.md), but without an alert.
+        For the time between two recordings, or in which the process was stopped: it is no silence of the robot. Like
+        downtime of the link (step 8 of docs/rules.md), but without an alert.
 
         Args:
             since_s: when it begins, in seconds; the time of the last call if that is later.
@@ -153,7 +153,7 @@ class Monitor:
         if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
             since_s = max(since_s, self._now_s)
             for name, signal in self._signals.items():
-                if name != LINK and not self._link_down:
+                if name == LINK or not self._link_down:
                     signal.inhibit(since_s)
                     _add(changes, signal.release(until_s))
             self._now_s = until_s

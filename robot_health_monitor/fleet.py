@@ -260,6 +260,7 @@ class Fleet:
             await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
 
     def _check(self, now_s: float) -> None:
+        self._self_monitor.find_pause(now_s)
         self._self_monitor.note_tick(now_s)
         self._self_monitor.check(sum(robot.alert_system.samples for robot in self.robots))
         if self._node.has_listeners(_DIAGNOSTICS):

@@ -27,7 +27,12 @@ class StartAlertSystem(Protocol):
     """Creates an alert_system, as the class itself does."""
 
     def __call__(
-        self, middleware: Middleware, outlets: Mapping[str, Outlet] = ..., *, log_alerts: bool = ...
+        self,
+        middleware: Middleware,
+        outlets: Mapping[str, Outlet] = ...,
+        *,
+        log_alerts: bool = ...,
+        announce_pauses: bool = ...,
     ) -> AlertSystem:
         """Starts watching."""
 
@@ -94,7 +99,7 @@ class Robot:
             use_sim_time=settings.use_sim_time,
             outputs=outputs,
         )
-        self.alert_system = start(self._node, {"output": outlet}, log_alerts=False)
+        self.alert_system = start(self._node, {"output": outlet}, log_alerts=False, announce_pauses=False)
         self.alert_system.self_report["dropped"] = lambda: str(self._node.dropped)
         started = True
 
@@ -180,14 +185,14 @@ class Robot:
     def _note_link(self, up: bool, cause: Cause) -> None:
         if self._closed:
             return
-        self.connected = up
+        was_connected, self.connected = self.connected, up
         if up:
             self.cause = None
             self._log.write("connected", Severity.INFO, f"connected to {self.address}")
             # Under use_sim_time the robot's clock is unknown until its first message. Until then the link counts as
             # down: otherwise its first message would look like a jump of that many seconds without samples.
             self._node.call_with_time(self._observe_link)
-        else:
+        elif not (was_connected and self._node.exclusively(self.alert_system.excuse_link)):
             if self.cause is not None:  # the alert of the link shows the first cause
                 self._log.write(cause.text, Severity.WARN, f"still not connected: {cause.text}")
             self.cause = cause

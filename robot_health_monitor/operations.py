@@ -112,7 +112,12 @@ class Operations:
         return self.config.server
 
     def start(
-        self, middleware: Middleware, outlets: Mapping[str, Outlet] = _NO_OUTLETS, *, log_alerts: bool = True
+        self,
+        middleware: Middleware,
+        outlets: Mapping[str, Outlet] = _NO_OUTLETS,
+        *,
+        log_alerts: bool = True,
+        announce_pauses: bool = True,
     ) -> AlertSystem:
         """Starts the alert_system of a robot, with its part of the history.
 
@@ -120,6 +125,7 @@ class Operations:
             middleware: its connection.
             outlets: as for `AlertSystem`.
             log_alerts: as for `AlertSystem`.
+            announce_pauses: as for `AlertSystem`.
 
         Raises:
             ConfigError: its configuration cannot be used.
@@ -128,7 +134,9 @@ class Operations:
         self.end_robot(robot)  # a robot that is started anew
         history = None if self.history is None else self.history.of_robot(robot, _Forwarded(self.faults))
         try:
-            alert_system = AlertSystem(middleware, outlets, log_alerts=log_alerts, history=history)
+            alert_system = AlertSystem(
+                middleware, outlets, log_alerts=log_alerts, history=history, announce_pauses=announce_pauses
+            )
         except BaseException:
             if history is not None:
                 history.close()

@@ -53,6 +53,7 @@ class AlertSystem:
         *,
         log_alerts: bool = True,
         history: Optional[SignalHistory] = None,
+        announce_pauses: bool = True,
     ) -> None:
         """Starts watching.
 
@@ -62,11 +63,14 @@ class AlertSystem:
             log_alerts: write transitions and notices to the middleware's log. False where an outlet shows them.
             history: the alert_system continues from its states, and stores each transition before any outlet receives
                 it. None: it starts from an empty state.
+            announce_pauses: emit a notice after the process was stopped. False where another part does so.
 
         Raises:
             ConfigError: the configuration cannot be used.
         """
         self._middleware = middleware
+        self._announce_pauses = announce_pauses
+        self._excused_since_s: Optional[float] = None
         self._node = base_name(middleware)
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given
@@ -122,6 +126,7 @@ class AlertSystem:
     def observe(self, sample: Sample) -> None:
         """Judges a sample that does not come from a topic, such as that of the signal `link`."""
         self._samples += 1
+        self._look_for_pause(sample.now_s)
         self._announce(self.monitor.observe(sample), sample.now_s)
 
     def observe_link(self, up: bool, cause: str = "") -> None:
@@ -132,7 +137,25 @@ class AlertSystem:
             cause: why not, for the message of the signal; empty: unknown.
         """
         now_s = self._middleware.now_s()
+        self._look_for_pause(now_s)
+        self._excused_since_s = None
         self._announce(self.monitor.set_link(up, cause, now_s), now_s)
+
+    def excuse_link(self) -> bool:
+        """Call when the connection to the robot breaks, before `observe_link`.
+
+        A connection that broke because this process was stopped is no fault of the robot. Until the next
+        `observe_link`, or a sample, the time counts for nothing.
+
+        Returns:
+            Whether that is so: `observe_link` is then to be called after the next attempt to connect.
+        """
+        now_s = self._middleware.now_s()
+        self._look_for_pause(now_s)
+        if not self._self_monitor.has_just_resumed:
+            return False
+        self._excused_since_s = now_s
+        return True
 
     def skip(self, since_s: float, until_s: float) -> None:
         """Leaves a time out of durations and silences, as `Monitor.skip`. No ticks were due in it."""
@@ -234,6 +257,9 @@ class AlertSystem:
         self._samples += 1
         if self._unavailable:
             self._watch_only_without(self._unavailable - {name}, now_s)
+        if self._excused_since_s is not None or self._self_monitor.may_have_paused(now_s):
+            self._look_for_pause(now_s)
+            self._excused_since_s = None
         changes = self.monitor.observe(Sample(name, value, now_s))
         if changes or changes.notices:
             self._announce(changes, now_s)
@@ -267,7 +293,17 @@ class AlertSystem:
         signals = {name: signal for name, signal in self._config.signals.items() if name not in self._unavailable}
         return replace(self._config, signals=signals)
 
+    def _look_for_pause(self, now_s: float) -> None:
+        """Leaves the time out in which the process was stopped: it is no silence of the robot."""
+        since_s = self._self_monitor.find_pause(now_s, announce=self._announce_pauses)
+        if since_s is None and self._excused_since_s is not None:
+            since_s = self._excused_since_s
+            self._excused_since_s = now_s
+        if since_s is not None:
+            self._announce(self.monitor.skip(since_s, now_s), now_s)
+
     def _tick(self, now_s: float) -> None:
+        self._look_for_pause(now_s)
         self._self_monitor.note_tick(now_s)
         self._middleware.faults.guard("hints", self._look_up_hints, now_s)
         self._announce(self.monitor.tick(now_s), now_s)
@@ -281,6 +317,7 @@ class AlertSystem:
 
     def _check(self, now_s: float) -> None:
         """Runs on steady time."""
+        self._look_for_pause(now_s)
         self._self_monitor.check(self._samples)
         # Without /clock, and while a simulator is paused, the timer of the report stands still.
         overdue_s = self._middleware.steady_s() - self._reported_steady_s

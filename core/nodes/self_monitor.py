@@ -1,11 +1,12 @@
-"""Self-monitoring of alert_system: faults, clock, tick lateness, and the key-values of its status."""
+"""Self-monitoring of alert_system: faults, clock, tick lateness, pauses, and the key-values of its status."""
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Optional
+import math
+from typing import Callable, Dict, Optional, Tuple
 
 from ..faults import summary_of
-from ..formatting import number_text
+from ..formatting import duration_text, number_text
 from ..middleware import Middleware, Severity
 from ..model import Level, Status
 from ..outlets import Event, Notice
@@ -17,6 +18,11 @@ MONITOR = "monitor"
 CHECK_PERIOD_S = 1.0
 """Period of `SelfMonitor.check`, in seconds of steady time."""
 
+LONGEST_STEP_S = 3.0
+"""If no callback looked at the time for longer, in seconds of steady time, the process was stopped."""
+
+_RESUME_S = 5.0
+"""What is found broken within this time after a pause, in seconds of steady time, broke because of it."""
 _CLOCK_GRACE_S = 10.0
 _CLOCK_REMINDER_S = 60.0
 _MAX_LATENESS_S = 5.0
@@ -54,6 +60,8 @@ class SelfMonitor:
         self._tick_s: Optional[float] = None if middleware.waiting_for_clock() else middleware.now_s()
         self._tick_steady_s = self._start_s
         self._last_lateness_s = 0.0
+        self._looked: Optional[Tuple[float, float]] = None
+        self._resumed_steady_s = -math.inf
         self.reports: Dict[str, Callable[[], str]] = {
             "version": package_version,
             "uptime_s": lambda: f"{self._middleware.steady_s() - self._start_s:.0f}",
@@ -66,6 +74,40 @@ class SelfMonitor:
         }
         """Key-values of the status: a function per key, called for each status. Any part may add or replace some."""
 
+    def find_pause(self, now_s: float, *, announce: bool = True) -> Optional[float]:
+        """Looks whether the process was stopped since the last call: by SIGSTOP, a debugger, a machine that swaps.
+
+        Call at least every `CHECK_PERIOD_S` of steady time, before anything else is done with `now_s`. A paused
+        simulator is no pause: steady time goes on.
+
+        Args:
+            now_s: the time in seconds.
+            announce: emit a notice.
+
+        Returns:
+            The time of the last call, in seconds, if the process was stopped since; else None.
+        """
+        steady_s, looked = self._middleware.steady_s(), self._looked
+        self._looked = (now_s, steady_s)
+        if looked is None or steady_s - looked[1] <= LONGEST_STEP_S:
+            return None
+        self._resumed_steady_s = steady_s
+        if self._tick_s is not None:
+            self._tick_s, self._tick_steady_s = now_s, steady_s  # no tick could come
+        if announce:
+            text = f"the monitor was stopped for {duration_text(int(steady_s - looked[1]))}"
+            self._emit(Notice(now_s, Severity.WARN, text))
+        return looked[0]
+
+    @property
+    def has_just_resumed(self) -> bool:
+        """Whether a pause was found in the last 5 s."""
+        return self._middleware.steady_s() - self._resumed_steady_s < _RESUME_S
+
+    def may_have_paused(self, now_s: float) -> bool:
+        """Whether `find_pause` could find one at `now_s`, in seconds; a fast check, for each message."""
+        return self._looked is not None and now_s - self._looked[0] > LONGEST_STEP_S
+
     def note_tick(self, now_s: float) -> None:
         """Call at each tick of the node, with the time that the tick was given."""
         steady_s = self._middleware.steady_s()
@@ -77,6 +119,8 @@ class SelfMonitor:
         if self._tick_s is not None:
             self._tick_s += duration_s
             self._tick_steady_s += duration_s
+        if self._looked is not None:
+            self._looked = (self._looked[0] + duration_s, self._looked[1] + duration_s)
 
     def check(self, samples: int) -> None:
         """Looks for faults that began or ended. Call every `CHECK_PERIOD_S` of steady time.

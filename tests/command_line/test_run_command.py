@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import threading
+import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List
 
@@ -118,6 +119,26 @@ def test_a_storm_of_interrupts_ends_it_as_cleanly_as_one(robot_health: Start, ca
             process.signal(number)
     assert process.wait() == 0
     assert not process.errors
+
+
+def test_a_pause_of_the_process_is_one_warning_and_no_alert(robot_health: Start, tmp_path: Path) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text(
+        "alert_system: {ros__parameters: {signals: {battery_level: {warn_below: 20.0, stale_after_s: 3.0}}}}\n"
+        "battery_sensor: {ros__parameters: {battery_level: {discharge_rate: 0.0}}}\n"
+    )
+    program = robot_health("run", "--thresholds", file, "--port", 0)
+    program.wait_for_text("serving on")
+    time.sleep(2.0)  # ticks
+    program.signal(signal.SIGSTOP)
+    time.sleep(6.0)
+    program.signal(signal.SIGCONT)
+    program.wait_for_text("[WARN] alert_system: the monitor was stopped for ")
+    time.sleep(2.0)
+    program.signal()
+    assert program.wait() == 0
+    assert "battery_level STALE" not in program.text
+    assert program.text.count("the monitor was stopped") == 1
 
 
 def test_a_duration_without_alerts_ends_with_code_0(robot_health: Start, calm: Path) -> None:

@@ -308,13 +308,104 @@ class TestItself:
             stage.bus.run_until(second + 0.5)
         assert stage.log(Severity.ERROR) == ["disk: full"]
 
-    def test_a_late_tick_is_reported(self, stage: Stage) -> None:
-        stage.alert_system({"signals": {"battery_level": {"stale_after_s": 0.0}}})
+
+def announced(alerts: List[Any]) -> List[str]:
+    return [alert["message"] for alert in alerts]
+
+
+class TestAPauseOfTheProcess:
+    """SIGSTOP and SIGCONT, a debugger, a machine that swaps."""
+
+    def test_is_one_warning_and_no_silence_of_the_robot(self, stage: Stage) -> None:
+        alerts = stage.listen("alerts")
+        stage.alert_system(BATTERY)
+        stage.publish("battery_level", 50.0)
         stage.bus.run_until(3.0)
-        stage.bus.run_due(12.0)  # the process was stopped for 9 s
-        stage.bus.run_until(20.0)
-        assert stage.log(Severity.WARN) == ["tick: 8.0 s late (period 1 s): overloaded or suspended"]
-        assert stage.log(Severity.INFO)[-1] == "tick works again"
+        stage.bus.run_due(15.0)
+        stage.bus.run_until(17.0)
+        assert announced(alerts) == []
+        assert stage.log(Severity.WARN) == ["the monitor was stopped for 12 s"]
+        stage.bus.run_until(18.0)  # 3 s before the pause, 3 s after it
+        assert announced(alerts) == ["battery_level STALE: no sample for 6 s (limit 5 s) (was OK for 6 s)"]
+
+    def test_of_3_s_or_less_between_ticks_is_none(self, stage: Stage) -> None:
+        alerts = stage.listen("alerts")
+        stage.alert_system(BATTERY)
+        stage.publish("battery_level", 50.0)
+        stage.bus.run_until(2.0)
+        for now_s in (5.0, 8.0):
+            stage.bus.run_due(now_s)
+        assert "stopped" not in " ".join(stage.log(Severity.WARN))
+        assert [text[:19] for text in announced(alerts)] == ["battery_level STALE"]
+
+    def test_counts_for_nothing_also_if_a_sample_is_handed_over_first(self, stage: Stage) -> None:
+        alerts = stage.listen("alerts")
+        stage.alert_system({"signals": {"battery_level": {"warn_below": 20.0, "for_s": 5.0}}})
+        stage.bus.run_until(1.0)
+        stage.publish("battery_level", 15.0)  # pending from 1 s on
+        stage.bus.run_until(2.0)
+        stage.bus._now_s = 14.0  # the process goes on; its timers come after the message
+        stage.publish("battery_level", 15.0)
+        assert announced(alerts) == []
+        stage.bus.run_due(14.0)
+        for now_s in (15.0, 16.0, 17.0):
+            stage.bus.run_until(now_s)
+            stage.publish("battery_level", 15.0)
+        assert announced(alerts) == []
+        stage.bus.run_until(18.0)
+        assert announced(alerts) == ["battery_level WARN: 15 is below 20 (was OK for 5 s)"]
+        assert stage.log(Severity.WARN)[:1] == ["the monitor was stopped for 12 s"]
+
+    def test_excuses_a_link_that_broke_meanwhile_until_the_next_attempt(self, stage: Stage) -> None:
+        alerts = stage.listen("alerts")
+        system, _ = stage.alert_system({"signals": {"battery_level": {"stale_after_s": 1.5}}})
+        system.observe_link(True)
+        stage.publish("battery_level", 50.0)
+        stage.bus.run_until(1.0)
+        assert not system.excuse_link()  # it broke without a pause
+        stage.bus.run_due(13.0)
+        assert system.excuse_link()
+        stage.bus.run_until(15.0)
+        system.observe_link(True)
+        stage.bus.run_until(15.4)
+        stage.publish("battery_level", 50.0)
+        assert announced(alerts) == []
+        stage.bus.run_until(16.5)
+        system.observe_link(False, "refused")
+        assert announced(alerts) == ["link ERROR: down: refused (was OK for 2.5 s)"]
+
+    def test_of_a_simulator_is_none(self, stage: Stage) -> None:
+        alerts = stage.listen("alerts")
+        stage.alert_system(BATTERY, use_sim_time=True)
+        stage.set_clock(100.0)
+        stage.publish("battery_level", 50.0)
+        stage.bus.run_until(30.0)
+        stage.set_clock(100.1)
+        stage.bus.run_until(60.0)
+        assert announced(alerts) == []
+        assert stage.log(Severity.WARN) == []
+
+    def test_is_found_under_simulated_time(self, stage: Stage) -> None:
+        alerts = stage.listen("alerts")
+        stage.alert_system(BATTERY, use_sim_time=True)
+        stage.set_clock(100.0)
+        stage.publish("battery_level", 50.0)
+        stage.bus.run_until(2.0)
+        stage.set_clock(102.0)
+        stage.bus._now_s = 14.0
+        stage.set_clock(114.0)
+        stage.bus.run_due(14.0)
+        stage.bus.run_until(15.0)
+        assert announced(alerts) == []
+        assert stage.log(Severity.WARN) == ["the monitor was stopped for 12 s"]
+
+    def test_of_a_fast_simulator_there_is_none(self, stage: Stage) -> None:
+        stage.alert_system(BATTERY, use_sim_time=True)
+        for step in range(10):
+            stage.bus.run_until(0.1 * step)
+            stage.set_clock(100.0 + 10.0 * step)  # a hundred times as fast
+            stage.publish("battery_level", 50.0)
+        assert "stopped" not in " ".join(stage.log(Severity.WARN))
 
 
 class TestSimulatedTime:
