@@ -1,7 +1,7 @@
 """Values of fields from serialized messages, by the definitions in the recording.
 
-rosbags parses the definitions and deserializes. A number that only numbers, fixed arrays and strings precede, such as
-`data` of a Float32 or `percentage` of a BatteryState, is read from the bytes directly, which is ten times as fast.
+A number that only numbers, fixed arrays and strings precede, such as `data` of a Float32 or `percentage` of a
+BatteryState, is read from the bytes directly, which is ten times as fast as deserializing the message.
 """
 
 from __future__ import annotations
@@ -9,47 +9,34 @@ from __future__ import annotations
 import functools
 import itertools
 import struct
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
 
-from .recording import Channel, libraries
-
-with libraries():
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from .definitions import NUMBERS, SEQUENCE, TIMES, Definitions, Field, parse_definition
+from .deserialization import EMPTY, Deserializer
+from .recording import Channel, canonical_type, libraries
 
 Getter = Callable[[bytes], Any]
 """Reads a value from a serialized message; raises ValueError if the bytes do not match the type."""
 
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
-"""rosbags' kinds of fields."""
-_FORMATS = {
-    "bool": "?", "byte": "B", "char": "B", "octet": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H",
-    "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
-}  # fmt: skip
-"""struct's letter for each type of fixed size."""
-_KINDS = {"byte": "uint8", "char": "uint8", "octet": "uint8"}
-_IDL_SEPARATOR = "=" * 80 + "\n"
 _CDR_HEADER = 4
 """Bytes before a CDR message; the second is its byte order."""
 _STRING = "s"
-_MOST_FIELDS = 4096
+_MOST_NUMBERS = 4096
 """Plain fields of a type that are looked at."""
 _DEEPEST = 32
 """Types that a plain field may be in; a damaged definition may contain itself."""
 _LONGEST_PROBLEM = 300
-"""Characters of an error of rosbags' parser."""
+"""Characters of an error."""
 
 _Place = Tuple[str, int]
 """struct's letter, and how many of them: an array of fixed size has several. A string: `s`, 1."""
 
-Definition = Tuple[Any, List[Tuple[str, Tuple[Any, Any]]]]
-"""Constants and fields of a type, as rosbags describes them."""
 
-
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=256)
 def types_of(channel: Channel) -> Types:
     """Returns the message types of a channel, once per channel.
 
@@ -69,25 +56,21 @@ class Types:
             ConfigError: it cannot be parsed, or is missing and the type is not a standard one.
         """
         self._channel = channel
-        self._native_name = _native_name(channel.type_name)
-        self._store = get_typestore(Stores.EMPTY)
         try:
-            self._definitions = {**_times(), **self._parse(channel)}
-            self._store.register(dict(self._definitions))
-            if self._native_name not in self._definitions:
-                raise KeyError("the definition does not define it")
-            self._messages = NativeMessages(
-                Dialect(
-                    self._find_class,
-                    _type_name,
-                    self._field_types,
-                    {"secs": "sec", "nsecs": "nanosec"},
-                    byte_array=bytes,
-                    plain=_plain,
-                )
-            )
-        except Exception as error:  # rosbags lets any error of its parser through
+            self._definitions = _definitions_of(channel)
+        except (ValueError, KeyError) as error:
             raise self._unusable(error) from None
+        self._deserializer = Deserializer(self._definitions, channel.encoding != "ros1")
+        self._messages = NativeMessages(
+            Dialect(
+                lambda package, kind, name: self._deserializer.classes.get(f"{package}/{name}"),
+                lambda found: found.type_name,
+                self._field_types,
+                {"secs": "sec", "nsecs": "nanosec"},
+                byte_array=bytes,
+                plain=_plain,
+            )
+        )
 
     def field_getter(self, field: str) -> Getter:
         """Returns a function that reads `field`, a path as in core/field_path.py, from serialized messages.
@@ -100,17 +83,16 @@ class Types:
         try:
             read = self._messages.field_getter(self._channel.topic, self._channel.type_name, field)
             direct = self._number_getter(field)
-        except KeyError as error:
+            if direct is not None:
+                return direct
+            deserialize = self._deserializer.bind(self._channel.type_name)
+        except (ValueError, KeyError) as error:
             raise self._unusable(error) from None
-        if direct is not None:
-            return direct
-        deserialize = self._store.deserialize_ros1 if self._channel.encoding == "ros1" else self._store.deserialize_cdr
-        name = self._native_name
 
         def get(data: bytes) -> Any:
             try:
-                message = deserialize(data, name)
-            except Exception as error:  # whatever a parser makes of bytes that are something else
+                message = deserialize(data)
+            except ValueError as error:
                 raise ValueError(f"not a {self._channel.type_name}: {error}") from None
             return read(message)
 
@@ -132,45 +114,13 @@ class Types:
             raise self._unusable(error) from None
         return [(path, place[0]) for path, place in places if place and place[0] != _STRING and path[-2:] != "[]"]
 
-    def _parse(self, channel: Channel) -> Mapping[str, Definition]:
-        if not channel.definition:
-            ros2 = getattr(Stores, "ROS2_JAZZY", Stores.ROS2_HUMBLE)  # rosbags for Python 3.8 does not know Jazzy
-            store: Any = get_typestore(Stores.ROS1_NOETIC if channel.encoding == "ros1" else ros2)
-            definitions: Mapping[str, Definition] = getattr(store, "fielddefs", None) or store.FIELDDEFS
-            if self._native_name not in definitions:
-                raise KeyError("the recording has no definition of it, and it is not a standard type")
-            return definitions
-        if channel.definition_format == "msg":
-            parsed: Mapping[str, Definition] = get_types_from_msg(channel.definition, self._native_name)
-            return parsed
-        if not channel.definition.startswith(f"{_IDL_SEPARATOR}IDL: "):
-            return dict(get_types_from_idl(channel.definition))
-        found: Dict[str, Definition] = {}
-        for part in channel.definition.split(_IDL_SEPARATOR)[1:]:
-            found.update(get_types_from_idl(part.partition("\n")[2]))
-        return found
-
-    def _find_class(self, package: str, kind: str, name: str) -> Any:
-        return self._store.types.get(f"{package}/{kind}/{name}")
-
     def _field_types(self, native_class: Any) -> Mapping[str, FieldType]:
-        return {name: self._field_type(kind, what) for name, (kind, what) in self._fields(native_class.__msgtype__)}
+        return {field.name: self._field_type(field) for field in self._definitions[native_class.type_name]}
 
-    def _fields(self, name: str) -> List[Tuple[str, Tuple[Any, Any]]]:
-        return list(self._definitions[name][1])
-
-    def _field_type(self, kind: Any, what: Any) -> FieldType:
-        if int(kind) in (_ARRAY, _SEQUENCE):
-            (element_kind, element), bound = what
-            inner = self._field_type(element_kind, element)
-            size = bound if int(kind) == _ARRAY else None
-            most = bound if int(kind) == _SEQUENCE and bound else None
-            return inner._replace(is_array=True, size=size, most=most)
-        if int(kind) == _NAME:
-            name = _type_name_of(what)
-            return FieldType(name, name, self._store.types[what])
-        element = what[0] if isinstance(what, tuple) else what
-        return FieldType(element, _KINDS.get(element, element))
+    def _field_type(self, field: Field) -> FieldType:
+        message = self._deserializer.classes[field.kind] if "/" in field.kind else None
+        size = None if field.size == SEQUENCE else field.size
+        return FieldType(field.kind, field.kind, message, field.size is not None, size)
 
     def _number_getter(self, field: str) -> Optional[Getter]:
         """Returns a getter that reads a number from the bytes; None if something of variable size precedes it."""
@@ -186,32 +136,27 @@ class Types:
 
     def _places(self) -> Iterator[Tuple[str, Optional[_Place]]]:
         """Yields path and place of each plain field, in their order; None where neither is supported here."""
-        return itertools.islice(self._places_in(self._native_name, "", 0), _MOST_FIELDS)
+        return itertools.islice(self._places_in(self._channel.type_name, "", 0), _MOST_NUMBERS)
 
     def _places_in(self, name: str, prefix: str, depth: int) -> Iterator[Tuple[str, Optional[_Place]]]:
-        fields = self._fields(name)
+        fields = self._definitions[name]
         if depth > _DEEPEST or not fields:
             yield "", None
             return
-        for field, (kind, what) in fields:
-            path = f"{prefix}{field}"
-            if int(kind) == _NAME:
-                yield from self._places_in(what, f"{path}.", depth + 1)
-            elif int(kind) == _BASE:
-                yield path, self._place(what, 1)
-            elif int(kind) == _ARRAY and int(what[0][0]) == _BASE and what[1]:
-                place = self._place(what[0][1], what[1])
+        for field in fields:
+            path = f"{prefix}{field.name}"
+            letter = NUMBERS.get(field.kind)
+            if field.size is None and "/" in field.kind:
+                yield from self._places_in(field.kind, f"{path}.", depth + 1)
+            elif field.size is None and field.kind == "string":
+                yield path, (_STRING, 1)
+            elif field.size is None and letter:
+                yield path, (letter, 1)
+            elif field.size not in (None, 0, SEQUENCE) and letter:
                 # No field has this path: the array itself is read by deserializing.
-                yield f"{path}[]", None if place and place[0] == _STRING else place
+                yield f"{path}[]", (letter, field.size)
             else:
                 yield path, None
-
-    def _place(self, what: Any, count: int) -> Optional[_Place]:
-        kind = what[0] if isinstance(what, tuple) else what
-        if kind == "string":
-            return _STRING, count
-        letter = "b" if kind == "byte" and self._channel.encoding == "ros1" else _FORMATS.get(kind)
-        return (letter, count) if letter else None
 
     def _getter(self, before: List[_Place], letter: str) -> Getter:
         """Returns a getter for a number after places.
@@ -291,26 +236,54 @@ def _number_getter(letter: str, first: int, tables: List[Tuple[int, ...]], is_cd
     return get_fixed_cdr if is_cdr else get_fixed_ros1
 
 
-@functools.lru_cache(maxsize=1)
-def _times() -> Mapping[str, Definition]:
-    """Returns the types that ROS 1 has built in, under rosbags' names."""
-    found: Dict[str, Definition] = {}
-    for name in ("Time", "Duration"):
-        found.update(get_types_from_msg("int32 sec\nuint32 nanosec", f"builtin_interfaces/msg/{name}"))
+def _definitions_of(channel: Channel) -> Definitions:
+    """Returns the types in the definition of a channel; without one, those of the standard messages.
+
+    Raises:
+        ValueError: it cannot be parsed.
+        KeyError: it is missing, and the type is not a standard one.
+    """
+    is_ros1 = channel.encoding == "ros1"
+    if channel.definition:
+        byte = "int8" if is_ros1 else "uint8"
+        return parse_definition(channel.type_name, channel.definition, channel.definition_format, byte)
+    found = _standard_definitions(is_ros1)
+    if channel.type_name not in found:
+        raise KeyError("the recording has no definition of it, and it is not a standard type")
     return found
 
 
-def _native_name(type_name: str) -> str:
-    package, _, name = type_name.partition("/")
-    return f"{package}/msg/{name}"
+@functools.lru_cache(maxsize=2)
+def _standard_definitions(is_ros1: bool) -> Definitions:
+    with libraries():
+        from rosbags.typesys import Stores, get_typestore
+
+    ros2 = getattr(Stores, "ROS2_JAZZY", Stores.ROS2_HUMBLE)  # rosbags for Python 3.8 does not know Jazzy
+    store: Any = get_typestore(Stores.ROS1_NOETIC if is_ros1 else ros2)
+    found = getattr(store, "fielddefs", None) or store.FIELDDEFS
+    fields = {
+        canonical_type(name): tuple(
+            _standard_field(field, int(kind), what, is_ros1) for field, (kind, what) in fields if field != EMPTY.name
+        )
+        for name, (_, fields) in found.items()
+    }
+    return {**TIMES, **fields}
 
 
-def _type_name_of(native_name: str) -> str:
-    return native_name.replace("/msg/", "/")
+def _standard_field(name: str, kind: int, what: Any, is_ros1: bool) -> Field:
+    """Returns a field as rosbags describes it: a kind of field, and its type or the type and size of its elements."""
+    if kind in (_ROSBAGS_ARRAY, _ROSBAGS_SEQUENCE):
+        (element_kind, element), size = what
+        one = _standard_field(name, int(element_kind), element, is_ros1)
+        return one._replace(size=size if kind == _ROSBAGS_ARRAY else SEQUENCE)
+    if kind == _ROSBAGS_MESSAGE:
+        return Field(name, canonical_type(what), None)
+    plain = what[0] if isinstance(what, tuple) else what
+    kinds: Mapping[Any, str] = {"byte": "int8" if is_ros1 else "uint8", "char": "uint8", "octet": "uint8"}
+    return Field(name, kinds.get(plain, str(plain)), None)
 
 
-def _type_name(native_class: Any) -> str:
-    return _type_name_of(native_class.__msgtype__)
+_ROSBAGS_MESSAGE, _ROSBAGS_ARRAY, _ROSBAGS_SEQUENCE = 2, 3, 4
 
 
 def _plain(value: Any) -> Any:

@@ -377,7 +377,7 @@ def test_simulated_time_is_that_of_the_recorded_clock(
 @pytest.mark.parametrize(
     ("library", "form"),
     [
-        ("rosbags", "none.bag"),
+        ("rosbags", "without_definitions"),
         ("numpy", "none.bag"),
         ("lz4", "lz4.bag"),
         ("mcap", "none.mcap"),
@@ -388,7 +388,13 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
     tmp_path: Path, thresholds: str, command: List[str], environment: Dict[str, str], library: str, form: str
 ) -> None:
     path, messages = tmp_path / form, values("/battery", [50.0])
-    recording = write_bag(path, messages, path.stem) if path.suffix == ".bag" else write_mcap(path, messages)
+    if path.suffix == ".bag":
+        recording = write_bag(path, messages, path.stem)
+    else:
+        recording = write_mcap(path, messages) if path.suffix else write_folder(path, messages)
+        for file in path.glob("*.db3"):
+            with contextlib.closing(sqlite3.connect(file)) as database:
+                database.execute("DROP TABLE IF EXISTS message_definitions")
     code = (
         f"import sys; sys.modules[{library!r}] = None; from robot_health_monitor.__main__ import main; "
         f"sys.exit(main(['replay', {recording!r}, '--thresholds', {thresholds!r}]))"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import random
+import struct
 from pathlib import Path
 from typing import Any, Iterable, List, Mapping, NamedTuple, Optional, Sequence
 
+import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags import rosbag1, rosbag2
@@ -17,6 +20,8 @@ from robot_health_monitor.recordings.recording import Channel, RecordingError
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 FLOAT32 = "std_msgs/msg/Float32"
+_NAME, _ARRAY, _SEQUENCE = 2, 3, 4
+"""rosbags' kinds of fields."""
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -175,3 +180,30 @@ def read(*paths: str) -> ReadBack:
             value = types_of(channel).field_getter("data")(data) if channel.type_name == "std_msgs/Float32" else data
             found.append(Recorded((time_ns - START_NS) / 1e9, channel.topic, value))
         return ReadBack(found, recordings.problems, recordings.channels)
+
+
+def fields_of(store: Any, name: str) -> Any:
+    """Returns the fields of a type, as rosbags describes them."""
+    return (getattr(store, "fielddefs", None) or store.FIELDDEFS)[name][1]
+
+
+def random_message(chance: random.Random, store: Any, name: str) -> Any:
+    """Returns a message with random values and strings of random length."""
+
+    def value(kind: Any, what: Any) -> Any:
+        if kind == _NAME:
+            return random_message(chance, store, what)
+        if kind in (_ARRAY, _SEQUENCE):
+            (element, of), size = what
+            count = size if kind == _ARRAY else chance.randrange(4)
+            items = [value(element, of) for _ in range(count)]
+            if element == _NAME or of[0] == "string":
+                return items
+            return np.array(items, dtype=of[0] if of[0] not in ("byte", "char", "octet") else "uint8")
+        if what[0] == "string":
+            return "x" * chance.randrange(9)
+        if what[0].startswith("float"):
+            return struct.unpack("<f", struct.pack("<f", chance.uniform(-1e6, 1e6)))[0]
+        return bool(chance.randrange(2)) if what[0] == "bool" else chance.randrange(100)
+
+    return store.types[name](**{field: value(kind, what) for field, (kind, what) in fields_of(store, name)})

@@ -1,0 +1,320 @@
+"""Definitions of message types in recordings: the formats .msg and .idl, parsed with bounded work.
+
+A recording may come from anyone. The grammars of rosbags try every alternative again at each level, so that a line of
+nested brackets takes hours, and it evaluates constants. Here a text is read once from its start to its end, and
+constants are not evaluated: only an array's size can depend on one, which must be a plain number then.
+
+Sources: wiki.ros.org/msg; design.ros2.org/articles/idl_interface_definition.html.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+
+from .recording import canonical_type
+
+SEQUENCE = -1
+"""The size of an array of any length."""
+
+LONGEST_TEXT = 1_000_000
+"""Characters of a definition with the types in it; the largest ones of ROS have about 50,000."""
+MOST_FIELDS = 5_000
+"""Fields of all types in a definition."""
+LARGEST_SIZE = 1 << 31
+"""Elements of an array."""
+
+NUMBERS: Mapping[str, str] = {
+    "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q",
+    "uint64": "Q", "float32": "f", "float64": "d",
+}  # fmt: skip
+"""struct's letter for each type of fixed size."""
+
+TEXTS = ("string", "wstring")
+
+_SEPARATOR = re.compile(r"^={80}\n", re.M)
+_MSG_FIELD = re.compile(
+    r"(?:@\w+\s+)?(?P<kind>[A-Za-z][\w/]{0,200})(?:<=\d{1,10})?(?:\[(?:(?P<size>\d{1,10})|<=\d{1,10})?(?P<array>\]))?"
+    r"\s+(?P<name>[A-Za-z_]\w{0,200})(?P<constant>\s*=.*)?(?:\s.*)?"
+)
+_MSG_ALIASES = {
+    "byte": "uint8", "char": "uint8", "time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration",
+}  # fmt: skip
+_IDL_TOKEN = re.compile(
+    r"(?:\s+|//[^\n]*|/\*.*?\*/|#[^\n]*)|"
+    r"(?P<word>[A-Za-z_]\w{0,200}|\d[\w.+-]{0,40}|::|[{}()\[\]<>;,=@+\-*/%|&^~.])"
+    r'|(?P<text>"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\')',
+    re.S,
+)
+_IDL_NUMBERS = {
+    "boolean": "bool", "octet": "uint8", "char": "uint8", "float": "float32", "double": "float64", "short": "int16",
+    "unsigned short": "uint16", "long": "int32", "unsigned long": "uint32", "long long": "int64",
+    "unsigned long long": "uint64", **{name: name for name in NUMBERS if "int" in name},
+}  # fmt: skip
+_LONG_WORDS = ("unsigned", "long", "short")
+
+
+class Field(NamedTuple):
+    """One field of a message."""
+
+    name: str
+    kind: str
+    """A key of `NUMBERS`, one of `TEXTS`, or a type `package/Type`."""
+    size: Optional[int]
+    """None: one value; `SEQUENCE`: an array of any length; else the length of the array."""
+
+
+Definitions = Dict[str, Tuple[Field, ...]]
+"""The fields of each type, by `package/Type`."""
+
+TIMES: Definitions = {
+    f"builtin_interfaces/{name}": (Field("sec", "int32", None), Field("nanosec", "uint32", None))
+    for name in ("Time", "Duration")
+}
+"""The types that ROS 1 has built in, under the names that they have in ROS 2."""
+
+
+def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") -> Definitions:
+    """Returns the types in a definition.
+
+    Args:
+        type_name: the type that it begins with, `package/Type`.
+        text: the definition, with those of the types in it.
+        form: `msg` or `idl`.
+        byte: the type that `byte` stands for in .msg.
+
+    Raises:
+        ValueError: it is not as the format requires, or too large.
+    """
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"{len(text)} characters, expected at most {LONGEST_TEXT}")
+    found: Definitions = {}
+    parts = _SEPARATOR.split(text)
+    for number, part in enumerate(parts):
+        first, _, rest = part.partition("\n")
+        if form == "idl":
+            found.update(_Idl(rest if first.startswith("IDL: ") else part).types)
+        else:
+            name = canonical_type(first[len("MSG: ") :].strip()) if number else type_name
+            if number and not first.startswith("MSG: "):
+                raise ValueError("expected a line MSG: after a separator")
+            found.setdefault(name, tuple(_msg_fields(name, rest if number else part, byte)))
+        if sum(map(len, found.values())) > MOST_FIELDS:
+            raise ValueError(f"expected at most {MOST_FIELDS} fields, got more")
+    if form == "msg":
+        found = _resolved(found)
+    if type_name not in found:
+        raise ValueError("the definition does not define it")
+    return {**TIMES, **found}
+
+
+def _msg_fields(type_name: str, text: str, byte: str) -> Iterator[Field]:
+    package = type_name.partition("/")[0]
+    for line in text.splitlines():
+        line = line.partition("#")[0].strip()  # in a string constant # is text, but its value is not needed
+        if not line:
+            continue
+        found = _MSG_FIELD.fullmatch(line)
+        if found is None:
+            raise ValueError(f"expected a field, got {line[:80]!r}")
+        if found["constant"]:
+            continue
+        kind = byte if found["kind"] == "byte" else _MSG_ALIASES.get(found["kind"], found["kind"])
+        if kind not in NUMBERS and kind not in TEXTS:
+            kind = canonical_type(kind) if "/" in kind else f"{package}/{kind}"
+        size = None if not found["array"] else SEQUENCE if found["size"] is None else _size(found["size"])
+        yield Field(found["name"], kind, size)
+
+
+def _resolved(types: Definitions) -> Definitions:
+    """Looks for types without a package in the other packages too: a Header is that of std_msgs."""
+    by_name = {name.partition("/")[2]: name for name in types}
+
+    def resolve(field: Field) -> Field:
+        if "/" not in field.kind or field.kind in types or field.kind in TIMES:
+            return field
+        return field._replace(kind=by_name.get(field.kind.partition("/")[2], field.kind))
+
+    return {name: tuple(map(resolve, fields)) for name, fields in types.items()}
+
+
+def _size(digits: str) -> int:
+    number = int(digits)
+    if number > LARGEST_SIZE:
+        raise ValueError(f"an array of {number} elements, expected at most {LARGEST_SIZE}")
+    return number
+
+
+class _Idl:
+    """The structs of one IDL text."""
+
+    def __init__(self, text: str) -> None:
+        self.types: Definitions = {}
+        self._tokens = _idl_tokens(text)
+        self._at = 0
+        self._aliases: Dict[Tuple[str, ...], Tuple[str, Optional[int]]] = {}
+        """Kind and size of each typedef and enum, by its full name."""
+        self._constants: Dict[str, int] = {}
+        self._modules: List[str] = []
+        while self._at < len(self._tokens):
+            self._read_definition()
+        if self._modules:
+            raise ValueError("a module does not end")
+
+    def _read_definition(self) -> None:
+        self._skip_annotations()
+        word = self._next()
+        if word == "module":
+            self._modules.append(self._next())
+            self._expect("{")
+        elif word == "}" and self._modules:
+            self._modules.pop()
+            self._expect(";")
+        elif word == "struct":
+            self._read_struct()
+        elif word == "const":
+            self._read_constant()
+        elif word == "typedef":
+            kind, size = self._read_type()
+            for name, own in self._read_declarators():
+                self._add_alias(name, kind, self._only_one(size, own))
+        elif word == "enum":
+            self._add_alias(self._next(), "uint32", None)
+            while self._next() != "}":
+                pass
+            self._expect(";")
+        else:
+            raise ValueError(f"expected a module, struct, const, typedef or enum, got {word[:80]!r}")
+
+    def _add_alias(self, name: str, kind: str, size: Optional[int]) -> None:
+        path = (*self._modules, name)
+        self._aliases[path] = kind, size
+
+    def _read_struct(self) -> None:
+        name, fields = self._next(), []
+        self._expect("{")
+        self._skip_annotations()
+        while self._peek() != "}":
+            kind, size = self._read_type()
+            fields += [Field(field, kind, self._only_one(size, own)) for field, own in self._read_declarators()]
+            self._skip_annotations()
+        self._at += 1
+        self._expect(";")
+        self.types[f"{(*self._modules, name)[0]}/{name}"] = tuple(fields)
+
+    def _read_constant(self) -> None:
+        start = self._at
+        while self._next() != ";":
+            pass
+        words = self._tokens[start : self._at - 1]
+        if len(words) > 3 and words[-2] == "=" and words[-1].isdecimal():
+            self._constants[words[-3]] = _size(words[-1])
+
+    def _read_type(self) -> Tuple[str, Optional[int]]:
+        word = self._next()
+        if word == "sequence":
+            self._expect("<")
+            kind, size = self._read_element()
+            if size is not None:
+                raise ValueError("expected an array with one dimension")
+            if self._peek() == ",":
+                self._at += 1
+                self._read_size()
+            self._expect(">")
+            return kind, SEQUENCE
+        self._at -= 1
+        return self._read_element()
+
+    def _read_element(self) -> Tuple[str, Optional[int]]:
+        words = [self._next()]
+        if words[0] in TEXTS:
+            if self._peek() == "<":
+                self._at += 1
+                self._read_size()
+                self._expect(">")
+            return words[0], None
+        while words[-1] in _LONG_WORDS and self._peek() in _LONG_WORDS and len(words) < 3:
+            words.append(self._next())
+        if " ".join(words) in _IDL_NUMBERS:
+            return _IDL_NUMBERS[" ".join(words)], None
+        if words == ["::"]:
+            words = [self._next()]
+        while self._peek() == "::":
+            self._at += 1
+            words.append(self._next())
+        for depth in range(len(self._modules), -1, -1):
+            alias = self._aliases.get((*self._modules[:depth], *words))
+            if alias is not None:
+                return alias
+        return f"{[*self._modules, *words][0] if len(words) == 1 else words[0]}/{words[-1]}", None
+
+    def _read_declarators(self) -> List[Tuple[str, Optional[int]]]:
+        found = []
+        while True:
+            name, size = self._next(), None
+            if not name.isidentifier():
+                raise ValueError(f"expected a name, got {name[:80]!r}")
+            if self._peek() == "[":
+                self._at += 1
+                size = self._read_size()
+                self._expect("]")
+            found.append((name, size))
+            if self._next() != ",":
+                self._at -= 1
+                self._expect(";")
+                return found
+
+    def _only_one(self, size: Optional[int], own: Optional[int]) -> Optional[int]:
+        if size is not None and own is not None:
+            raise ValueError("expected an array with one dimension")
+        return size if own is None else own
+
+    def _read_size(self) -> int:
+        """Reads a number or the name of a constant."""
+        word = self._next()
+        while self._peek() == "::":
+            self._at += 1
+            word = self._next()
+        if word.isdecimal():
+            return _size(word)
+        if word not in self._constants:
+            raise ValueError(f"expected a number or a constant that is one, got {word[:80]!r}")
+        return self._constants[word]
+
+    def _skip_annotations(self) -> None:
+        while self._peek() == "@":
+            self._at += 2
+            while self._peek() == "::":
+                self._at += 2
+            depth = 0
+            while depth or self._peek() == "(":
+                word = self._next()
+                depth += (word == "(") - (word == ")")
+
+    def _peek(self) -> str:
+        return self._tokens[self._at] if self._at < len(self._tokens) else ""
+
+    def _next(self) -> str:
+        word = self._peek()
+        if not word:
+            raise ValueError("the definition ends early")
+        self._at += 1
+        return word
+
+    def _expect(self, word: str) -> None:
+        found = self._next()
+        if found != word:
+            raise ValueError(f"expected {word!r}, got {found[:80]!r}")
+
+
+def _idl_tokens(text: str) -> List[str]:
+    tokens: List[str] = []
+    at = 0
+    while at < len(text):
+        found = _IDL_TOKEN.match(text, at)
+        if found is None or found.end() == at or (text.startswith("/*", at) and found["word"]):
+            raise ValueError(f"not IDL: {text[at : at + 80]!r}")
+        if found["word"] or found["text"]:
+            tokens.append(found["word"] or '"')
+        at = found.end()
+    return tokens
