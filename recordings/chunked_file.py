@@ -11,14 +11,23 @@ import os
 import struct
 from typing import Any, BinaryIO, ClassVar, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Type
 
-from .recording import Channel, RawMessage, RecordingError, Target, in_time_order, until
+from .recording import (
+    Channel,
+    Damaged,
+    RawMessage,
+    RecordingError,
+    Target,
+    in_time_order,
+    new_channel,
+    until,
+)
 
 _BATCH = 4096
-"""Messages outside of chunks that are sorted together."""
-
-
-class Damaged(Exception):
-    """A part of the file that cannot be read. `str()` says why."""
+_BATCH_BYTES = 16 << 20
+"""Messages outside of chunks that are sorted together: at most so many, of so many bytes."""
+_MOST_MESSAGES = 500_000
+"""Messages of a chunk; recorders write chunks of about 1 MB unless one message is larger."""
+_MOST_CHANNELS = 10_000
 
 
 class Record(NamedTuple):
@@ -58,6 +67,8 @@ class ChunkedFile(abc.ABC):
         self.span_ns: Optional[Tuple[int, int]] = None
         self._path = path
         self._channels: Dict[int, Channel] = {}
+        self._texts: Dict[str, str] = {}
+        """Each definition once: channels may share one."""
         self._counts: Optional[Mapping[int, int]] = None
         """Messages per channel according to the index; None without an index."""
         try:
@@ -125,6 +136,7 @@ class ChunkedFile(abc.ABC):
         size = os.fstat(file.fileno()).st_size
         last_ns = 0
         loose: List[RawMessage[Any]] = []
+        loose_bytes = 0
         ended = False
         while not ended:
             position = file.tell()
@@ -141,18 +153,42 @@ class ChunkedFile(abc.ABC):
                     self._take(record, wanted, chunk, loose)
                 except self.DAMAGE as error:
                     self._leave_out(position, size, error)
-                if not record.complete:
+                loose_bytes += len(record.data)
+                complete = record.complete
+                del record  # its bytes are not needed while the messages are read
+                if not complete:
                     self._end(position, size, Damaged("the file ends within a record"))
                     ended = True
             last_ns = max(last_ns, chunk[-1][0] if chunk else 0, loose[-1][0] if loose else 0)
             if chunk:
                 yield chunk
-            elif len(loose) >= _BATCH:
+            elif len(loose) >= _BATCH or loose_bytes > _BATCH_BYTES:
                 yield loose
-                loose = []
+                loose, loose_bytes = [], 0
         if ended:
             self.span_ns = until(self.span_ns, last_ns)
         yield loose
+
+    def _add_message(self, messages: List[RawMessage[Any]], time_ns: int, target: Any, data: bytes) -> None:
+        """Adds a message to those of its chunk.
+
+        Raises:
+            Damaged: the chunk has implausibly many.
+        """
+        if len(messages) >= _MOST_MESSAGES:
+            raise Damaged(f"a chunk with more than {_MOST_MESSAGES} messages")
+        messages.append((time_ns, target, data))
+
+    def _add_channel(self, number: int, topic: str, type_name: str, encoding: str, text: str, form: str) -> None:
+        """Adds a channel; see `recording.new_channel`.
+
+        Raises:
+            Damaged: a name is too long, or there are too many channels.
+        """
+        if len(self._channels) >= _MOST_CHANNELS:
+            raise Damaged(f"more than {_MOST_CHANNELS} channels")
+        text = self._texts.setdefault(text, text)
+        self._channels[number] = new_channel(topic, type_name, encoding, text, form)
 
     def _counted(
         self, chunks: Iterator[List[RawMessage[Any]]], wanted: Mapping[int, Any]

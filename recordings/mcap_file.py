@@ -10,26 +10,27 @@ import io
 import os
 import struct
 import zlib
-from typing import Any, BinaryIO, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, BinaryIO, Collection, Dict, FrozenSet, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
 from mcap.records import Channel as McapChannel
-from mcap.records import Schema
+from mcap.records import ChunkIndex, Schema, Statistics
 
-from .chunked_file import ChunkedFile, Damaged, Record
-from .recording import Channel, RawMessage, canonical_type
+from .chunked_file import ChunkedFile, Record
+from .recording import LARGEST, Damaged, RawMessage, check_size
 
 _ENCODINGS = ("ros1", "cdr")
 _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl"}
-_LARGEST_RECORD = 1 << 30
-"""Bytes of a record, packed and unpacked; recorders write chunks of about 1 MB unless one message is larger."""
+_LARGEST_INDEX_RECORD = 8 << 20
+"""Bytes of a record of the summary."""
 
 _OPCODE_OF_MESSAGE = int(Opcode.MESSAGE)
+_BLOCK = 1 << 20
+_PREFIX_SIZE = 9
 _prefix = struct.Struct("<BQ").unpack_from
 _message = struct.Struct("<HIQ").unpack_from
 _MESSAGE_HEADER = 22
@@ -39,6 +40,7 @@ _FOOTER_SIZE = 29
 _chunk_header = struct.Struct("<QQQII").unpack_from
 
 
+_NEEDED_OF_SUMMARY = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX)
 _NEEDED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 
 
@@ -57,7 +59,8 @@ class McapFile(ChunkedFile):
 
     def __init__(self, path: str, name: str = "") -> None:
         """Reads the summary, or the whole file if there is none; see `ChunkedFile`."""
-        self._schemas: Dict[int, Schema] = {}
+        self._schemas: Dict[int, Tuple[str, str, str]] = {}
+        """Name, definition and its format per schema."""
         self._places: List[_ChunkPlace] = []
         super().__init__(path, name)
 
@@ -67,64 +70,96 @@ class McapFile(ChunkedFile):
         if file.read() != self.MAGIC:
             return "has no summary (the recorder was stopped early)"
         try:
-            self._check_summary(file)
-            file.seek(0)
-            summary = make_reader(file).get_summary()
-        except MemoryError:
-            return "its summary is damaged"
+            if self._read_summary(file, *self._check_summary(file)):
+                return None
+            problem = ""  # summaries are optional
         except self.DAMAGE:
-            return "its summary is damaged"
-        statistics = summary and summary.statistics
-        if not summary or not statistics or len(summary.channels) != statistics.channel_count:
-            return ""  # summaries are optional
-        if statistics.chunk_count != len(summary.chunk_indexes):
-            return ""
-        self._schemas.update(summary.schemas)
-        for channel in summary.channels.values():
-            self._note_channel(channel)
+            problem = "its summary is damaged"
+        self._channels.clear()
+        self._places.clear()
+        return problem
+
+    def _read_summary(self, file: BinaryIO, start: int, end: int) -> bool:
+        """Reads the summary record by record; returns whether it is complete."""
+        statistics: Optional[Statistics] = None
+        channels_of: Dict[FrozenSet[int], FrozenSet[int]] = {}
+        numbers: Set[int] = set()
+        file.seek(start)
+        while start and file.tell() < end:
+            opcode, length = _prefix(file.read(_PREFIX_SIZE))
+            if opcode not in _NEEDED_OF_SUMMARY:
+                file.seek(length, os.SEEK_CUR)
+                continue
+            if length > _LARGEST_INDEX_RECORD:
+                raise Damaged(f"a record of {length} bytes, expected at most {_LARGEST_INDEX_RECORD}")
+            stream = ReadDataStream(io.BytesIO(file.read(length)))
+            if opcode == Opcode.SCHEMA:
+                self._note_schema(Schema.read(stream))
+            elif opcode == Opcode.CHANNEL:
+                channel = McapChannel.read(stream)
+                numbers.add(channel.id)
+                self._note_channel(channel)
+            elif opcode == Opcode.STATISTICS:
+                statistics = Statistics.read(stream)
+            else:
+                index = ChunkIndex.read(stream)
+                channels = frozenset(index.message_index_offsets)
+                place = _ChunkPlace(index.chunk_start_offset, channels_of.setdefault(channels, channels))
+                self._places.append(place)
+        if statistics is None or statistics.channel_count != len(numbers):
+            return False
+        if statistics.chunk_count != len(self._places):
+            return False
         self._counts = statistics.channel_message_counts
         if statistics.message_count:
             self.span_ns = statistics.message_start_time, statistics.message_end_time
-        self._places = [
-            _ChunkPlace(index.chunk_start_offset, index.message_index_offsets.keys())
-            for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
-        ]
-        return None
+        self._places.sort(key=lambda place: place.start)
+        return True
 
-    def _check_summary(self, file: BinaryIO) -> None:
-        """Checks the optional checksum of the summary, which the library ignores.
+    def _check_summary(self, file: BinaryIO) -> Tuple[int, int]:
+        """Checks the optional checksum of the summary; returns its start (0: there is none) and its end.
 
         Raises:
             Damaged: it does not match.
         """
-        size = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
+        end = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
         start, _, crc = _footer(file.read(_FOOTER_SIZE), 9)
-        if crc and 0 < start <= size and size - start <= _LARGEST_RECORD:
+        if start > end:
+            raise Damaged("a summary beyond the end")
+        if crc and start:
             file.seek(start)
-            if zlib.crc32(file.read(size + _FOOTER_SIZE - 4 - start)) != crc:
+            found, left = 0, end + _FOOTER_SIZE - 4 - start
+            while left:
+                block = file.read(min(left, _BLOCK))
+                found, left = zlib.crc32(block, found), left - len(block)
+            if found != crc:
                 raise Damaged("the summary has a wrong checksum")
+        return start, end
 
     def _chunks(self, file: BinaryIO, wanted: Optional[Mapping[int, Any]]) -> Iterator[List[RawMessage[Any]]]:
         if not self._places or wanted is None:
             yield from super()._chunks(file, wanted)
             return
         size = os.fstat(file.fileno()).st_size
+        end = 0
         for place in self._places:
             if not place.channels or not wanted.keys().isdisjoint(place.channels):
                 messages: List[RawMessage[Any]] = []
                 try:
                     file.seek(place.start)
                     record = self._read_record(file, size)
-                    if record is None or record.kind != Opcode.CHUNK or not record.complete:
+                    if record is None or record.kind != Opcode.CHUNK or not record.complete or place.start < end:
                         raise Damaged("no chunk where the index has one")
+                    end = file.tell()
                     self._take(record, wanted, messages, [])
                 except self.DAMAGE as error:
                     self._leave_out(place.start, size, error)
+                record = None  # its bytes are not needed while the messages are read
                 yield messages
 
     def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
-        prefix = file.read(9)
-        if len(prefix) < 9:
+        prefix = file.read(_PREFIX_SIZE)
+        if len(prefix) < _PREFIX_SIZE:
             raise Damaged("the file ends within a record")
         opcode, length = _prefix(prefix)
         if opcode == Opcode.DATA_END:
@@ -136,8 +171,8 @@ class McapFile(ChunkedFile):
             if complete:
                 file.seek(length, os.SEEK_CUR)
             return Record(opcode, b"", complete)
-        if length > _LARGEST_RECORD:
-            raise Damaged(f"a record of {length} bytes, expected at most {_LARGEST_RECORD}")
+        if length > LARGEST:
+            raise Damaged(f"a record of {length} bytes, expected at most {LARGEST}")
         data = file.read(length)
         return Record(opcode, data, len(data) == length)
 
@@ -160,16 +195,16 @@ class McapFile(ChunkedFile):
         position, end = 0, len(chunk)
         while position < end:
             opcode, length = _prefix(chunk, position)
-            start = position + 9
+            start = position + _PREFIX_SIZE
             position = start + length
             if position > end:
                 raise Damaged("a record goes beyond its chunk")
             if opcode == _OPCODE_OF_MESSAGE:
                 number, _, time_ns = _message(chunk, start)
                 if wanted is None:
-                    into.append((time_ns, number, b""))
+                    self._add_message(into, time_ns, number, b"")
                 elif number in wanted:
-                    into.append((time_ns, wanted[number], chunk[start + _MESSAGE_HEADER : position]))
+                    self._add_message(into, time_ns, wanted[number], chunk[start + _MESSAGE_HEADER : position])
             else:
                 self._take_record(opcode, chunk, start, length, wanted, into)
         if end != expected_size:
@@ -187,29 +222,25 @@ class McapFile(ChunkedFile):
         if opcode == Opcode.MESSAGE:
             number, _, time_ns = _message(data, start)
             if wanted is None:
-                into.append((time_ns, number, b""))
+                self._add_message(into, time_ns, number, b"")
             elif number in wanted:
-                into.append((time_ns, wanted[number], data[start + _MESSAGE_HEADER :]))
+                self._add_message(into, time_ns, wanted[number], data[start + _MESSAGE_HEADER :])
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and wanted is None:
             stream = ReadDataStream(io.BytesIO(data[start : start + length]))
             if opcode == Opcode.SCHEMA:
-                schema = Schema.read(stream)
-                self._schemas[schema.id] = schema
+                self._note_schema(Schema.read(stream))
             else:
                 self._note_channel(McapChannel.read(stream))
 
+    def _note_schema(self, schema: Schema) -> None:
+        form = _FORMATS.get(schema.encoding, "")
+        self._schemas[schema.id] = schema.name, bytes(schema.data).decode("utf-8", "replace") if form else "", form
+
     def _note_channel(self, channel: McapChannel) -> None:
         schema = self._schemas.get(channel.schema_id)
-        if schema is None or channel.message_encoding not in _ENCODINGS:
-            return  # not a message of ROS
-        definition_format = _FORMATS.get(schema.encoding, "")
-        self._channels[channel.id] = Channel(
-            "/" + channel.topic.strip("/"),
-            canonical_type(schema.name),
-            channel.message_encoding,
-            bytes(schema.data).decode("utf-8", "replace") if definition_format else "",
-            definition_format,
-        )
+        if schema is not None and channel.message_encoding in _ENCODINGS:  # else not a message of ROS
+            type_name, text, form = schema
+            self._add_channel(channel.id, channel.topic, type_name, channel.message_encoding, text, form)
 
 
 def _unpacked(record: bytes) -> Tuple[bytes, int, int]:
@@ -218,8 +249,7 @@ def _unpacked(record: bytes) -> Tuple[bytes, int, int]:
     position = 32 + name_length
     compression = record[32:position].decode("utf-8")
     data = record[position + 8 :]
-    if size > _LARGEST_RECORD:
-        raise Damaged(f"a chunk of {size} bytes, expected at most {_LARGEST_RECORD}")
+    check_size(size, len(data))
     if compression == "zstd":
         data = _unpack_zstd(data, size)
     elif compression == "lz4":
@@ -231,7 +261,7 @@ def _unpacked(record: bytes) -> Tuple[bytes, int, int]:
 
 def _unpack_zstd(data: bytes, size: int) -> bytes:
     try:
-        with zstandard.ZstdDecompressor().stream_reader(data) as stream:
+        with zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(data) as stream:
             return bytes(stream.read(size + 1))
     except zstandard.ZstdError as error:
         raise Damaged(str(error)) from None

@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 import heapq
+import math
 import os
 import re
 import shutil
 import tempfile
 from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
 
+from robot_health_monitor.core.errors import ConfigError, Problems
 from robot_health_monitor.core.formatting import count_text
+from robot_health_monitor.core.yaml_loader import load
 
-from .recording import Channel, RawMessage, RecordedFile, RecordingError, Target, libraries, log_time
+from .recording import (
+    LARGEST,
+    Channel,
+    Damaged,
+    RawMessage,
+    RecordedFile,
+    RecordingError,
+    Target,
+    check_size,
+    libraries,
+)
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
 _METADATA = "metadata.yaml"
 _LARGEST_METADATA = 2_000_000
 _MOST_FILES = 10_000
-_LARGEST_MESSAGE = 1 << 30
-_LARGEST_UNPACKED = 1 << 30
-_LARGEST_RATIO = 100
-"""A file that is packed as a whole unpacks to at most 1 GB or to this many times its size."""
+_LARGEST_UNPACKED = 64 << 20
+_LARGEST_RATIO = 200
+"""A file that is packed as a whole unpacks to at most 64 MB and this many times its size."""
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _EXPECTED = "expected a .bag file, an .mcap file, a .db3 file or a folder that rosbag2 recorded"
 
@@ -103,12 +115,12 @@ class Recordings:
             targets: for each of `paths` its channels, each with what to yield with its messages.
         """
         streams = [
-            file.messages(wanted)
+            (file.span_ns[0], file.messages(wanted))
             for files, wanted in zip(self._recordings, targets)
             for file in files
-            if any(channel in wanted for channel in file.channels)
+            if file.span_ns is not None and any(channel in wanted for channel in file.channels)
         ]
-        return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=log_time)
+        return streams[0][1] if len(streams) == 1 else _merged(streams)
 
     def problem_without(self, number: int, wanted: Collection[Channel]) -> str:
         """Returns why a recording gave no message of some channels: it is damaged. Empty: it is not, or has none.
@@ -155,9 +167,10 @@ class Recordings:
             files = os.listdir(path)
         except OSError as error:
             raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
-        present = sorted((name for name in files if re.search(r"\.(mcap|db3)(\.zstd)?\Z", name)), key=_natural)
+        recorded = [name for name in files if re.search(r"\.(mcap|db3)(\.zstd)?\Z", name)]
+        present = sorted((name for name in recorded if os.path.isfile(os.path.join(path, name))), key=_natural)
         if isinstance(names, list) and names:
-            listed = [os.path.basename(str(name)) for name in names[:_MOST_FILES]]
+            listed = [os.path.basename(name) for name in names[:_MOST_FILES] if isinstance(name, str)]
             for name in listed:
                 if name not in present:
                     self._notes.append(f"{os.path.join(path, name)}: cannot be found: left out")
@@ -174,18 +187,18 @@ class Recordings:
         return [_PackedMessages(file) for file in opened] if mode == "message" else opened
 
     def _read_metadata(self, path: str) -> Mapping[str, Any]:
-        import yaml
-
         file = os.path.join(path, _METADATA)
         try:
+            if os.path.exists(file) and not os.path.isfile(file):
+                raise TypeError
             with open(file, encoding="utf-8") as stream:
-                tree = yaml.safe_load(stream.read(_LARGEST_METADATA))
+                tree = load(stream.read(_LARGEST_METADATA), Problems()).value
             found = tree["rosbag2_bagfile_information"]
             if not isinstance(found, dict):
                 raise TypeError
         except FileNotFoundError:
             problem = "does not exist (the recorder was stopped early)"
-        except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
+        except (OSError, UnicodeDecodeError, ConfigError, KeyError, TypeError, ValueError, RecursionError):
             problem = "cannot be read"
         else:
             return found
@@ -202,9 +215,11 @@ class Recordings:
             if self._folder is None:
                 self._folder = tempfile.mkdtemp(prefix="robot-health-")
             unpacked = os.path.join(self._folder, f"{len(os.listdir(self._folder))}")
-            limit = max(_LARGEST_UNPACKED, _LARGEST_RATIO * os.path.getsize(path))
+            limit = _LARGEST_UNPACKED + _LARGEST_RATIO * os.path.getsize(path)
             with open(unpacked, "wb") as target, open(path, "rb") as packed:
-                stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+                stream = zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(
+                    packed, read_across_frames=True
+                )
                 while True:
                     block = stream.read(1 << 20)
                     target.write(block[:limit])
@@ -229,7 +244,7 @@ class _PackedMessages:
             import zstandard
 
         self._file = file
-        self._decompressor = zstandard.ZstdDecompressor()
+        self._decompressor = zstandard.ZstdDecompressor(max_window_size=LARGEST)
         self._errors = zstandard.ZstdError
         self._size_of = zstandard.frame_content_size
         self._damaged = 0
@@ -255,10 +270,9 @@ class _PackedMessages:
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         for time_ns, target, data in self._file.messages(targets):
             try:
-                if self._size_of(data) > _LARGEST_MESSAGE:
-                    raise ValueError
-                unpacked = self._decompressor.decompress(data, max_output_size=_LARGEST_MESSAGE)
-            except (self._errors, ValueError):
+                check_size(self._size_of(data), len(data))
+                unpacked = self._decompressor.decompress(data, max_output_size=LARGEST)
+            except (self._errors, Damaged):
                 self._damaged += 1
             else:
                 yield time_ns, target, unpacked
@@ -281,6 +295,38 @@ def _nothing_readable(path: str, problems: Sequence[str]) -> str:
     of_path = [problem[len(path) :].lstrip("/") for problem in problems if problem.startswith(path)]
     reason = f": {of_path[0].lstrip(': ')}" if of_path else ""
     return f"{path}: has no message that can be read{reason}"
+
+
+def _merged(streams: Sequence[Tuple[int, Iterator[RawMessage[Target]]]]) -> Iterator[RawMessage[Target]]:
+    """Yields the messages of several files in the order of their times, as heapq.merge does.
+
+    A file is opened when its messages begin: a long recording may consist of thousands.
+
+    Args:
+        streams: the log time at which each begins, and its messages.
+    """
+    waiting = sorted(enumerate(streams), key=lambda each: each[1][0], reverse=True)
+    heads: List[Tuple[int, int, RawMessage[Target], Iterator[RawMessage[Target]]]] = []
+    while waiting or heads:
+        while waiting and (not heads or waiting[-1][1][0] <= heads[0][0]):
+            number, (_, rest) = waiting.pop()
+            first = next(rest, None)
+            if first is not None:
+                heapq.heappush(heads, (first[0], number, first, rest))
+        if not heads:
+            continue
+        _, number, message, rest = heads[0]
+        yield message
+        following = next(rest, None)
+        if len(heads) == 1:  # the only file at this time
+            end_ns = waiting[-1][1][0] if waiting else math.inf
+            while following is not None and following[0] < end_ns:
+                yield following
+                following = next(rest, None)
+        if following is None:
+            heapq.heappop(heads)
+        else:
+            heapq.heapreplace(heads, (following[0], number, following, rest))
 
 
 def _span(files: Sequence[RecordedFile]) -> Optional[Tuple[int, int]]:

@@ -10,6 +10,17 @@ import contextlib
 from operator import itemgetter
 from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
+LARGEST = 64 << 20
+"""Bytes of a record, a chunk or a message, packed or unpacked: several of them are in memory at the same time."""
+_LARGEST_RATIO = 10_000
+"""Bytes that one packed byte may become; black images with zstd come close to it."""
+_LONGEST_NAME = 500
+"""Characters of a topic or a type; ROS 2 allows 255."""
+
+
+class Damaged(Exception):
+    """A part of a file that cannot be read. `str()` says why."""
+
 
 class RecordingError(Exception):
     """A recording that cannot be read at all. `str()` is one line: which file, what is wrong, what is expected."""
@@ -101,10 +112,46 @@ def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMes
             ready = len(chunk) // 2
             yield from chunk[:ready]
             held = chunk[ready:]
+            if sum(len(data) for _, _, data in held) > LARGEST:
+                yield from held
+                held = []
         else:
             yield from held
             held = chunk
     yield from held
+
+
+def check_size(size: int, packed: int) -> None:
+    """Checks a size before anything is unpacked.
+
+    Args:
+        size: bytes when unpacked.
+        packed: bytes now.
+
+    Raises:
+        Damaged: it is too large, or too much larger than `packed`.
+    """
+    if size > min(LARGEST, (1 << 20) + _LARGEST_RATIO * packed):
+        raise Damaged(f"a part that unpacks from {packed} to {size} bytes")
+
+
+def new_channel(topic: str, type_name: str, encoding: str, definition: str, definition_format: str) -> Channel:
+    """Returns a channel.
+
+    Args:
+        topic: as the file has it.
+        type_name: as the file has it.
+        encoding: as in `Channel`.
+        definition: as in `Channel`.
+        definition_format: as in `Channel`.
+
+    Raises:
+        Damaged: a name is too long.
+    """
+    for name in (topic, type_name):
+        if len(name) > _LONGEST_NAME:
+            raise Damaged(f"a name of {len(name)} characters, expected at most {_LONGEST_NAME}")
+    return Channel("/" + topic.strip("/"), canonical_type(type_name), encoding, definition, definition_format)
 
 
 def canonical_type(name: str) -> str:

@@ -11,15 +11,14 @@ import os
 import struct
 from typing import Any, BinaryIO, Counter, Dict, List, Mapping, Optional, Tuple
 
-from .chunked_file import ChunkedFile, Damaged, Record
-from .recording import Channel, RawMessage, canonical_type, libraries
+from .chunked_file import ChunkedFile, Record
+from .recording import LARGEST, Damaged, RawMessage, check_size, libraries
 
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
 _OP_OF_MESSAGE = bytes([_MESSAGE])
-_LARGEST_HEADER = 10_000_000
-"""Bytes of a record's header; the header of a connection holds a definition's text."""
-_LARGEST_CHUNK = 1 << 30
-"""Bytes of a chunk, packed and unpacked. rosbag writes chunks of 0.75 MB unless one message is larger."""
+_LARGEST_HEADER = 65_536
+"""Bytes of a record's header; a definition's text is in the data of a connection."""
+_MOST_HEADER_FIELDS = 100
 
 _uint32 = struct.Struct("<I").unpack_from
 _uint64 = struct.Struct("<Q").unpack_from
@@ -40,11 +39,11 @@ class Ros1Bag(ChunkedFile):
         except self.DAMAGE:
             self._channels.clear()
             return "has no index (the recorder was stopped early)"
-        self.span_ns = (min(times), max(times)) if times else None
+        self.span_ns = times
         return None
 
-    def _read_index_records(self, file: BinaryIO, size: int) -> List[int]:
-        """Reads the connections; returns the times at which chunks begin and end."""
+    def _read_index_records(self, file: BinaryIO, size: int) -> Optional[Tuple[int, int]]:
+        """Reads the connections; returns the times at which the first chunk begins and the last one ends."""
         record = self._read_record(file, size)
         if record is None or not record.complete or record.kind[b"op"] != bytes([_BAG_HEADER]):
             raise Damaged("no header")
@@ -52,7 +51,7 @@ class Ros1Bag(ChunkedFile):
         if not start:
             raise Damaged("no index")
         file.seek(start)
-        times: List[int] = []
+        first_ns, last_ns = 1 << 63, -1
         counts: Counter[int] = Counter()
         for _ in range(_uint32(record.kind[b"conn_count"])[0] + _uint32(record.kind[b"chunk_count"])[0]):
             entry = self._read_record(file, size)
@@ -62,13 +61,17 @@ class Ros1Bag(ChunkedFile):
             if fields[b"op"] == bytes([_CONNECTION]):
                 self._note_connection(fields, entry.data)
             elif fields[b"op"] == bytes([_CHUNK_INFO]) and _uint32(fields[b"count"])[0]:
-                times += (_nanoseconds(fields[b"start_time"]), _nanoseconds(fields[b"end_time"]))
+                first_ns = min(first_ns, _nanoseconds(fields[b"start_time"]))
+                last_ns = max(last_ns, _nanoseconds(fields[b"end_time"]))
                 for position in range(0, len(entry.data), 8):
-                    counts[_uint32(entry.data, position)[0]] += _uint32(entry.data, position + 4)[0]
-        if len(self._channels) != _uint32(record.kind[b"conn_count"])[0] or not counts.keys() <= self._channels.keys():
+                    number = _uint32(entry.data, position)[0]
+                    if number not in self._channels:
+                        raise Damaged("the index lacks a connection")
+                    counts[number] += _uint32(entry.data, position + 4)[0]
+        if len(self._channels) != _uint32(record.kind[b"conn_count"])[0]:
             raise Damaged("the index lacks a connection")
         self._counts = counts
-        return times
+        return (first_ns, last_ns) if last_ns >= 0 else None
 
     def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
         if file.tell() == size:
@@ -79,7 +82,7 @@ class Ros1Bag(ChunkedFile):
         fields = _fields(header)
         if len(fields.get(b"op", b"")) != 1:
             raise Damaged("a record without a type")
-        return Record(fields, *_read_sized(file, _LARGEST_CHUNK))
+        return Record(fields, *_read_sized(file, LARGEST))
 
     def _take(
         self,
@@ -118,9 +121,9 @@ class Ros1Bag(ChunkedFile):
         if op == _MESSAGE:
             number = _uint32(fields[b"conn"])[0]
             if wanted is None:
-                into.append((_nanoseconds(fields[b"time"]), number, b""))
+                self._add_message(into, _nanoseconds(fields[b"time"]), number, b"")
             elif number in wanted:
-                into.append((_nanoseconds(fields[b"time"]), wanted[number], data))
+                self._add_message(into, _nanoseconds(fields[b"time"]), wanted[number], data)
         elif op == _CONNECTION:
             self._note_connection(fields, data)
 
@@ -130,10 +133,8 @@ class Ros1Bag(ChunkedFile):
             fields = _fields(data)
             type_name = fields[b"type"].decode("utf-8")
             definition = fields.get(b"message_definition", b"").decode("utf-8", "replace")
-            topic = "/" + header[b"topic"].decode("utf-8").strip("/")
-            self._channels[number] = Channel(
-                topic, canonical_type(type_name), "ros1", definition, "msg" if definition else ""
-            )
+            topic = header[b"topic"].decode("utf-8")
+            self._add_channel(number, topic, type_name, "ros1", definition, "msg" if definition else "")
 
 
 def _read_sized(file: BinaryIO, largest: int) -> Tuple[bytes, bool]:
@@ -159,6 +160,8 @@ def _fields(header: bytes) -> _Fields:
         if not separator:
             raise Damaged("a header field without a name")
         fields[name] = value
+        if len(fields) > _MOST_HEADER_FIELDS:
+            raise Damaged(f"a header with more than {_MOST_HEADER_FIELDS} fields")
     return fields
 
 
@@ -166,8 +169,7 @@ def _unpacked(header: _Fields, data: bytes) -> bytes:
     """Returns a chunk as far as it can be unpacked."""
     compression = header[b"compression"]
     size = _uint32(header[b"size"])[0]
-    if size > _LARGEST_CHUNK:
-        raise Damaged(f"a chunk of {size} bytes, expected at most {_LARGEST_CHUNK}")
+    check_size(size, len(data))
     if compression == b"none":
         return data
     if compression == b"bz2":

@@ -8,7 +8,17 @@ import struct
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from .recording import Channel, RawMessage, RecordingError, Target, canonical_type, in_time_order, until
+from .recording import (
+    LARGEST,
+    Channel,
+    Damaged,
+    RawMessage,
+    RecordingError,
+    Target,
+    in_time_order,
+    new_channel,
+    until,
+)
 
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _MAGIC = b"SQLite format 3\0"
@@ -16,10 +26,20 @@ _BATCH = 1024
 _BATCH_BYTES = 4_000_000
 """Messages that are read together: at most so many, and about so many bytes."""
 
+_LARGEST_IN_BATCH = 65_536
+"""Bytes of a message that is read together with others."""
+_MOST_TOPICS = 10_000
+_LONGEST_TEXT = 2_000_000
+"""Bytes of a definition."""
+_STEPS = 10_000
+"""Steps of SQLite's virtual machine between two looks at how many are left."""
+_STEPS_PER_BYTE, _LEAST_STEPS = 10, 1_000_000
+"""Reading a row takes about 25 steps, and a row takes about 20 bytes. A page that is its own child has no end."""
+
 _Columns = Tuple[Sequence[int], Sequence[int], Sequence[bytes]]
 _header = struct.Struct(">16sH6xII60xI").unpack_from
 """Of the file: magic, bytes per page (1: 65536), change counter, pages, change counter when `pages` was written."""
-_DAMAGE = (sqlite3.Error, ValueError, OverflowError)
+_DAMAGE = (sqlite3.Error, ValueError, OverflowError, Damaged)
 """What reading a damaged file raises."""
 
 
@@ -51,6 +71,7 @@ class SqliteFile:
         except OSError as error:
             raise RecordingError(f"{self.name}: cannot be read: {error.strerror or error}") from None
         try:
+            _check_tables(database)
             self._channels = _read_channels(database)
             try:
                 if self._missing:
@@ -81,8 +102,12 @@ class SqliteFile:
         try:
             if self._missing:
                 raise ValueError
+            left = os.path.getsize(self._path)
             for numbers, times, data in self._columns(database, wanted):
                 last_ns = times[-1]
+                left -= sum(map(len, data))
+                if left < 0:
+                    raise Damaged("it has more data than bytes")
                 yield from zip(times, map(wanted.__getitem__, numbers), data)
         except _DAMAGE as error:
             self._note_damage(error)
@@ -102,12 +127,21 @@ class SqliteFile:
             if not rows:
                 return
             columns = _columns_of(rows)
+            if int in set(map(type, columns[2])):
+                columns = _columns_of([self._with_large_data(database, row) for row in rows])
             if set(map(type, columns[1])) != {int} or set(map(type, columns[2])) != {bytes}:
                 self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
                 columns = _columns_of([row for row in rows if type(row[1]) is int and type(row[2]) is bytes])
             if columns[0]:
                 count = min(_BATCH, 1 + _BATCH_BYTES * len(columns[0]) // (1 + sum(map(len, columns[2]))))
                 yield columns
+
+    def _with_large_data(self, database: sqlite3.Connection, row: Tuple[Any, Any, Any]) -> Tuple[Any, Any, Any]:
+        """Returns a row with its data, if it has the number of the row instead; None if they are too large."""
+        if type(row[2]) is not int:
+            return row
+        query = "SELECT CASE WHEN length(data) <= ? THEN data END FROM messages WHERE id = ?"
+        return (*row[:2], (database.execute(query, [LARGEST, row[2]]).fetchone() or [None])[0])
 
     def _remaining(
         self, database: sqlite3.Connection, wanted: Mapping[int, Target], last_ns: int
@@ -156,8 +190,16 @@ class SqliteFile:
         # A recording is never written here. `immutable` reads it where no journal can be written; a journal that a
         # crashed recorder left behind must be applied, which needs the ordinary mode.
         mode = "mode=ro" if _has_journal(self._path) else "mode=ro&immutable=1"
+        left = _LEAST_STEPS + _STEPS_PER_BYTE * os.path.getsize(self._path)
+
+        def count_steps() -> bool:
+            nonlocal left
+            left -= _STEPS
+            return left < 0
+
         try:
             database = sqlite3.connect(f"{Path(os.path.abspath(self._path)).as_uri()}?{mode}", uri=True)
+            database.set_progress_handler(count_steps, _STEPS)
             database.execute("PRAGMA writable_schema=ON")  # otherwise SQLite refuses a file that was cut off
             return database
         except sqlite3.Error as error:
@@ -173,13 +215,14 @@ class SqliteFile:
 
 def _query(wanted: Mapping[int, Any]) -> str:
     places = ",".join("?" * len(wanted))
-    return f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp, id"
+    data = f"CASE WHEN length(data) <= {_LARGEST_IN_BATCH} THEN data ELSE id END"
+    return f"SELECT topic_id, timestamp, {data} FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp, id"
 
 
 def _query_in_order_of_recording(wanted: Mapping[int, Any]) -> str:
     """Includes the other topics, without data: their rows show where the file ends."""
     places = ",".join("?" * len(wanted))
-    data = f"CASE WHEN topic_id IN ({places}) THEN data WHEN topic_id > 0 THEN x'' END"
+    data = f"CASE WHEN topic_id IN ({places}) AND length(data) <= {LARGEST} THEN data WHEN topic_id > 0 THEN x'' END"
     return f"SELECT topic_id, timestamp, {data} FROM messages NOT INDEXED ORDER BY id"
 
 
@@ -189,22 +232,38 @@ def _columns_of(rows: Sequence[Tuple[Any, Any, Any]]) -> _Columns:
 
 
 def _has_journal(path: str) -> bool:
-    return any(os.path.exists(path + ending) for ending in ("-wal", "-journal"))
+    journals = [path + ending for ending in ("-wal", "-journal") if os.path.exists(path + ending)]
+    for journal in journals:
+        if not os.path.isfile(journal):
+            raise RecordingError(f"{journal}: is not a file")
+    return bool(journals)
+
+
+def _check_tables(database: sqlite3.Connection) -> None:
+    """Checks that everything that is read is stored: a view or a generated column may be endless.
+
+    Raises:
+        ValueError: it is not.
+    """
+    query = "SELECT name, type, rootpage FROM sqlite_master WHERE name IN ('messages', 'topics', 'message_definitions')"
+    for name, kind, page in database.execute(query).fetchmany(10):
+        hidden = [column[6] for column in database.execute(f"PRAGMA table_xinfo({name})").fetchmany(1000)]
+        if kind != "table" or not page or any(hidden):
+            raise ValueError(f"{name} is not an ordinary table")
 
 
 def _read_channels(database: sqlite3.Connection) -> Dict[int, Channel]:
     definitions: Dict[str, Tuple[str, str]] = {}
     if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        for type_name, encoding, text in database.execute(query):
-            if encoding in _FORMATS and text:
+        for type_name, encoding, text in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):
+            if encoding in _FORMATS and text and len(text) <= _LONGEST_TEXT:
                 definitions[str(type_name)] = str(text), _FORMATS[encoding]
     channels: Dict[int, Channel] = {}
     for number, topic, type_name, encoding in database.execute(
-        "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+        f"SELECT id, name, type, serialization_format FROM topics ORDER BY id LIMIT {_MOST_TOPICS}"
     ):
         if encoding == "cdr":
             definition, definition_format = definitions.get(str(type_name), ("", ""))
-            name = "/" + str(topic).strip("/")
-            channels[number] = Channel(name, canonical_type(str(type_name)), "cdr", definition, definition_format)
+            channels[number] = new_channel(str(topic), str(type_name), "cdr", definition, definition_format)
     return channels

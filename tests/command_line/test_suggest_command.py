@@ -185,12 +185,12 @@ def test_a_file_that_is_no_recording_is_one_line(robot_health: Start, tmp_path: 
 
 
 def test_a_missing_library_is_one_line_with_the_command_that_installs_it(robot_health: Start, tmp_path: Path) -> None:
-    (tmp_path / "rosbags.py").write_text("raise ModuleNotFoundError('gone', name='rosbags')\n")
+    (tmp_path / "numpy.py").write_text("raise ModuleNotFoundError('gone', name='numpy')\n")
     root = Path(__file__).resolve().parents[2]
     process = robot_health("suggest", tmp_path / "a.bag", PYTHONPATH=f"{tmp_path}{os.pathsep}{root}")
     assert process.wait() == 3
     assert [line.text for line in process.lines] == [
-        "robot-health: reading this recording needs the library rosbags: pip install lz4 mcap numpy rosbags zstandard"
+        "robot-health: numpy is not installed: it reads recordings; pip install lz4 mcap numpy rosbags zstandard"
     ]
 
 
