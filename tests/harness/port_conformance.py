@@ -13,6 +13,7 @@ language, so that a wrong conversion in an adapter cannot cancel itself out.
 from __future__ import annotations
 
 import base64
+import itertools
 import math
 import threading
 import time
@@ -805,6 +806,30 @@ class PortConformance:
         self._wait_for_hint(harness, node, "elsewhere", FLOAT32, "no publisher on /elsewhere")  # so all have answers
         for type_name in (FLOAT32, "std_msgs/msg/Float32", ""):
             assert node.why_silent("battery", type_name) is None
+
+    def test_the_line_of_a_signal_without_samples_ends_with_the_reason(self, harness: Harness) -> None:
+        self._publish_until_heard(harness, "/battery_state", "sensor_msgs/BatteryState", "percentage")
+        signals = {"battery": {"type": FLOAT32, "startup_grace_s": 100_000.0}}
+        node = harness.node("alert_system", parameters={"robot_name": "robot1", "signals": signals})
+        monitor = AlertSystem(node).monitor
+        harness.set_time(START_S + 1.0)
+        harness.wait_until(lambda: bool(monitor.signals()))
+        times_s = itertools.count(START_S + 60_000.0)
+
+        def has_hint() -> bool:
+            harness.set_time(next(times_s))  # the answer may come after some ticks
+            known = monitor.status("battery", 0.0)
+            return known is not None and bool(known.hint)
+
+        harness.wait_until(has_hint)
+        harness.set_time(START_S + 100_002.0)
+
+        def lines() -> List[str]:
+            return [line.text for line in harness.log_lines() if line.text.startswith("battery STALE: ")]
+
+        harness.wait_until(lambda: bool(lines()))
+        (line,) = lines()
+        assert line.endswith(" [no publisher on /battery; /battery_state exists]")
 
     @staticmethod
     def _publish_until_heard(harness: Harness, topic: str, type_name: str, field: str) -> None:
