@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import Counter
 from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, Set
 
 from aiohttp import web
@@ -15,7 +16,7 @@ from .worker import BusyError
 __all__ = ["MOST_PAGES", "Updates", "changes"]
 
 MOST_PAGES = 200
-"""Most pages at a time."""
+"""Most pages at a time; a further one replaces the oldest of the address that has most."""
 MOST_ROBOTS = 10
 """Most robots whose samples one page gets."""
 MOST_WAITING = 10
@@ -33,9 +34,10 @@ Json = Dict[str, Any]
 class _Page:
     """One open connection."""
 
-    def __init__(self, robots: Sequence[str]) -> None:
+    def __init__(self, robots: Sequence[str], address: str) -> None:
         self.robots = robots
         """Those whose samples it gets."""
+        self.address = address
         self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 1 + MOST_ROBOTS)  # `state`, `samples` first
         self.ends = asyncio.Event()
 
@@ -70,7 +72,7 @@ class Updates:
         self._read_state = read_state
         self._read_samples = read_samples
         self._wall_time_s = wall_time_s
-        self._pages: Set[_Page] = set()
+        self._pages: Dict[_Page, None] = {}  # the oldest first
         self._state: Optional[Json] = None
         self._encoded_state: Optional[bytes] = None
         self._samples: Dict[str, Samples] = {}
@@ -100,14 +102,14 @@ class Updates:
         """Answers `/api/events` until the page or the server closes the connection.
 
         Raises:
-            ApiError: there are too many pages, too many robots are asked for, or there is no such robot.
+            ApiError: the server is closing, too many robots are asked for, or there is no such robot.
         """
-        if len(self._pages) >= MOST_PAGES or self._closed:
-            raise ApiError(503, f"{MOST_PAGES} pages are open")
+        if self._closed:
+            raise ApiError(503, "the monitor is closing")
         robots = list(dict.fromkeys(filter(None, request.query.getall("robot", []))))
         if len(robots) > MOST_ROBOTS:
             raise ApiError(400, f"robot: expected at most {MOST_ROBOTS} names, got {len(robots)}")
-        page = _Page(robots)
+        page = _Page(robots, request.remote or "")
         await self._add(page)
         try:
             response = web.StreamResponse(headers=_HEADERS)
@@ -152,7 +154,8 @@ class Updates:
                 if robot not in self._state["robots"]:
                     raise ApiError(404, f"there is no robot {robot}")
             page.send(_RETRY + self._state_event())
-            self._pages.add(page)
+            self._make_room()
+            self._pages[page] = None
             if self._task is None:
                 self._loop, self._wake = asyncio.get_event_loop(), asyncio.Event()
                 self._task = asyncio.ensure_future(self._run(self._wake))
@@ -165,12 +168,20 @@ class Updates:
                     self._samples.setdefault(robot, samples)
                     page.send(self._samples_event(robot, samples))
 
+    def _make_room(self) -> None:
+        """Disconnects pages for a new one. One that is not read, or kept by a browser for going back, looks open."""
+        while len(self._pages) >= MOST_PAGES:
+            of_address = Counter(page.address for page in self._pages)
+            replaced = max(self._pages, key=lambda page: of_address[page.address])
+            replaced.ends.set()
+            del self._pages[replaced]
+
     def _plotted(self) -> Set[str]:
         """Returns the robots whose samples are sent."""
         return {robot for page in self._pages for robot in page.robots}
 
     def _remove(self, page: _Page) -> None:
-        self._pages.discard(page)
+        self._pages.pop(page, None)
         for robot in set(self._samples) - self._plotted():
             del self._samples[robot]
         if not self._pages:

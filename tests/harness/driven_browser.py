@@ -180,7 +180,7 @@ class ServedRobots:
 
     async def _start(self, port: int) -> Server:
         robots = self.robots
-        web = WebInterface(
+        web = self._web = WebInterface(
             lambda: robots.all,
             history=robots.history,
             silences=self._silences,
@@ -205,6 +205,11 @@ class ServedRobots:
 
         result: Result = self._run(act())
         return result
+
+    @property
+    def pages(self) -> int:
+        """Number of open pages."""
+        return self._web.updates.pages
 
     def observe(self, value: object, signal: str = "battery_level", robot: int = 0, after_s: float = 1.0) -> None:
         """Lets time pass, then a sample come."""

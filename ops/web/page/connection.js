@@ -48,6 +48,9 @@ export class Connection {
     this.retryAt = 0;
     addEventListener("online", () => this.retryAt && this.open());
     document.addEventListener("visibilitychange", () => !document.hidden && this.retryAt && this.open());
+    // Browsers keep pages for going back, and their streams count among the six connections to a server.
+    addEventListener("pagehide", () => this.close());
+    addEventListener("pageshow", ({persisted}) => persisted && this.open());
   }
 
   /** Connects, now. */

@@ -587,13 +587,23 @@ def test_an_unknown_robot_has_no_samples() -> None:
     with_site(use)
 
 
-def test_pages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robot_health_monitor.ops.web.updates.MOST_PAGES", 1)
+def test_a_new_page_replaces_the_oldest_of_the_address_that_has_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.web.updates.MOST_PAGES", 3)
 
     async def use(site: Site) -> None:
-        async with open_page(site) as page:
-            await page.next()
-            assert (await site.get("/api/events"))[0] == 503
+        other = aiohttp.TCPConnector(local_addr=("127.0.0.2", 0))
+        async with aiohttp.ClientSession(connector=other) as session:
+            elsewhere = Site(site.robots, site.web, site.server, session)
+            async with open_page(elsewhere) as first, open_page(site) as second, open_page(site) as third:
+                for page in (first, second, third):
+                    await page.next()
+                async with open_page(site) as new:
+                    assert (await new.next())[0] == "state"
+                    assert site.web.updates.pages == 3
+                    with pytest.raises((EOFError, aiohttp.ClientError)):
+                        await second.next("none of this kind")
+                    for page in (first, third, new):
+                        assert (await page.next())[0] == "change"
 
     with_site(use)
 

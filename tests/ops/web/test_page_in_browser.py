@@ -11,6 +11,7 @@ from typing import Any, Dict, Iterator, List, Mapping
 import pytest
 from harness.driven_browser import Browser, Keys, ServedRobots, open_browser
 from harness.line_process import LineProcess
+from harness.waiting import wait_for
 from harness.web import BATTERY, Robots
 
 TEMPERATURE: Mapping[str, Any] = {"unit": "degC", "warn_above": 80.0, "error_above": 95.0}
@@ -547,6 +548,21 @@ def test_the_token_is_asked_for_once(browser: Browser, served: Any) -> None:
     browser.wait_for("document.querySelector('.robot.warn')")
     browser.click("#logout")
     browser.wait_for("!document.getElementById('login').hidden")
+
+
+def test_many_loads_in_one_tab_leave_no_stream_open(browser: Browser, served: Any) -> None:
+    """A browser opens six connections to a server at most, and keeps pages for going back."""
+    site = served("atlas")
+    site.observe(50.0)
+    for number in range(10):
+        browser.driver.get(f"{site.url}?load={number}")
+        browser.wait_for("document.querySelectorAll('.robot.ok').length === 1")
+    wait_for(lambda: site.pages == 1)
+    browser.driver.back()
+    browser.wait_for("location.search === '?load=8'")
+    site.observe(19.0)
+    browser.wait_for("document.querySelectorAll('.robot.warn').length === 1")
+    wait_for(lambda: site.pages == 1)
 
 
 def test_a_lost_monitor_shows_and_comes_back(browser: Browser, tmp_path: Path) -> None:
