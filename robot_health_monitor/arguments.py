@@ -72,7 +72,7 @@ class _ShowVersion(argparse.Action):
 class _RejectToken(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         parser.error(
-            f"--token is not supported: every user of this machine can read arguments; use --token-file or "
+            f"--token is not supported: every user of this machine can read arguments; use {self.const} or "
             f"{TOKEN_VARIABLE}"
         )
 
@@ -128,7 +128,8 @@ def _add_run(commands: Any) -> None:
         default="",
         help="address of the rosbridge server (default: as configured, or 127.0.0.1); any other one requires a token",
     )
-    _add_token_file(command, "file with the token that clients must present")
+    command.add_argument("--token-file", metavar="FILE", default="", help=_token_help("that clients must present"))
+    _reject_token(command, "--token-file")
     command.add_argument(
         "--origin", action="append", default=[], metavar="URL", help="web page that may connect (repeatable)"
     )
@@ -152,17 +153,24 @@ def _add_connect(commands: Any) -> None:
         "robots. SIGHUP reads the configuration again and changes only what differs.",
     )
     command.add_argument(
-        "urls", metavar="URL", nargs="*", help="ws://host:port, wss://host:port, or NAME=ws://... to name the robot"
+        "urls",
+        metavar="URL",
+        nargs="*",
+        help="host:port, ws://host:port, wss://host:port, or NAME=host:port to name the robot",
     )
     command.add_argument(
         "--fleet",
         metavar="FILE",
         default="",
-        help="a fleet.yaml with further robots; --thresholds, --namespace, --token-file and --ca apply where it names "
-        "none",
+        help="a fleet.yaml with further robots; --thresholds, --namespace, --robot-token-file and --ca apply where "
+        "it names none",
     )
     _add_namespace(command, "namespace of the robots' topics")
-    _add_token_file(command, "file with the token to present to the servers")
+    command.add_argument(
+        "--robot-token-file", metavar="FILE", default="", help=_token_help("to present to the robots' servers")
+    )
+    command.add_argument("--token-file", dest="old_token_file", metavar="FILE", default="", help=argparse.SUPPRESS)
+    _reject_token(command, "--robot-token-file")
     command.add_argument("--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss://")
     command.add_argument(
         "--port",
@@ -176,14 +184,17 @@ def _add_connect(commands: Any) -> None:
 
 
 def _check_connect(arguments: argparse.Namespace) -> str:
+    if arguments.robot_token_file and arguments.old_token_file:
+        return "argument --token-file: not allowed with argument --robot-token-file"
     return "" if arguments.urls or arguments.fleet else "expected the URL of a robot, or --fleet FILE"
 
 
-def _add_token_file(command: argparse.ArgumentParser, meaning: str) -> None:
-    command.add_argument(
-        "--token-file", metavar="FILE", default="", help=f"{meaning} (default: the variable {TOKEN_VARIABLE})"
-    )
-    command.add_argument("--token", action=_RejectToken, nargs="?", help=argparse.SUPPRESS)
+def _token_help(meaning: str) -> str:
+    return f"file with the token {meaning} (default: the variable {TOKEN_VARIABLE})"
+
+
+def _reject_token(command: argparse.ArgumentParser, option: str) -> None:
+    command.add_argument("--token", action=_RejectToken, const=option, nargs="?", help=argparse.SUPPRESS)
 
 
 def _add_namespace(command: argparse.ArgumentParser, meaning: str) -> None:

@@ -40,10 +40,12 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     def warn(text: str) -> None:
         events.on_log(LogLine(time.monotonic(), "connect", Severity.WARN, text))
 
+    if arguments.old_token_file:
+        warn("--token-file is deprecated for the robots' token: use --robot-token-file")
     options = Options(
         thresholds=str(arguments.thresholds or find_installed("config/thresholds.yaml") or ""),
         namespace=arguments.namespace,
-        token_file=arguments.token_file,
+        token_file=arguments.robot_token_file or arguments.old_token_file,
         ca=arguments.ca,
     )
     with open_operations(arguments.ops) as operations:
@@ -80,7 +82,7 @@ def server_settings(
 ) -> Optional[ServerSettings]:
     """Returns the settings of the server for the whole fleet; None: not requested.
 
-    The token that the command line names is for the robots. It is never the one that this server requires.
+    The robots' token is never the one that this server requires: that comes from the ops.yaml alone.
 
     Args:
         arguments: the command line, which takes precedence.

@@ -23,7 +23,7 @@ from robot_health_monitor.core.middleware import is_namespace
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping, unknown_key
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.rosbridge.address import host_and_port, shown_address
+from robot_health_monitor.rosbridge.address import full_address, host_and_port, shown_address
 
 from .embedded import sections_of_nodes
 from .tokens import find_token, read_token_file
@@ -116,7 +116,7 @@ def is_fleet_file(tree: Mapping[str, Any]) -> bool:
 
 
 def read_addresses(texts: Sequence[str]) -> List[Address]:
-    """Reads addresses as the command line takes them: `ws://husky:9090` or `NAME=ws://10.0.0.7:9090`.
+    """Reads addresses as the command line takes them: `husky:9090`, `ws://husky:9090`, `NAME=wss://10.0.0.7:9090`.
 
     Without a name, a robot gets the name of its host, with the port if that name is taken.
 
@@ -127,17 +127,18 @@ def read_addresses(texts: Sequence[str]) -> List[Address]:
     taken = set()
     for text in texts:
         named = _NAMED.fullmatch(text)
-        name, url = (named["name"], named["url"]) if named else ("", text)
+        name, url = (named["name"], full_address(named["url"])) if named else ("", full_address(text))
         try:
             host, port = host_and_port(url)
         except ConfigError:
             raise ConfigError(
-                f"expected ws://host:port, wss://host:port or NAME=ws://..., got {shown_address(text)[:_SHOWN_CHARS]!r}"
+                f"expected host:port, ws://host:port, wss://host:port or NAME=host:port, got "
+                f"{shown_address(text)[:_SHOWN_CHARS]!r}"
             ) from None
         if not name:
             name = f"{host}:{port}" if host in taken and port else host
         if name in taken:
-            raise ConfigError(f"two robots are named {name}; give them names: one=ws://... two=ws://...")
+            raise ConfigError(f"two robots are named {name}; give them names: one=host:port two=host:port")
         taken.add(name)
         addresses.append(Address(name, url))
     return addresses
@@ -202,6 +203,7 @@ def _read_keys(found: Mapping[str, Any], keys: Sequence[Parameter], path: Path) 
     if values.get("url") is not None:
         with problems:
             try:
+                values["url"] = full_address(values["url"])
                 host_and_port(values["url"])
             except ConfigError as error:
                 raise ConfigError(error.problem, (*path, "url")) from None

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 from robot_health_monitor.core.errors import ConfigError
 
-__all__ = ["host_and_port", "http_address", "shown_address"]
+__all__ = ["full_address", "host_and_port", "http_address", "shown_address"]
 
 _SHOWN_CHARS = 100
 
@@ -27,6 +27,22 @@ def host_and_port(url: str) -> Tuple[str, Optional[int]]:
     except ValueError:
         pass  # brackets that do not match, or a port that is not one
     raise ConfigError(f"expected ws://host:port or wss://host:port, got {shown_address(url)[:_SHOWN_CHARS]!r}")
+
+
+def full_address(text: str) -> str:
+    """Returns an address with its scheme: `robot:9090` means `ws://robot:9090`. Anything else stays as it is.
+
+    >>> full_address("robot:9090")
+    'ws://robot:9090'
+    """
+    if "://" not in text:
+        try:
+            _, port = host_and_port(f"ws://{text}")
+        except ConfigError:
+            port = None
+        if port is not None:
+            return f"ws://{text}"
+    return text
 
 
 def http_address(url: str) -> str:

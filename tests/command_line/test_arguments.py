@@ -47,6 +47,7 @@ def test_connect_takes_several_addresses() -> None:
         (["silence", "list", "--jso"], "robot-health silence list: unrecognized arguments: --jso; see"),
         (["connect"], "robot-health connect: expected the URL of a robot, or --fleet FILE; see robot-health connect"),
         (["connect", "ws://a:1", "--namespace", "a b"], "such as carter or fleet/carter, got 'a b'"),
+        (["connect", "a:1", "--robot-token-file", "t", "--token-file", "t"], "argument --token-file: not allowed with"),
         (["replay", "x.bag", "--namespace", "7up"], "--namespace"),
         (["history", "--summary", "--alert", "1"], "--alert: not allowed with argument --summary"),
         (["silence", "add", "robot=r3"], "robot-health silence add: expected --for TIME or --until-resolved"),
@@ -63,12 +64,15 @@ def test_wrong_usage_is_one_line_and_code_2(words: List[str], line: str, capsys:
     assert "--help" in written
 
 
-def test_a_token_is_refused_without_being_repeated(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("command", "option"), [("run", "--token-file"), ("connect", "--robot-token-file")])
+def test_a_token_is_refused_without_being_repeated(
+    command: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as end:
-        parse(["connect", "--token", "secret-7", "ws://a:1"])
+        parse([command, "--token", "secret-7"])
     written = capsys.readouterr().err
     assert end.value.code == 2
-    assert "--token-file" in written and "secret-7" not in written
+    assert f"use {option} or ROBOT_HEALTH_TOKEN" in written and "secret-7" not in written
 
 
 def test_control_characters_of_an_argument_are_not_written(capsys: pytest.CaptureFixture[str]) -> None:

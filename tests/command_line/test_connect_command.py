@@ -102,8 +102,7 @@ def test_an_idle_robot_is_up_all_the_time(robot_health: Start, tmp_path: Path) -
     robot = robot_health("run", "--source", "none", "--port", 0)
     patient = tmp_path / "patient.yaml"
     patient.write_text("alert_system: {ros__parameters: {signals: {battery_level: {startup_grace_s: 1000.0}}}}\n")
-    url = f"atlas=ws://127.0.0.1:{port_of(robot)}"
-    watcher = robot_health("connect", url, "--thresholds", patient, "--duration", 25)
+    watcher = robot_health("connect", f"127.0.0.1:{port_of(robot)}", "--thresholds", patient, "--duration", 25)
     assert watcher.wait(60.0) == 0
     assert alerts(watcher) == []
 
@@ -198,17 +197,20 @@ def test_a_wrong_or_missing_token_is_reported_at_once_as_a_mistake_on_this_side(
     assert watcher.errors == [f"robot-health connect: atlas: check this computer's settings: {cause}"]
 
 
+@pytest.mark.parametrize("option", ["--robot-token-file", "--token-file"])
 def test_the_right_token_from_a_file_connects_and_is_never_shown(
-    robot_health: Start, calm: Path, thresholds: Path, tmp_path: Path
+    robot_health: Start, calm: Path, thresholds: Path, tmp_path: Path, option: str
 ) -> None:
     file = tmp_path / "token"
     file.write_text("s3cret\n")
     file.chmod(0o600)
     robot = robot_health("run", "--thresholds", calm, "--port", 0, "--token-file", file)
     address = f"atlas=ws://127.0.0.1:{port_of(robot)}/?token=s3cret"
-    watcher = robot_health("connect", address, "--thresholds", thresholds, "--duration", 3, "--token-file", file)
+    watcher = robot_health("connect", address, "--thresholds", thresholds, "--duration", 3, option, file)
     assert watcher.wait() == 0
     assert alerts(watcher) == []
+    old = "[WARN] connect: --token-file is deprecated for the robots' token: use --robot-token-file"
+    assert (old in watcher.text) is (option == "--token-file")
     assert "atlas: connected to ws://127.0.0.1:" in watcher.text
     for process in (robot, watcher):
         assert not [line.text for line in process.lines if "s3cret" in line.text]
@@ -218,11 +220,20 @@ def test_the_right_token_from_a_file_connects_and_is_never_shown(
 @pytest.mark.parametrize(
     ("urls", "problem"),
     [
-        (["robot:9090"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'robot:9090'"),
-        (["http://robot:9090"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'http://robot:9090'"),
-        (["ws://"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'ws://'"),
-        (["ws://u:p@robot:99999"], "expected ws://host:port, wss://host:port or NAME=ws://..., got 'ws://robot:99999'"),
-        (["a=ws://one:9090", "a=ws://two:9090"], "two robots are named a; give them names: one=ws://... two=ws://..."),
+        (["robot"], "expected host:port, ws://host:port, wss://host:port or NAME=host:port, got 'robot'"),
+        (
+            ["http://robot:9090"],
+            "expected host:port, ws://host:port, wss://host:port or NAME=host:port, got 'http://robot:9090'",
+        ),
+        (["ws://"], "expected host:port, ws://host:port, wss://host:port or NAME=host:port, got 'ws://'"),
+        (
+            ["ws://u:p@robot:99999"],
+            "expected host:port, ws://host:port, wss://host:port or NAME=host:port, got 'ws://robot:99999'",
+        ),
+        (
+            ["a=ws://one:9090", "a=ws://two:9090"],
+            "two robots are named a; give them names: one=host:port two=host:port",
+        ),
     ],
 )
 def test_a_wrong_address_is_one_line_and_code_2(robot_health: Start, urls: List[str], problem: str) -> None:

@@ -44,7 +44,7 @@ def test_a_robots_key_comes_before_the_default_and_paths_are_relative_to_the_fil
         tmp_path,
         "defaults: {thresholds: thresholds.yaml, token_file: /etc/token, namespace: fleet}\n"
         "robots:\n"
-        "  husky1: {url: ws://10.0.0.7:9090}\n"
+        "  husky1: {url: 10.0.0.7:9090}\n"
         "  carter: {url: wss://10.0.0.8, namespace: carter, thresholds: sub/carter.yaml, ca: fleet.pem}\n",
     )
     assert (husky.name, husky.url, husky.namespace, husky.ca) == ("husky1", "ws://10.0.0.7:9090", "fleet", None)

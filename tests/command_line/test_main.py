@@ -39,7 +39,7 @@ def test_every_mistake_of_a_file_is_one_line(tmp_path: Path, capsys: pytest.Capt
 
 def test_an_error_that_belongs_to_no_file_names_the_command(capsys: pytest.CaptureFixture) -> None:
     assert main(["connect", "ws://a", "ws://a"]) == 2
-    text = "two robots are named a; give them names: one=ws://... two=ws://..."
+    text = "two robots are named a; give them names: one=host:port two=host:port"
     assert capsys.readouterr().err == f"robot-health connect: {text}\n"
 
 

@@ -341,7 +341,7 @@ def test_the_token_file_of_the_configuration_protects_the_server(
     url = process.wait_for_text("serving on ws://").rpartition(" ")[2]
     stranger = robot_health("connect", url, "--thresholds", restless, ROBOT_HEALTH_TOKEN="guessed")
     stranger.wait_for_text("check this computer's settings")
-    friend = robot_health("connect", url, "--thresholds", restless, "--token-file", token)
+    friend = robot_health("connect", url, "--thresholds", restless, "--robot-token-file", token)
     friend.wait_for_text("battery_level ERROR: ")
     assert "s3cret" not in process.text + stranger.text + friend.text
 

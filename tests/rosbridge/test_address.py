@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.rosbridge.address import host_and_port, http_address, shown_address
+from robot_health_monitor.rosbridge.address import full_address, host_and_port, http_address, shown_address
 
 
 @pytest.mark.parametrize(
@@ -21,6 +21,23 @@ from robot_health_monitor.rosbridge.address import host_and_port, http_address, 
 )
 def test_an_address_has_a_host_and_perhaps_a_port(url: str, expected: object) -> None:
     assert host_and_port(url) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("robot:9090", "ws://robot:9090"),
+        ("10.0.0.7:80/path", "ws://10.0.0.7:80/path"),
+        ("[::1]:9090", "ws://[::1]:9090"),
+        ("wss://robot:9090", "wss://robot:9090"),
+        ("http://robot:9090", "http://robot:9090"),
+        ("robot", "robot"),
+        ("robot:port", "robot:port"),
+        ("", ""),
+    ],
+)
+def test_a_host_with_a_port_needs_no_scheme(text: str, expected: str) -> None:
+    assert full_address(text) == expected
 
 
 @pytest.mark.parametrize(
