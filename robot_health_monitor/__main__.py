@@ -183,7 +183,7 @@ def _export(arguments: argparse.Namespace) -> int:
 def _notify(arguments: argparse.Namespace) -> int:
     from .notify_command import notify
 
-    return FINE if notify(arguments.file) else FAILED
+    return FINE if notify(arguments.file, arguments.hold) else FAILED
 
 
 def _prepare_streams() -> None:

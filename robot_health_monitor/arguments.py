@@ -343,10 +343,17 @@ def _add_notify(commands: Any) -> None:
     command = commands.add_parser(
         "notify",
         help="send a test notification to every target of an ops.yaml",
-        description="Sends a test notification to every target of an ops.yaml, then its end, and reports each "
-        "response. Ends with code 3 if a target failed.",
+        description="Sends a test alert to every target of an ops.yaml, then resolves it, and reports each response. "
+        "Ends with code 3 if a target failed.",
     )
     command.add_argument("file", metavar="FILE", help="an ops.yaml")
+    command.add_argument(
+        "--hold",
+        metavar="TIME",
+        type=_hold,
+        help="how long the test alert stays, such as 90s or 0 (default: 60s at alertmanager, which notifies after its "
+        "group_wait, and 0 at all other targets)",
+    )
 
 
 def _add_history(commands: Any) -> None:
@@ -462,6 +469,16 @@ def _duration(text: str) -> float:
         return parse_duration_s(text)
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _hold(text: str) -> float:
+    try:
+        seconds = float(text)  # 0, and seconds without their unit
+    except ValueError:
+        seconds = _duration(text)
+    if not 0.0 <= seconds <= 86_400.0:
+        raise argparse.ArgumentTypeError(f"expected a duration of at most a day, such as 90s, got {text!r}")
+    return seconds
 
 
 def _moment(text: str) -> float:

@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from robot_health_monitor.core.config import LINK, MonitorConfig, SignalConfig
 
-from .prometheus import ALERT
+from ..notifications.alertmanager import ALERT
 
 _DATASOURCE = {"type": "prometheus", "uid": "${datasource}"}
 _ROBOT = 'robot=~"$robot"'

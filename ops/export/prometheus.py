@@ -18,13 +18,13 @@ from typing import List, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.config import LINK, Condition, MonitorConfig, SignalConfig
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
+from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.monitor import LINK_CONFIG
 
-ALERT = "RobotHealth"
-"""Name of every alert; the same as in notifications."""
+from ..notifications.alertmanager import ALERT, SEVERITIES
+
 BEYOND = "robot_health:beyond_bound"
 """Recorded series: the value of a signal while it is beyond a bound, with its hysteresis."""
-_SEVERITIES = {"WARN": "warning", "ERROR": "critical", "STALE": "warning"}
 _OPERATORS = {"below": "<", "above": ">"}
 _UNITS = {"rate": "{}/s", "frequency_hz": "Hz"}
 REPORTED, SCRAPED = "robot_health:reported_at", "robot_health:scraped_at"
@@ -279,7 +279,7 @@ def _alert(
         lines.append(f"        for: {_duration(for_s)}")
     if keep_firing_for_s > 0.0:
         lines.append(f"        keep_firing_for: {_duration(keep_firing_for_s)}")
-    lines.append(f"        labels: {{signal: {signal}, level: {level}, severity: {_SEVERITIES[level]}}}")
+    lines.append(f"        labels: {{signal: {signal}, level: {level}, severity: {SEVERITIES[Level[level]]}}}")
     summary = json.dumps(f"{_ROBOT}{signal} {level}: {reason}")
     return [*lines, f"        annotations: {{summary: {summary}}}"]
 

@@ -20,6 +20,9 @@ from .http_target import HttpTarget
 from .notification import Notification, Notified, utc_text
 from .sender import DeliveryError, Sender
 
+ALERT = "RobotHealth"
+"""The label `alertname` of every alert; that of the exported rules, too."""
+
 SEVERITIES = {Level.WARN: "warning", Level.ERROR: "critical", Level.STALE: "warning"}
 """The label `severity` of each level; the exported Prometheus rules have the same."""
 
@@ -75,7 +78,7 @@ class Alertmanager(HttpTarget, Sender):
 
     def _alert(self, alert: Notified, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
         labels = {
-            "alertname": "RobotHealth",
+            "alertname": ALERT,
             "robot": alert.robot,
             "signal": alert.signal,
             "level": alert.level.name,

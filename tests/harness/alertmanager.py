@@ -60,10 +60,12 @@ class RunningAlertmanager:
 
 
 @contextmanager
-def running_alertmanager(folder: Path) -> Iterator[RunningAlertmanager]:
-    """Runs Alertmanager with its data in `folder`."""
+def running_alertmanager(folder: Path, webhook: str = "") -> Iterator[RunningAlertmanager]:
+    """Runs Alertmanager with its data in `folder`; it notifies the address of a webhook, if there is one."""
     assert EXECUTABLE is not None
-    (folder / "alertmanager.yml").write_text("route: {receiver: none}\nreceivers: [{name: none}]\n")
+    webhooks = [{"url": webhook}] if webhook else []
+    config = {"route": {"receiver": "one"}, "receivers": [{"name": "one", "webhook_configs": webhooks}]}
+    (folder / "alertmanager.yml").write_text(json.dumps(config))
     address = f"127.0.0.1:{free_port()}"
     process = subprocess.Popen(
         [

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from pathlib import Path
+from typing import List
 
 import pytest
 from harness.alertmanager import RunningAlertmanager, needs_alertmanager
@@ -49,12 +51,41 @@ def test_a_command_runs_for_the_test_and_for_its_end(tmp_path: Path) -> None:
     assert len((tmp_path / "log").read_text().splitlines()) == 2
 
 
+def test_an_alert_that_stays_says_what_to_look_for_and_is_resolved_when_it_is_stopped(server: HttpServer) -> None:
+    stop, lines = threading.Event(), []
+
+    def note(line: str) -> None:
+        lines.append(line)
+        assert [request.json["notification"] for request in server.all()] == ["firing"]
+        stop.set()
+
+    trial = try_target(TargetSettings("chat", "webhook", url=server.url), "r3", 3600.0, stop, note)
+    assert trial == Trial("chat", True, f"{server.url}: 200 OK", "")
+    assert [request.json["notification"] for request in server.all()] == ["resolved"]
+    text = "r3: test WARN: test notification of robot-health notify, nothing is wrong"
+    assert lines == [f'firing: {server.url}: 200 OK; look for "{text}"; it is resolved in 1 h']
+
+
+def test_an_alert_that_stays_at_alertmanager_is_repeated(server: HttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.notifications.trial.REPEAT_EVERY_S", 0.05)
+    stop = threading.Event()
+    server.behave = lambda handler: (stop.set() if server.received.qsize() >= 3 else None, responding(200)(handler))[1]
+    settings = TargetSettings("pager", "alertmanager", url=server.url)
+    lines: List[str] = []
+    assert try_target(settings, "r3", 3600.0, stop, lines.append).succeeded
+    *open_alerts, ended = [request.json for request in server.all()]
+    assert len(open_alerts) == 3
+    assert all(alert == open_alerts[0] and "endsAt" not in alert[0] for alert in open_alerts)
+    assert "endsAt" in ended[0] and ended[0]["labels"] == open_alerts[0][0]["labels"]
+    assert "group_wait (default 30 s)" in lines[0] and "alertname=RobotHealth, robot=r3, signal=test" in lines[0]
+
+
 @needs_alertmanager
 @pytest.mark.parametrize("ahead_s", [0.0, 7200.0])
 def test_at_alertmanager_the_test_ends_at_once_also_with_a_wrong_clock(
     alertmanager: RunningAlertmanager, ahead_s: float
 ) -> None:
     settings = TargetSettings("pager", "alertmanager", url=alertmanager.url)
-    trial = try_target(settings, "r3", lambda: time.time() + ahead_s)
+    trial = try_target(settings, "r3", wall_time_s=lambda: time.time() + ahead_s)
     assert trial == Trial("pager", True, f"{alertmanager.url}: 200 OK", "")
     assert alertmanager.levels() == {}
