@@ -39,7 +39,9 @@ MOST_TARGETS = 50
 HISTORY_PARAMETERS = (
     Parameter("file", str, None, "path of the SQLite file, which is created"),
     Parameter("keep_days", float, 90.0, "age at which entries are deleted, in days", 0.01, 36_500.0),
-    Parameter("keep_mb", float, 100.0, "size of the file at which the oldest entries are deleted, in MB", 1.0, 1e6),
+    Parameter(
+        "keep_mb", float, 100.0, "largest size of the file with its log, in MB; old entries are deleted", 1.0, 1e6
+    ),
 )
 
 _TYPE = Parameter("type", str, None, "kind of target", choices=TARGET_TYPES)
@@ -92,7 +94,7 @@ class HistorySettings:
     keep_days: float = 90.0
     """Age at which entries are deleted, in days."""
     keep_mb: float = 100.0
-    """Size of the file at which the oldest entries are deleted, in MB."""
+    """Largest size of the file and its log, in MB; the oldest entries are deleted."""
 
 
 @dataclass(frozen=True)

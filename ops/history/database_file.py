@@ -4,6 +4,9 @@ SQLite's write-ahead log (WAL) is used with synchronous=NORMAL: a commit hands i
 when the process is killed. The thread of `_Sync` flushes the log to the disk each second if something was written, so
 that a power cut loses no more than the last second, and copies the log into the file when it has grown. The writer
 itself waits for the disk only when the kernel makes it wait.
+
+A log begins anew only if everything in it has been copied and nobody reads it. Under load that moment never comes by
+itself: then the thread makes the writer wait while it copies the last few pages.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import stat
 import threading
 import time
 from typing import Optional
+from urllib.parse import quote
 
 from . import schema
 
@@ -24,7 +28,9 @@ SYNC_PERIOD_S = 1.0
 """A power cut loses at most what was written in this time, in s."""
 
 _BUSY_S = 3.0  # how long to wait for another process that writes, such as `robot-health silence`
-_CHECKPOINT_BYTES = 4_000_000
+_PAGE_BYTES = 512  # an alert changes a few hundred bytes in each of several pages, which are written as a whole
+_READERS_S = 0.02  # how long the writer may have to wait for readers of the log
+_MOST_READERS_S = 1.0  # the same for a log that must not grow any more
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _MAX_ASIDE = 100
 
@@ -40,11 +46,12 @@ class NotAHistoryError(Exception):
 class DatabaseFile:
     """An open history file that no other monitor writes."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, log_bytes: float = 4e6) -> None:
         """Opens or creates a file, and migrates an older version.
 
         Args:
             path: a symbolic link is followed; missing folders are created.
+            log_bytes: size from which on the log is copied into the file, in bytes.
 
         Raises:
             InUseError: another monitor writes it.
@@ -61,15 +68,17 @@ class DatabaseFile:
             """In autocommit mode."""
             on_error.callback(self.connection.close)
             schema.version_of(self.connection)  # what follows would change a file that must not be touched
-            self.connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # has an effect in a new file only
+            self.connection.execute(f"PRAGMA page_size = {_PAGE_BYTES}")  # these two have an effect in a new file only
+            self.connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
             mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
             # Without a WAL (some network file systems) only FULL survives a power cut.
             self.connection.execute(f"PRAGMA synchronous = {'NORMAL' if mode == 'wal' else 'FULL'}")
             self.connection.execute("PRAGMA wal_autocheckpoint = 0")
             self.connection.execute("PRAGMA journal_size_limit = 0")  # shortens the log when it begins anew
+            self.connection.execute("PRAGMA secure_delete = OFF")  # Debian's SQLite overwrites what is deleted
             schema.prepare(self.connection)
             self._identity = _identity(self.path)
-            self._sync = _Sync(self.path)
+            self._sync = _Sync(self.path, log_bytes)
             on_error.pop_all()
 
     @property
@@ -85,6 +94,23 @@ class DatabaseFile:
     def note_written(self) -> None:
         """Requests that everything written so far is flushed to the disk."""
         self._sync.is_wanted = True
+        self._sync.note_size(self.log_bytes())
+
+    def log_bytes(self) -> int:
+        """Returns the size of the log, in bytes."""
+        return _size(f"{self.path}-wal")
+
+    def empty_log(self) -> None:
+        """Copies the log into the file and empties it; waits for the disk and for readers, at most a second for each.
+
+        Raises:
+            sqlite3.Error: the disk failed.
+        """
+        if self._sync.copying.acquire(timeout=_MOST_READERS_S):  # SQLite itself waits for no other checkpoint
+            try:
+                _empty_log(self.connection, _MOST_READERS_S)
+            finally:
+                self._sync.copying.release()
 
     def is_in_place(self) -> bool:
         """Whether the path still leads to the open file, and the log is still beside it."""
@@ -194,15 +220,36 @@ def _identity(path: str) -> object:
     return found
 
 
+def _size(path: str) -> int:
+    try:
+        return os.stat(path).st_size
+    except OSError:
+        return 0
+
+
+def _empty_log(connection: sqlite3.Connection, timeout_s: float) -> None:
+    """Copies the whole log into the file and empties it; does nothing if it is still being read after the timeout."""
+    busy_ms = connection.execute("PRAGMA busy_timeout").fetchone()[0]
+    connection.execute(f"PRAGMA busy_timeout = {int(timeout_s * 1000.0)}")
+    try:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    finally:
+        connection.execute(f"PRAGMA busy_timeout = {busy_ms}")
+
+
 class _Sync:
     """The thread that flushes the log to the disk, with its own connection."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, log_bytes: float) -> None:
         self._path = path
+        self._log_bytes = log_bytes
+        self._wake_bytes = log_bytes
         self.is_wanted = True
         self.problem = ""
+        self.copying = threading.Lock()
         self._began_s: Optional[float] = None
-        self._stop = threading.Event()
+        self._is_stopping = False
+        self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="history sync", daemon=True)
         self._thread.start()
 
@@ -211,12 +258,24 @@ class _Sync:
         began_s = self._began_s
         return 0.0 if began_s is None else time.monotonic() - began_s
 
+    def note_size(self, log_bytes: int) -> None:
+        """Ends the present wait if the log has grown; called by the writer after each transaction."""
+        if log_bytes < self._log_bytes:
+            self._wake_bytes = self._log_bytes
+        elif log_bytes >= self._wake_bytes:
+            self._wake.set()
+
     def stop(self) -> None:
-        self._stop.set()
+        self._is_stopping = True
+        self._wake.set()
         self._thread.join(SYNC_PERIOD_S)  # not longer: the disk may hang
 
     def _run(self) -> None:
-        while not self._stop.wait(SYNC_PERIOD_S):
+        while True:
+            self._wake.wait(SYNC_PERIOD_S)
+            if self._is_stopping:
+                return
+            self._wake.clear()
             if not self.is_wanted:
                 continue
             self._began_s = time.monotonic()
@@ -236,12 +295,20 @@ class _Sync:
             return
         try:
             os.fdatasync(log)
-            size = os.fstat(log).st_size
         finally:
             os.close(log)  # SQLite holds no locks on this file; closing the database file here would release them
-        if size >= _CHECKPOINT_BYTES:
-            connection = sqlite3.connect(self._path, timeout=0.0, isolation_level=None)
-            try:
-                connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
-            finally:
-                connection.close()
+        size = _size(f"{self._path}-wal")
+        if size >= self._log_bytes:
+            self._wake_bytes = size + self._log_bytes
+            with self.copying:
+                self._copy_log()
+
+    def _copy_log(self) -> None:
+        """Copies the log into the file. The writer goes on meanwhile, and begins the log anew if all was copied."""
+        connection = sqlite3.connect(f"file:{quote(self._path)}?mode=rw", uri=True, timeout=0.0, isolation_level=None)
+        try:
+            _, pages, copied = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+            if pages != copied:
+                _empty_log(connection, _READERS_S)
+        finally:
+            connection.close()

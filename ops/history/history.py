@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import sqlite3
 import threading
 import time
@@ -55,6 +56,7 @@ class History:
         self._on_record: List[OnRecord] = []
         self._faults = FaultReports()
         self._open_saves: Dict[str, Dict[str, str]] = {}
+        self._evidence_until_s: Dict[Tuple[str, str], float] = {}
         self._lost = 0
         self._storage = Storage(self.file, keep.keep_days, keep.keep_mb, self._faults, wall_time_s)
         self._writer = Writer(self._storage)
@@ -112,12 +114,13 @@ class History:
         """Stores a transition and the state after it; waits at most 0.2 s for the disk. See `RobotHistory.record`."""
         wall_s = self.wall_s()
         row = transition_row(transition, wall_s)
-        samples = pack_samples(evidence)
+        signal = (robot, transition.signal)
+        samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
 
         def insert(connection: sqlite3.Connection) -> None:
             number = connection.execute(INSERT_TRANSITION, row).lastrowid or 0
             connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
-            self._storage.note_transition(number)
+            self._storage.note_transition(number, row[1], row[2])
             self._storage.write_states(robot, {transition.signal: state})
             for hook in self._on_record:
                 self._run_hook(hook, connection, number, transition, wall_s)
@@ -128,6 +131,8 @@ class History:
             is_waiting = self._writer.put(job)
             if is_waiting:
                 self._open_saves.pop(robot, None)  # later states go behind this transition
+                if evidence:
+                    self._evidence_until_s[signal] = evidence[-1][0]
         if is_waiting:
             self._writer.wait(job, COMMIT_TIMEOUT_S)
         else:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
 
 from ..matchers import matches_pattern
-from .rows import TRANSITION_COLUMNS, StoredTransition, stored_transition, unpack_samples
+from .rows import MAX_EVIDENCE, TRANSITION_COLUMNS, StoredTransition, stored_transition, unpack_samples
+from .schema import INDEX_STEP, INDEXED
 
 _PAGE = 500
+_ROUNDING_S = 0.001  # of the times of samples
 
 
 class Gap(NamedTuple):
@@ -51,7 +54,7 @@ def transitions(
         limit: at most so many.
         newest_first: in reverse order; with a `limit`: the newest ones.
     """
-    # The unary plus keeps SQLite from sorting what an index on the time would find.
+    # The unary plus keeps SQLite from sorting what an index on the time would find (of files of earlier versions).
     conditions: List[Tuple[str, List[Any]]] = [
         ("+wall_s >= ?" if since_s is not None else "1", [since_s] if since_s is not None else []),
         ("+wall_s < ?" if until_s is not None else "1", [until_s] if until_s is not None else []),
@@ -84,12 +87,14 @@ def transitions(
 
 def _number_range(connection: sqlite3.Connection, since_s: Optional[float]) -> Tuple[int, int]:
     """Returns the first number that may be as new as `since_s`, and the last number."""
-    where = "" if since_s is None else " WHERE wall_s >= ?"
-    first, last = connection.execute(
-        f"SELECT min(id), (SELECT max(id) FROM transitions) FROM transitions{where}",
-        [] if since_s is None else [since_s],
-    ).fetchone()
-    return (1, 0) if first is None else (first, last)
+    first, last = connection.execute("SELECT min(id), max(id) FROM transitions").fetchone()
+    if first is None:
+        return 1, 0
+    if since_s is not None:
+        query = f"SELECT min(id) FROM transitions WHERE {INDEXED} AND wall_s >= ?"
+        (indexed,) = connection.execute(query, (since_s,)).fetchone()
+        first = max(first, (last if indexed is None else indexed) - INDEX_STEP)
+    return first, last
 
 
 def transition(connection: sqlite3.Connection, number: int) -> Optional[StoredTransition]:
@@ -99,9 +104,32 @@ def transition(connection: sqlite3.Connection, number: int) -> Optional[StoredTr
 
 
 def evidence(connection: sqlite3.Connection, transition_id: int) -> Sequence[Tuple[float, float]]:
-    """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN: not a number)."""
-    row = connection.execute("SELECT samples FROM evidence WHERE transition_id = ?", (transition_id,)).fetchone()
-    return [] if row is None else unpack_samples(row[0])
+    """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN: not a number).
+
+    Samples that earlier transitions of the signal have, too, are stored with the earliest only.
+    """
+    query = "SELECT robot, signal FROM transitions WHERE id = ?"
+    signal = connection.execute(query, (transition_id,)).fetchone()
+    if signal is None:
+        return []
+    query = (
+        "SELECT samples FROM transitions JOIN evidence ON transition_id = id "
+        "WHERE robot = ? AND signal = ? AND id <= ? ORDER BY id DESC LIMIT ?"
+    )
+    rows = connection.execute(query, (*signal, transition_id, MAX_EVIDENCE))
+    found: List[Tuple[float, float]] = []
+    first_s = None
+    for (packed,) in rows:
+        part = unpack_samples(packed)
+        if part is None:
+            break
+        first_s = part.first_s if first_s is None else first_s
+        end_s = found[0][0] if found else math.inf
+        found[:0] = [sample for sample in part.samples if first_s - _ROUNDING_S <= sample[0] < end_s]
+        if part.is_complete or (part.samples and part.samples[0][0] <= first_s):
+            break
+    rows.close()
+    return found
 
 
 def gaps(connection: sqlite3.Connection, since_s: float = 0.0) -> List[Gap]:

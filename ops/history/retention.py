@@ -1,35 +1,54 @@
-"""Deletes the oldest entries of a history, a few at a time, so that a transition never waits for it."""
+"""Deletes entries of a history, a few at a time, so that a transition never waits for it.
+
+Entries that are too old go first. While the database is too large, the oldest transitions of the robot and signal that
+have most of them go: one noisy signal does not displace the alerts of all others.
+"""
 
 from __future__ import annotations
 
 import sqlite3
-from typing import Optional
+from typing import Dict, List, Optional, Tuple
+
+from .schema import INDEX_STEP, INDEXED
 
 _MAX_ROWS = 200  # per call and table
-_MAX_PAGES = 100  # given back to the file system per call
+_MAX_CHOSEN = 5000  # at a time
+_MAX_PAGES = 1000  # given back to the file system per call
+_NEARLY = 2 / 3
+_UNUSED_BYTES = 256_000  # unused pages that are kept for the next entries
 _TRUSTED_STEP_S = 3600.0
 _DISTRUST_S = 86_400.0
 
-_EXPIRED = """
-SELECT id, wall_s FROM transitions AS old
-WHERE {condition} AND NOT (to_level <> 0 AND id = (
+_OLD = """
+SELECT id, robot, signal FROM transitions AS old
+WHERE id < :before_id AND wall_s < :before_s AND NOT (to_level <> 0 AND id = (
     SELECT id FROM transitions
     WHERE robot = old.robot AND signal = old.signal AND repeated = 0 ORDER BY id DESC LIMIT 1
 ))
-ORDER BY id LIMIT {limit}
+ORDER BY id LIMIT :limit
 """
 """The oldest transitions without those that began an alert that is still open."""
 
+_LATEST = """
+SELECT id, to_level FROM transitions WHERE robot = ? AND signal = ? AND repeated = 0 ORDER BY id DESC LIMIT 1
+"""
+"""The latest change of a signal's level; if it is not to OK, it began an alert that is still open."""
+
 _OTHERS = (
-    ("runs", "coalesce(stopped_s, alive_s) < :before_s AND id < :run_id"),
-    ("watches", "run_id < (SELECT min(id) FROM runs)"),
-    ("resets", "wall_s < :before_s"),
+    ("runs", "coalesce(stopped_s, alive_s) < :before_s", "id < :run_id", 1),
+    ("resets", "wall_s < :before_s", "1", 1),
     (
         "configuration_changes",
-        "wall_s < :before_s AND id NOT IN (SELECT max(id) FROM configuration_changes GROUP BY robot)",
+        "wall_s < :before_s",
+        "id NOT IN (SELECT max(id) FROM configuration_changes GROUP BY robot)",
+        20,
     ),
 )
-"""The other tables of the past, with what may be deleted."""
+"""The other tables of the past: which rows are too old, which may be deleted at all, and how many transitions take as
+much space as one of them."""
+
+_Rows = List[Tuple[int, str, str]]
+"""Transitions: id, robot, signal."""
 
 
 class AgeClock:
@@ -68,49 +87,153 @@ class AgeClock:
         return self._reference_s
 
 
-def delete_expired(connection: sqlite3.Connection, run_id: int, before_s: float, max_bytes: float) -> bool:
-    """Deletes some of the entries that are too old, or the oldest ones if there are too many.
+class Retention:
+    """Deletes entries of one database. The state of signals, open alerts, notifications and silences stay."""
 
-    The state of signals, open alerts, and the tables of notifications and silences stay.
+    def __init__(self, connection: sqlite3.Connection, max_bytes: float) -> None:
+        """Starts; nothing is read before the database is too large.
 
-    Args:
-        connection: inside a transaction.
-        run_id: the present run, which stays.
-        before_s: older entries are deleted, in s since 1970.
-        max_bytes: the limit for the database, in bytes.
+        Args:
+            connection: the one that stores the transitions.
+            max_bytes: the limit for the database, in bytes.
+        """
+        self._connection = connection
+        self._max_bytes = max_bytes
+        self._counts: Optional[Dict[Tuple[str, str], int]] = None
+        self._chosen: _Rows = []
+        self._chosen_until = 0
 
-    Returns:
-        Whether there may be more to delete.
-    """
-    is_too_large = used_bytes(connection) > max_bytes
-    condition = "1" if is_too_large else "wall_s < :before_s"
-    query = _EXPIRED.format(condition=condition, limit=_MAX_ROWS)
-    expired = connection.execute(query, {"before_s": before_s}).fetchall()
-    connection.executemany("DELETE FROM evidence WHERE transition_id = ?", [(number,) for number, _ in expired])
-    connection.executemany("DELETE FROM transitions WHERE id = ?", [(number,) for number, _ in expired])
-    if is_too_large and expired:
-        before_s = max(before_s, expired[-1][1])
-    deleted = len(expired)
-    for table, others in _OTHERS:
-        # What is left when there are no transitions: a monitor that is restarted again and again.
-        if is_too_large and not expired and table == "runs":
-            others = "id < :run_id"
-        selected = f"SELECT id FROM {table} WHERE {others} ORDER BY id LIMIT {_MAX_ROWS}"
-        statement = f"DELETE FROM {table} WHERE id IN ({selected})"
-        deleted += connection.execute(statement, {"before_s": before_s, "run_id": run_id}).rowcount
-    if deleted:
-        connection.execute("DELETE FROM configurations WHERE hash NOT IN (SELECT hash FROM configuration_changes)")
-    if _pages(connection, "page_count") * _pages(connection, "page_size") > max_bytes:
-        connection.execute(f"PRAGMA incremental_vacuum({_MAX_PAGES})").fetchall()
-    return deleted > 0
+    def note_transition(self, robot: str, signal: str) -> None:
+        """Counts a transition that is stored, by the names in its row."""
+        if self._counts is not None:
+            self._counts[robot, signal] = self._counts.get((robot, signal), 0) + 1
+
+    def is_due(self) -> bool:
+        """Returns whether the database is too large, or has unused space to give back."""
+        used, unused = used_bytes(self._connection)
+        return used > self._max_bytes or used + unused > self._max_bytes + _UNUSED_BYTES
+
+    def delete_old(self, run_id: int, before_s: float) -> bool:
+        """Deletes some of the entries that are too old. Inside a transaction.
+
+        Args:
+            run_id: the present run, which stays.
+            before_s: older entries are deleted, in s since 1970.
+
+        Returns:
+            Whether there may be more to delete.
+        """
+        query = f"SELECT max(id) FROM transitions WHERE {INDEXED} AND wall_s < ?"
+        (indexed,) = self._connection.execute(query, (before_s,)).fetchone()
+        values = {"before_id": (indexed or 0) + INDEX_STEP, "before_s": before_s, "limit": _MAX_ROWS}
+        deleted = self._delete(self._connection.execute(_OLD, values).fetchall())
+        if deleted:
+            self._chosen = []
+        for table, is_old, is_past, _ in _OTHERS:
+            deleted += self._delete_others(table, f"{is_old} AND {is_past}", run_id, before_s)
+        return deleted > 0
+
+    def delete_surplus(self, run_id: int) -> bool:
+        """Deletes some entries if the database is too large, else gives unused space back to the file system.
+
+        Args:
+            run_id: the present run, which stays.
+
+        Returns:
+            Whether anything was done.
+        """
+        if used_bytes(self._connection)[0] > self._max_bytes:
+            return self._delete_most_frequent(run_id)
+        self._connection.execute(f"PRAGMA incremental_vacuum({_MAX_PAGES})").fetchall()
+        return True
+
+    def _delete_most_frequent(self, run_id: int) -> bool:
+        if not self._chosen:
+            if self._delete_most_frequent_others(run_id):
+                return True
+            self._choose()
+        rows = self._chosen[-_MAX_ROWS:]
+        del self._chosen[-_MAX_ROWS:]
+        deleted = self._delete(rows)
+        if not deleted:  # what is open needs all the space: it stays, without its samples
+            query = f"SELECT transition_id FROM evidence ORDER BY transition_id LIMIT {_MAX_ROWS}"
+            deleted = self._connection.execute(f"DELETE FROM evidence WHERE transition_id IN ({query})").rowcount
+        return deleted > 0
+
+    def _choose(self) -> None:
+        """Chooses a twentieth of the entries: the oldest of the signals that have most of them.
+
+        Signals that have nearly as many as the largest count as equal, and lose their entries by age. Then neighbours
+        are deleted together, and share the pages that have to be written.
+        """
+        counts = dict(self._counted())
+        wanted = min(max(sum(counts.values()) // 20, _MAX_ROWS), _MAX_CHOSEN)
+        least = _NEARLY * max(counts.values(), default=0)
+        open_ids: Dict[Tuple[str, str], int] = {}
+        query = "SELECT id, robot, signal FROM transitions WHERE id > ? ORDER BY id LIMIT ?"
+        chosen: _Rows = []
+        while len(chosen) < wanted:
+            rows = self._connection.execute(query, (self._chosen_until, _MAX_ROWS)).fetchall()
+            for number, *names in rows:
+                signal = (names[0], names[1])
+                if counts.get(signal, 0) >= least:
+                    if signal not in open_ids:
+                        open_ids[signal] = self._open_id(*signal)
+                    if number != open_ids[signal]:
+                        counts[signal] -= 1
+                        chosen.append((number, *signal))
+            self._chosen_until = rows[-1][0] if rows else 0
+            if not rows:
+                break
+        self._chosen = chosen[::-1]
+
+    def _delete_most_frequent_others(self, run_id: int) -> int:
+        """Deletes rows of the other tables that have more of them than any signal has transitions."""
+        most = max(self._counted().values(), default=0)
+        deleted = 0
+        for table, _, is_past, weight in _OTHERS:
+            if weight * self._connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0] > most:
+                deleted += self._delete_others(table, is_past, run_id, 0.0)
+        return deleted
+
+    def _counted(self) -> Dict[Tuple[str, str], int]:
+        if self._counts is None:
+            query = "SELECT robot, signal, count(*) FROM transitions GROUP BY robot, signal"
+            self._counts = {(robot, signal): count for robot, signal, count in self._connection.execute(query)}
+        return self._counts
+
+    def _open_id(self, robot: str, signal: str) -> int:
+        """Returns the id of the transition that began the open alert of a signal; -1: it has none."""
+        row = self._connection.execute(_LATEST, (robot, signal)).fetchone()
+        return row[0] if row is not None and row[1] != 0 else -1
+
+    def _delete(self, rows: _Rows) -> int:
+        ids = [(number,) for number, _, _ in rows]
+        self._connection.executemany("DELETE FROM evidence WHERE transition_id = ?", ids)
+        self._connection.executemany("DELETE FROM transitions WHERE id = ?", ids)
+        counts = self._counts
+        if counts is not None:
+            for _, robot, signal in rows:
+                counts[robot, signal] = counts.get((robot, signal), 0) - 1
+                if counts[robot, signal] <= 0:
+                    del counts[robot, signal]
+        return len(rows)
+
+    def _delete_others(self, table: str, condition: str, run_id: int, before_s: float) -> int:
+        selected = f"SELECT id FROM {table} WHERE {condition} ORDER BY id LIMIT {_MAX_ROWS}"
+        values = {"run_id": run_id, "before_s": before_s}
+        deleted = self._connection.execute(f"DELETE FROM {table} WHERE id IN ({selected})", values).rowcount
+        if deleted and table == "runs":
+            self._connection.execute("DELETE FROM watches WHERE run_id < (SELECT min(id) FROM runs)")
+        if deleted and table == "configuration_changes":
+            query = "DELETE FROM configurations WHERE hash NOT IN (SELECT hash FROM configuration_changes)"
+            self._connection.execute(query)
+        return deleted
 
 
-def used_bytes(connection: sqlite3.Connection) -> int:
-    """Returns the size of the database without its unused pages, in bytes."""
-    used = _pages(connection, "page_count") - _pages(connection, "freelist_count")
-    return used * _pages(connection, "page_size")
-
-
-def _pages(connection: sqlite3.Connection, name: str) -> int:
-    value: int = connection.execute(f"PRAGMA {name}").fetchone()[0]
-    return value
+def used_bytes(connection: sqlite3.Connection) -> Tuple[int, int]:
+    """Returns the size of the used and of the unused pages of the database, in bytes."""
+    page, pages, unused = (
+        connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("page_size", "page_count", "freelist_count")
+    )
+    return (pages - unused) * page, unused * page

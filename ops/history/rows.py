@@ -6,7 +6,7 @@ import json
 import math
 import struct
 from dataclasses import dataclass
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.formatting import datum_text, printable
 from robot_health_monitor.core.model import Level, Transition
@@ -91,31 +91,49 @@ def stored_transition(row: Sequence[Any]) -> StoredTransition:
     return StoredTransition(**fields)
 
 
-def pack_samples(samples: Sequence[Tuple[float, Any]]) -> bytes:
+def pack_samples(samples: Sequence[Tuple[float, Any]], stored_until_s: float = -math.inf) -> bytes:
     """Packs samples, 12 bytes each.
 
-    The format: the time of the first sample in s since 1970 as float64, the seconds since then as float32 for each
-    sample, the values as float64; little-endian. A value that is not a number is NaN.
+    The format: the time of the window's first sample in s since 1970 as float64, the seconds since then as float32 for
+    each sample, the values as float64; little-endian. A value that is not a number is NaN.
 
     Args:
         samples: wall time in s and value; at most `MAX_EVIDENCE`, more are left out at the beginning.
+        stored_until_s: samples up to this time are left out, because an earlier transition has them.
     """
     samples = samples[-MAX_EVIDENCE:]
     if not samples:
         return b""
-    first_s = samples[0][0]
+    first_s, last_s = samples[0][0], samples[-1][0]
+    if last_s >= stored_until_s:  # otherwise the wall clock was set back
+        samples = [sample for sample in samples if sample[0] > stored_until_s]
     times = [_number(time_s) - first_s for time_s, _ in samples]
     values = [_number(value) for _, value in samples]
     return struct.pack(f"<d{len(samples)}f{len(samples)}d", first_s, *times, *values)
 
 
-def unpack_samples(packed: bytes) -> List[Tuple[float, float]]:
-    """Returns the samples of `pack_samples`: wall time in s and value."""
-    count = max(len(packed) - 8, 0) // 12
-    if count == 0:
-        return []
+class UnpackedSamples(NamedTuple):
+    """The samples of `pack_samples`."""
+
+    first_s: float
+    """Time of the window's first sample, in s since 1970."""
+    samples: List[Tuple[float, float]]
+    """Wall time in s and value."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether no samples were left out."""
+        return bool(self.samples) and self.samples[0][0] <= self.first_s
+
+
+def unpack_samples(packed: bytes) -> Optional[UnpackedSamples]:
+    """Returns the samples of `pack_samples`; None if there are none, or it is not of this form."""
+    if not isinstance(packed, bytes) or len(packed) % 12 != 8:
+        return None
+    count = len(packed) // 12
     first_s, *numbers = struct.unpack(f"<d{count}f{count}d", packed)
-    return [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
+    samples = [(first_s + time_s, value) for time_s, value in zip(numbers[:count], numbers[count:])]
+    return UnpackedSamples(first_s, samples)
 
 
 def _number(value: Any) -> float:

@@ -14,7 +14,11 @@ APPLICATION_ID = 0x524F4248
 SCHEMA_VERSION = 3
 """Version of the tables, in the SQLite header (`PRAGMA user_version`)."""
 
-_TABLES = """
+INDEX_STEP = 16
+INDEXED = f"id % {INDEX_STEP} = 0"
+"""The transitions that are in the index by time: each one takes a page that an alert has to write."""
+
+_TABLES = f"""
 -- Runs of the monitor. Between alive_s (or stopped_s) of one and started_s of the next is a gap.
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -50,7 +54,7 @@ CREATE TABLE transitions (
     repeated INTEGER NOT NULL,           -- 1: a repetition (repeat_s), no change of level
     hint TEXT NOT NULL DEFAULT ''        -- why there were no samples
 );
-CREATE INDEX transitions_by_time ON transitions(wall_s);
+CREATE INDEX transitions_by_time ON transitions(wall_s) WHERE {INDEXED};
 CREATE INDEX transitions_by_signal ON transitions(robot, signal, id);
 -- The samples of the window at the time of a transition; see rows.py.
 CREATE TABLE evidence (
@@ -63,7 +67,7 @@ CREATE TABLE signal_states (
     signal TEXT NOT NULL,
     state TEXT NOT NULL,                 -- JSON object
     PRIMARY KEY (robot, signal)
-) WITHOUT ROWID;
+);
 CREATE TABLE resets (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
     wall_s REAL NOT NULL,
@@ -115,7 +119,7 @@ CREATE TABLE open_alerts (
     level INTEGER NOT NULL,
     at_s REAL NOT NULL,
     transition_json TEXT NOT NULL
-) WITHOUT ROWID;
+);
 -- What each target of notifications was last sent about an alert that is open there.
 CREATE TABLE notified (
     target TEXT NOT NULL,
@@ -124,7 +128,7 @@ CREATE TABLE notified (
     since_s REAL NOT NULL,               -- when the alert reached this level
     transition_json TEXT NOT NULL,
     PRIMARY KEY (target, fingerprint)
-) WITHOUT ROWID;
+);
 -- Transitions that targets may have to be sent; see notifications/notification_queue.py.
 CREATE TABLE notifications (
     id INTEGER PRIMARY KEY AUTOINCREMENT,

@@ -14,16 +14,17 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 from robot_health_monitor.core.version import package_version
 
 from . import schema
+from .copying import copy_state, copy_table, number_from, write_states
 from .database_errors import is_damage, is_file_error, reason
 from .database_file import DatabaseFile, InUseError, NotAHistoryError, set_aside
 from .fault_reports import FaultReports
 from .reader import open_read_only
-from .retention import AgeClock, delete_expired
+from .retention import AgeClock, Retention
 
 PART = "history"
 """The part whose fault says that the history is not written to its file."""
@@ -34,6 +35,8 @@ SLOW_S = 3.0
 """A disk that takes longer is reported, in s."""
 
 _MEMORY_BYTES = 16e6
+_LOG_BYTES = 8e6
+_BATCH_BYTES = 200e3
 _FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
 _ALIVE_PERIOD_S = 1.0
 _RETENTION_PERIOD_S = 60.0
@@ -51,13 +54,17 @@ class Storage:
         Args:
             file: path of the file; None: in memory.
             keep_days: age at which entries are deleted, in days.
-            keep_mb: size at which the oldest entries are deleted, in MB.
+            keep_mb: largest size of the file and its log, in MB.
             faults: receives what is wrong with the file.
             wall_s: seconds since 1970.
         """
         self._path = file
         self._keep_s = keep_days * _DAY_S
-        self._keep_bytes = keep_mb * 1e6
+        keep_bytes = keep_mb * 1e6
+        self._log_bytes = min(_LOG_BYTES, 0.2 * keep_bytes)
+        self._max_log_bytes = 1.5 * self._log_bytes
+        self._max_bytes = 1.05 * keep_bytes - self._max_log_bytes - _BATCH_BYTES
+        self._max_memory_bytes = _MEMORY_BYTES if file is None else min(_MEMORY_BYTES, 0.5 * self._log_bytes)
         self._faults = faults
         self._wall_s = wall_s
         self._file: Optional[DatabaseFile] = None
@@ -65,8 +72,10 @@ class Storage:
         self._retry_s: Optional[float] = None
         self._next_retry_s = 0.0
         self._is_copy = False
+        self._retention: Optional[Retention] = None
         self._alive_at_s = 0.0
-        self._retention_at_s = 0.0
+        self._old_at_s = 0.0
+        self._surplus_at_s = 0.0
         self._age_clock = AgeClock(wall_s(), _boot_s())
         self._run: Tuple[int, float] = (0, 0.0)
         self._watches: Dict[str, Tuple[int, float]] = {}
@@ -120,9 +129,10 @@ class Storage:
         if self._file is not None:
             self._file.note_written()
 
-    def note_transition(self, number: int) -> None:
-        """Notes the number of the last transition."""
+    def note_transition(self, number: int, robot: str, signal: str) -> None:
+        """Notes the number of the last transition, and the names in its row."""
         self._last_id = max(self._last_id, number)
+        self._used_retention.note_transition(robot, signal)
 
     def write_states(self, robot: str, states: Dict[str, str]) -> None:
         """Stores the states of signals of a robot in JSON; `{}` deletes one. Inside a transaction."""
@@ -131,7 +141,7 @@ class Storage:
                 self._states.pop((robot, signal), None)
             else:
                 self._states[robot, signal] = state
-        _write_states(self.connection, [(robot, signal, state) for signal, state in states.items()])
+        write_states(self.connection, [(robot, signal, state) for signal, state in states.items()])
 
     def begin_watch(self, robot: str) -> None:
         """Stores that a robot is watched from now on. Inside a transaction."""
@@ -168,8 +178,28 @@ class Storage:
         if now_s >= self._alive_at_s + _ALIVE_PERIOD_S:
             self._alive_at_s = now_s
             connection.execute("UPDATE runs SET alive_s = ? WHERE id = ?", (self._wall_s(), self._run[0]))
-        if now_s >= self._retention_at_s:
-            self._retention_at_s = 0.0 if self._delete_expired(connection) else now_s + _RETENTION_PERIOD_S
+        if now_s >= self._old_at_s:
+            self._old_at_s = 0.0 if self._delete_old(connection) else now_s + _RETENTION_PERIOD_S
+
+    def limit_size(self) -> bool:
+        """Keeps the file and its log within their limits, in a small step.
+
+        Call after each transaction. Returns whether there is more to do.
+
+        Raises:
+            sqlite3.Error: the database failed; for `handle`.
+        """
+        if self._file is not None:
+            self._shorten_log(self._file)
+        now_s = time.monotonic()
+        if now_s < self._surplus_at_s or not self._used_retention.is_due():
+            return False
+        connection = self.connection
+        if not self._in_transaction(connection, lambda: self._used_retention.delete_surplus(self._run[0])):
+            self._surplus_at_s = now_s + _ALIVE_PERIOD_S  # everything that is left has to stay
+            return False
+        self.note_committed()
+        return True
 
     def close(self) -> None:
         """Closes the database; what is in memory is stored in the file if that is possible now."""
@@ -196,7 +226,7 @@ class Storage:
         else:
             if self._memory is not None:
                 self._memory.close()
-            self._memory, self._file, self._retry_s = None, file, None
+            self._memory, self._file, self._retry_s, self._retention = None, file, None, None
             self._faults.clear(PART)
 
     def _opened(self, path: str) -> DatabaseFile:
@@ -206,17 +236,18 @@ class Storage:
             As `DatabaseFile`.
         """
         try:
-            return self._adopted(DatabaseFile(path))
+            return self._adopted(DatabaseFile(path, self._log_bytes))
         except sqlite3.Error as error:
             if not is_damage(error):
                 raise
             aside = set_aside(path, self._wall_s())
             self._report_replaced(f"{path} is damaged ({error}): kept as {aside}, a new history was begun")
-            return self._adopted(DatabaseFile(path))
+            return self._adopted(DatabaseFile(path, self._log_bytes))
 
     def _adopted(self, file: DatabaseFile) -> DatabaseFile:
         connection = file.connection
         try:
+            self._shorten_log(file)
             connection.execute("BEGIN IMMEDIATE")
             if self._memory is None:
                 self._begin_run(connection)
@@ -276,11 +307,10 @@ class Storage:
         memory = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
         schema.prepare(memory)
         memory.execute("BEGIN IMMEDIATE")
-        self._is_copy = source is not None and _copy_state(source, memory)
+        self._is_copy = source is not None and copy_state(source, memory)
         if not self._is_copy and self._path is not None:
-            _number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
-        for (robot, signal), state in self._states.items():
-            memory.execute("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", (robot, signal, state))
+            number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
+        write_states(memory, [(robot, signal, state) for (robot, signal), state in self._states.items()])
         number, started_s = self._run
         if number:
             row = (number, started_s, self._wall_s(), package_version())
@@ -289,9 +319,9 @@ class Storage:
             memory.executemany("INSERT INTO watches (id, run_id, robot, started_s) VALUES (?, ?, ?, ?)", watches)
         else:
             self._begin_run(memory)
-        _number_from(memory, self._last_id, ("transitions",))
+        number_from(memory, self._last_id, ("transitions",))
         memory.execute("COMMIT")
-        self._memory = memory
+        self._memory, self._retention = memory, None
         if error is not None:
             self._report(f"{reason(error, str(self._path))}; continuing in memory")
             self._retry_later()
@@ -320,20 +350,44 @@ class Storage:
         for table in schema.tables(memory):
             if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
                 connection.execute(f"DELETE FROM {table}")
-            _copy_table(memory, connection, table)
-        _number_from(connection, self._last_id, ("transitions",))  # a new file continues, too
+            copy_table(memory, connection, table)
+        number_from(connection, self._last_id, ("transitions",))  # a new file continues, too
 
-    def _delete_expired(self, connection: sqlite3.Connection) -> bool:
-        max_bytes = self._keep_bytes if self._file is not None else min(self._keep_bytes, _MEMORY_BYTES)
+    @property
+    def _used_retention(self) -> Retention:
+        if self._retention is None:
+            max_bytes = self._max_bytes if self._file is not None else self._max_memory_bytes
+            self._retention = Retention(self.connection, max_bytes)
+        return self._retention
+
+    def _delete_old(self, connection: sqlite3.Connection) -> bool:
+        before_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._keep_s
+        retention = self._used_retention
+        return self._in_transaction(connection, lambda: retention.delete_old(self._run[0], before_s))
+
+    def _in_transaction(self, connection: sqlite3.Connection, function: Callable[[], bool]) -> bool:
         connection.execute("BEGIN IMMEDIATE")
         try:
-            before_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._keep_s
-            was_deleted = delete_expired(connection, self._run[0], before_s, max_bytes)
+            result = function()
             connection.execute("COMMIT")
         except BaseException:
+            self._retention = None  # its counts include what was rolled back
             roll_back(connection)
             raise
-        return was_deleted
+        return result
+
+    def _shorten_log(self, file: DatabaseFile) -> None:
+        """Empties the log if it has become too long although its thread copies it.
+
+        Raises:
+            sqlite3.OperationalError: that is not possible.
+        """
+        if file.log_bytes() > self._max_log_bytes:
+            file.empty_log()
+            if file.log_bytes() > self._max_log_bytes:
+                raise sqlite3.OperationalError(
+                    "its log is locked: another program keeps reading it, or the disk does not respond"
+                )
 
     def _report(self, text: str) -> None:
         self._faults.report(PART, text)
@@ -354,40 +408,6 @@ def roll_back(connection: sqlite3.Connection) -> None:
 def _boot_s() -> float:
     """Returns monotonic seconds that include suspension."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
-
-
-def _write_states(connection: sqlite3.Connection, rows: List[Tuple[str, str, str]]) -> None:
-    kept = [row for row in rows if row[2] != "{}"]
-    gone = [row[:2] for row in rows if row[2] == "{}"]
-    connection.executemany("INSERT OR REPLACE INTO signal_states VALUES (?, ?, ?)", kept)
-    connection.executemany("DELETE FROM signal_states WHERE robot = ? AND signal = ?", gone)
-
-
-def _copy_state(source: sqlite3.Connection, memory: sqlite3.Connection) -> bool:
-    """Copies the tables of the present state, and the last number of each table; returns whether all were readable."""
-    is_complete = True
-    for table in ("sqlite_sequence", *schema.LIVE_TABLES):
-        try:
-            _copy_table(source, memory, table)
-        except sqlite3.Error:
-            is_complete = False  # what could be read is there
-    return is_complete
-
-
-def _copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> None:
-    rows = source.execute(f"SELECT * FROM {table}")
-    insert = f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * len(rows.description))})"
-    for row in rows:
-        target.execute(insert, row)
-
-
-def _number_from(connection: sqlite3.Connection, number: int, tables: Tuple[str, ...] = ()) -> None:
-    """Makes the numbers of rows continue after `number` where they are below it; no tables: all."""
-    for table in tables or schema.numbered_tables(connection):
-        found = connection.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = ?", (table,)).fetchone()[0]
-        if found is None or found < number:
-            connection.execute("DELETE FROM sqlite_sequence WHERE name = ?", (table,))
-            connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES (?, ?)", (table, number))
 
 
 def _close(file: DatabaseFile) -> None:

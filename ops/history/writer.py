@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 MAX_WAITING = 2_000
 """Most jobs that wait; a transition with its evidence takes up to 8 kB."""
 
-_MAX_BATCH = 200  # jobs per transaction
+_MAX_BATCH = 50  # jobs per transaction: about 200 kB
 _PERIOD_S = 1.0  # of `Storage.maintain`
 _MAX_ATTEMPTS = 3
 
@@ -112,17 +112,19 @@ class Writer:
     def _run(self) -> None:
         self._storage.open()
         maintain_at_s = time.monotonic() + _PERIOD_S
+        is_too_large = False
         while True:
             with self._condition:
                 if not self._jobs:
                     self._busy_since_s = None
                     if self._is_closing:
                         break
-                    self._condition.wait(max(0.0, maintain_at_s - time.monotonic()))
+                    self._condition.wait(0.0 if is_too_large else max(0.0, maintain_at_s - time.monotonic()))
                 self._busy_since_s = time.monotonic()
                 batch = self._next_batch()
             if batch:
                 self._run_batch(batch)
+            is_too_large = self._limit_size()
             if time.monotonic() >= maintain_at_s:
                 self._busy_since_s = time.monotonic()
                 self._maintain()
@@ -162,6 +164,13 @@ class Writer:
             return error
         self._storage.note_committed()
         return None
+
+    def _limit_size(self) -> bool:
+        try:
+            return self._storage.limit_size()
+        except sqlite3.Error as error:
+            self._storage.handle(error, was_own=True)
+            return False
 
     def _maintain(self) -> None:
         try:

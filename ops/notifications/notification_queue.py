@@ -44,6 +44,17 @@ _INSERT_IF_CONCERNED = """
         OR EXISTS (SELECT 1 FROM notified WHERE target = :target AND fingerprint = :fingerprint)
         OR EXISTS (SELECT 1 FROM notifications WHERE target = :target AND fingerprint = :fingerprint)
 """
+# Updates, because REPLACE would change the indexes, too.
+_STORE_OPEN = """
+    INSERT INTO open_alerts (fingerprint, robot, signal, level, at_s, transition_json) VALUES (?, ?, ?, ?, ?, ?)
+    ON CONFLICT (fingerprint) DO UPDATE SET robot = excluded.robot, signal = excluded.signal, level = excluded.level,
+        at_s = excluded.at_s, transition_json = excluded.transition_json
+"""
+_STORE_NOTIFIED = """
+    INSERT INTO notified (target, fingerprint, level, since_s, transition_json) VALUES (?, ?, ?, ?, ?)
+    ON CONFLICT (target, fingerprint) DO UPDATE SET level = excluded.level, since_s = excluded.since_s,
+        transition_json = excluded.transition_json
+"""
 _DROP_SUPERSEDED = """
     DELETE FROM notifications WHERE id IN (
         SELECT id FROM notifications AS row WHERE target = ? AND attempts = 0 AND EXISTS (
@@ -145,7 +156,7 @@ class NotificationQueue:
             connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
         elif not is_repeat:
             row = (key, robot, signal, int(level), at_s, line)
-            connection.execute("INSERT OR REPLACE INTO open_alerts VALUES (?, ?, ?, ?, ?, ?)", row)
+            connection.execute(_STORE_OPEN, row)
         for name, target in self._targets.items():
             values = {
                 "target": name, "fingerprint": key, "level": int(level), "at_s": at_s, "json": line,
@@ -186,7 +197,7 @@ class NotificationQueue:
             since_s = before.since_s if before is not None and same else sent.since_s
             line = json.dumps(dict(taken.notification.transition))
             values = (*key, int(sent.level), since_s, line)
-            connection.execute("INSERT OR REPLACE INTO notified VALUES (?, ?, ?, ?, ?)", values)
+            connection.execute(_STORE_NOTIFIED, values)
         connection.execute("DELETE FROM notifications WHERE id = ?", (taken.id,))
         self._count(connection, taken.target)
 

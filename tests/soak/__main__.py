@@ -1,8 +1,9 @@
 """The soak test, `make soak`: memory, threads and files must stay flat; kill -9 must lose and repeat nothing.
 
-    make soak                              a thousand kills, a million samples in virtual time, ten minutes in real time
+    make soak                              a thousand kills, a million samples in virtual time, ten minutes of clients,
+                                           ten minutes of a thousand alerts per second
     make soak ARGS="--minutes 1"           a short run
-    make soak ARGS="--samples 0 --kills 0 --seed 7"  only the real time part, with the clients of an earlier run
+    make soak ARGS="--samples 0 --kills 0 --storm-minutes 0 --seed 7"   only the real time part of an earlier run
 
 Prints the figures. Exit code 1 if one of them is not flat, or a transition or latch was lost or repeated.
 """
@@ -18,16 +19,18 @@ from typing import List, Optional
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
-from soak import kill, real_time, virtual_time  # noqa: E402  # found through the line above
+from soak import kill, real_time, storm, virtual_time  # noqa: E402  # found through the line above
 from soak.figures import Figure, table  # noqa: E402
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs both parts; returns the exit code."""
+    """Runs the parts; returns the exit code."""
     parser = argparse.ArgumentParser(prog="make soak", description="checks that memory, threads and files stay flat")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration of the real time part")
     parser.add_argument("--samples", type=int, default=1_000_000, help="samples of the virtual time part")
     parser.add_argument("--kills", type=int, default=1_000, help="how often a monitor with a history is killed")
+    parser.add_argument("--storm-minutes", type=float, default=10.0, help="duration of the storm of alerts")
+    parser.add_argument("--storm-mb", type=float, default=20.0, help="keep_mb of the history in the storm")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**9))
     options = parser.parse_args(arguments)
     print(f"seed {options.seed}", flush=True)
@@ -44,6 +47,10 @@ def main(arguments: Optional[List[str]] = None) -> int:
         in_real_time = real_time.run(options.minutes * 60.0, options.seed)
         print(table(in_real_time), flush=True)
         figures += in_real_time
+    if options.storm_minutes:
+        in_storm = storm.run(options.storm_minutes * 60.0, options.storm_mb, options.seed)
+        print(table(in_storm), flush=True)
+        figures += in_storm
     return 0 if all(figure.is_met for figure in figures) else 1
 
 

@@ -12,6 +12,13 @@ from soak.figures import flat
 SOAK = Path(__file__).parent
 
 
+def run_soak(*options: str) -> subprocess.CompletedProcess[str]:
+    """Runs the parts of the soak test for which there is an option."""
+    off = {"--minutes": "0", "--samples": "0", "--kills": "0", "--storm-minutes": "0"}
+    command = [sys.executable, str(SOAK), *(word for pair in off.items() for word in pair), *options]
+    return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=600)
+
+
 @pytest.mark.parametrize(
     ("series", "growth"),
     [
@@ -26,14 +33,18 @@ def test_growth_is_that_of_the_second_half(series: list, growth: float) -> None:
 
 
 def test_a_short_run_is_flat() -> None:
-    command = [sys.executable, str(SOAK), "--minutes", "0.05", "--samples", "4000", "--kills", "0", "--seed", "1"]
-    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=600)
+    run = run_soak("--minutes", "0.05", "--samples", "4000", "--seed", "1")
     assert run.returncode == 0, run.stdout
     assert "file descriptors" in run.stdout
 
 
 def test_kill_9_loses_and_repeats_nothing() -> None:
-    command = [sys.executable, str(SOAK), "--minutes", "0", "--samples", "0", "--kills", "100"]
-    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=600)
+    run = run_soak("--kills", "100")
     assert run.returncode == 0, run.stdout
     assert "rounds: 100" in run.stdout
+
+
+def test_a_storm_of_alerts_does_not_fill_the_disk() -> None:
+    run = run_soak("--storm-minutes", "0.1", "--storm-mb", "5")
+    assert run.returncode == 0, run.stdout
+    assert "file and log" in run.stdout

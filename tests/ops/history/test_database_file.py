@@ -7,10 +7,11 @@ import resource
 import sqlite3
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
-from harness.waiting import wait_for
+from harness.waiting import WAIT_S, wait_for
 
 from robot_health_monitor.ops.history.database_file import DatabaseFile, InUseError, lock_path, set_aside
 
@@ -68,9 +69,8 @@ def test_a_commit_survives_a_copy_of_what_the_kernel_has(tmp_path: Path) -> None
 
 def test_the_log_is_copied_into_the_file_when_it_has_grown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robot_health_monitor.ops.history.database_file.SYNC_PERIOD_S", 0.01)
-    monkeypatch.setattr("robot_health_monitor.ops.history.database_file._CHECKPOINT_BYTES", 100_000)
     path = tmp_path / "history.db"
-    file = DatabaseFile(str(path))
+    file = DatabaseFile(str(path), 100_000)
     add = "INSERT INTO configurations VALUES (?, ?)"
     file.connection.executemany(add, [(str(number), "x" * 4000) for number in range(100)])
     log = tmp_path / "history.db-wal"
@@ -85,6 +85,38 @@ def test_the_log_is_copied_into_the_file_when_it_has_grown(tmp_path: Path, monke
 
     wait_for(begins_anew)
     assert file.problem == ""
+    file.close()
+
+
+def test_the_log_begins_anew_although_the_writer_never_pauses(tmp_path: Path) -> None:
+    log = tmp_path / "history.db-wal"
+    file = DatabaseFile(str(tmp_path / "history.db"), 100_000)
+    sizes = [0]
+    deadline_s = time.monotonic() + WAIT_S
+    while sum(later < sooner for sooner, later in zip(sizes, sizes[1:])) < 5:
+        assert time.monotonic() < deadline_s
+        file.connection.execute("INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r1')")
+        file.note_written()
+        sizes.append(log.stat().st_size)
+    assert file.problem == ""
+    file.close()
+
+
+def test_a_reader_keeps_the_log_from_being_emptied_until_it_ends(tmp_path: Path) -> None:
+    log = tmp_path / "history.db-wal"
+    file = DatabaseFile(str(tmp_path / "history.db"))
+    file.connection.execute("INSERT INTO resets (wall_s, robot) VALUES (1.0, 'r1')")
+    reader = sqlite3.connect(str(tmp_path / "history.db"), isolation_level=None)
+    reader.execute("BEGIN")
+    assert reader.execute("SELECT robot FROM resets").fetchall() == [("r1",)]
+    file.connection.execute("INSERT INTO resets (wall_s, robot) VALUES (2.0, 'r1')")
+    file.empty_log()
+    assert log.stat().st_size > 0
+    reader.execute("COMMIT")
+    file.empty_log()
+    assert log.stat().st_size == 0
+    assert reader.execute("SELECT count(*) FROM resets").fetchall() == [(2,)]
+    reader.close()
     file.close()
 
 

@@ -43,6 +43,20 @@ def test_a_transition_is_committed_when_record_returns(history: History) -> None
         assert reader.evidence(stored.id) == [(999_999.0, 15.0)]
 
 
+def test_samples_that_several_transitions_have_are_stored_once(history: History) -> None:
+    robot = history.of_robot("r1", Faults())
+    first, second = [(1.0, 15.0), (2.0, 14.0)], [(2.0, 14.0), (3.0, 13.0)]
+    robot.record(low_battery(), {"level": 1}, first)
+    robot.record(low_battery(2.0), {"level": 1}, second)
+    robot.record(low_battery(3.0), {"level": 1}, [])
+    assert history.file is not None
+    with HistoryReader(history.file) as reader:
+        found = [reader.evidence(stored.id) for stored in reader.transitions()]
+        assert found == [first, second, []]
+        sizes = reader.connection.execute("SELECT length(samples) FROM evidence ORDER BY transition_id").fetchall()
+        assert sizes == [(32,), (20,), (0,)]
+
+
 def test_a_restarted_monitor_finds_the_latest_state_of_each_signal(tmp_path: Path) -> None:
     settings = HistorySettings(str(tmp_path / "history.db"))
     first = History(settings)

@@ -10,7 +10,7 @@ from harness.histories import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.history.retention import AgeClock, delete_expired, used_bytes
+from robot_health_monitor.ops.history.retention import AgeClock, Retention, used_bytes
 from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, transition_row
 
 RUN = 3
@@ -26,10 +26,16 @@ def connection() -> sqlite3.Connection:
 
 
 def add(
-    connection: sqlite3.Connection, wall_s: float, level: Level, *, signal: str = "a", repeat: bool = False
+    connection: sqlite3.Connection,
+    wall_s: float,
+    level: Level,
+    *,
+    robot: str = "r1",
+    signal: str = "a",
+    repeat: bool = False,
 ) -> None:
     """Adds a transition with 1 kB of evidence."""
-    row = transition_row(transition(0, level, signal=signal, repeat=repeat), wall_s)
+    row = transition_row(transition(0, level, robot=robot, signal=signal, repeat=repeat), wall_s)
     number = connection.execute(INSERT_TRANSITION, row).lastrowid
     connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, b"x" * 1000))
 
@@ -39,13 +45,14 @@ def times(connection: sqlite3.Connection, table: str = "transitions", column: st
     return [time_s for (time_s,) in connection.execute(f"SELECT {column} FROM {table} ORDER BY id")]
 
 
-def delete_all(connection: sqlite3.Connection, before_s: float, max_bytes: float = 1e9) -> int:
-    """Deletes until nothing is left to delete; returns how often it was called."""
-    calls = 1
-    while delete_expired(connection, RUN, before_s, max_bytes):
-        calls += 1
-        assert calls < 1000
-    return calls
+def delete_all(connection: sqlite3.Connection, before_s: float, max_bytes: float = 1e9, run_id: int = RUN) -> int:
+    """Deletes until nothing is left to delete; returns how many steps that took."""
+    retention = Retention(connection, max_bytes)
+    steps = 0
+    while retention.delete_old(run_id, before_s) or (retention.is_due() and retention.delete_surplus(run_id)):
+        steps += 1
+        assert steps < 1000
+    return steps
 
 
 HOUR_S, DAY_S, YEAR_S = 3600.0, 86_400.0, 31_557_600.0
@@ -90,34 +97,85 @@ def test_an_open_alert_stays_however_old_it_is(connection: sqlite3.Connection) -
 def test_a_few_are_deleted_at_a_time(connection: sqlite3.Connection) -> None:
     for number in range(1000):
         add(connection, float(number), OK)
-    assert delete_expired(connection, RUN, 1e9, 1e9)
+    assert Retention(connection, 1e9).delete_old(RUN, 1e9)
     assert len(times(connection)) == 800
-    assert delete_all(connection, 1e9) == 5
+    assert delete_all(connection, 1e9) == 4
     assert times(connection) == []
 
 
 def test_the_oldest_are_deleted_until_the_size_is_met_and_the_space_is_given_back(
     connection: sqlite3.Connection,
 ) -> None:
-    for number in range(1000):
+    for number in range(2000):
         add(connection, float(number), OK)
-    assert used_bytes(connection) > 1_000_000
+    assert used_bytes(connection)[0] > 2_000_000
     delete_all(connection, before_s=0.0, max_bytes=500_000)
     left = times(connection)
     assert 200 <= len(left) < 500
-    assert left == [float(number) for number in range(1000 - len(left), 1000)]
-    for _ in range(20):
-        delete_expired(connection, RUN, 0.0, 500_000)
+    assert left == [float(number) for number in range(2000 - len(left), 2000)]
     [(pages,)] = connection.execute("PRAGMA page_count")
-    assert pages * 4096 <= 500_000
+    assert pages * 4096 <= 500_000 + 256_000
+
+
+def test_what_is_too_much_is_taken_from_the_signal_that_has_most(connection: sqlite3.Connection) -> None:
+    for number in range(20):
+        add(connection, float(number), OK, robot="quiet")
+    for number in range(20, 1020):
+        add(connection, float(number), OK, robot="noisy", signal="a")
+    for number in range(1020, 1320):
+        add(connection, float(number), OK, robot="noisy", signal="b")
+    delete_all(connection, before_s=0.0, max_bytes=500_000)
+    left = {
+        name: times(connection, f"(SELECT * FROM transitions WHERE robot || signal = '{name}')")
+        for name in ("quieta", "noisya", "noisyb")
+    }
+    assert left["quieta"] == [float(number) for number in range(20)]
+    assert left["noisya"] == [float(number) for number in range(1020 - len(left["noisya"]), 1020)]
+    assert left["noisyb"] == [float(number) for number in range(1320 - len(left["noisyb"]), 1320)]
+    assert abs(len(left["noisya"]) - len(left["noisyb"])) <= 1
+
+
+def test_signals_that_share_the_space_lose_their_oldest_entries_in_turn(connection: sqlite3.Connection) -> None:
+    for number in range(3000):
+        add(connection, float(number), OK, signal=f"signal_{number % 300}")
+    delete_all(connection, before_s=0.0, max_bytes=1_000_000)
+    left = times(connection)
+    assert 300 <= len(left) < 1000
+    counts = connection.execute("SELECT count(*) FROM transitions GROUP BY signal").fetchall()
+    assert len(counts) == 300
+    assert max(counts)[0] - min(counts)[0] <= 1
+
+
+def test_transitions_that_are_stored_meanwhile_are_counted(connection: sqlite3.Connection) -> None:
+    retention = Retention(connection, 500_000)
+    for number in range(2000):
+        signal = "quiet" if number % 100 == 0 else "noisy"
+        add(connection, float(number), OK, signal=signal)
+        retention.note_transition("r1", signal)
+        while retention.is_due() and retention.delete_surplus(RUN):
+            pass
+        assert used_bytes(connection)[0] <= 500_000
+    quiet = "(SELECT * FROM transitions WHERE signal = 'quiet')"
+    assert times(connection, quiet) == [float(number) for number in range(0, 2000, 100)]
+
+
+def test_open_alerts_that_fill_the_space_lose_their_samples_only(connection: sqlite3.Connection) -> None:
+    for number in range(600):
+        add(connection, float(number), WARN, signal=f"signal_{number}")
+    delete_all(connection, before_s=0.0, max_bytes=500_000)
+    assert times(connection) == [float(number) for number in range(600)]
+    assert used_bytes(connection)[0] <= 500_000
+    [(samples,)] = connection.execute("SELECT count(*) FROM evidence")
+    assert samples < 400
 
 
 def test_a_monitor_that_restarts_all_the_time_stays_within_the_size(connection: sqlite3.Connection) -> None:
     rows = [(float(number), float(number), "1.0") for number in range(20_000)]
     connection.executemany("INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)", rows)
-    while delete_expired(connection, 20_000, 0.0, 200_000):
-        pass
-    assert used_bytes(connection) <= 200_000
+    add(connection, 5.0, OK)
+    delete_all(connection, 0.0, 200_000, run_id=20_000)
+    assert used_bytes(connection)[0] <= 200_000
+    assert times(connection) == [5.0]
     assert times(connection, "runs", "started_s")[-1] == 19_999.0
 
 

@@ -107,6 +107,26 @@ def test_another_process_that_holds_the_database_only_delays_the_history(
     history.close()
 
 
+def test_a_reader_that_keeps_the_log_from_being_shortened_does_not_fill_the_disk(tmp_path: Path) -> None:
+    file, log = tmp_path / "history.db", tmp_path / "history.db-wal"
+    history, faults = opened(file, keep_mb=1.0), NotedFaults()
+    record(history, faults, 0)
+    reader = sqlite3.connect(str(file), isolation_level=None)
+    reader.execute("BEGIN")
+    assert reader.execute("SELECT count(*) FROM transitions").fetchone() == (1,)
+    number = 0
+    while "history" not in faults.current():
+        number += 1
+        record(history, faults, number)
+        assert file.stat().st_size + log.stat().st_size <= 1_100_000
+    assert "its log is locked: another program keeps reading it" in faults.current()["history"].text
+    record(history, faults, *range(number + 1, number + 10))
+    reader.close()
+    wait_for(lambda: "history" not in faults.current())
+    assert numbers(stored_texts(file)) == list(range(number + 10))
+    history.close()
+
+
 def test_a_file_that_is_damaged_while_it_is_used_is_kept_beside_a_new_one(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
     history = opened(file)
