@@ -9,7 +9,7 @@ a million numbers. Minimum and maximum are exact.
 from __future__ import annotations
 
 import math
-from typing import Any, List
+from typing import Any, List, Tuple
 
 import numpy as np
 
@@ -56,6 +56,19 @@ class Quantiles:
         self._buffers = [each * factor for each in self._buffers]
         self.min *= factor
         self.max *= factor
+
+    def within(self, low: float, high: float) -> Tuple[float, float, float]:
+        """Returns the smallest and the largest number in a range, and the fraction of the numbers outside of it.
+
+        Estimated, as quantiles are. Without a number in the range its ends are returned.
+        """
+        inside = [each[(each >= low) & (each <= high)] for each in self._buffers]
+        weights = [2.0**level for level in range(len(inside))]
+        share = sum(weight * len(each) for weight, each in zip(weights, inside)) / max(
+            1.0, sum(weight * len(each) for weight, each in zip(weights, self._buffers))
+        )
+        kept = np.concatenate(inside)
+        return (*((float(kept.min()), float(kept.max())) if len(kept) else (low, high)), 1.0 - share)
 
     def quantile(self, fraction: float) -> float:
         """Returns the smallest number such that at least `fraction` of all are at most that; NaN without numbers."""

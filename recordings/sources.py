@@ -19,7 +19,8 @@ MOST_FIELDS = 100
 
 _LONGEST_NAME = 200
 """Letters of a signal's name; YAML allows 1,024 in a key."""
-_PACKAGES = ("std_msgs", "sensor_msgs")
+SUPPORTED_PACKAGES = ("std_msgs", "sensor_msgs")
+"""Packages whose numbers are taken."""
 _TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")
 """Topics of the middleware itself."""
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
@@ -80,7 +81,7 @@ def list_sources(channels: Iterable[Channel], namespace: str = "") -> Tuple[List
     names: Set[str] = set()
     seen: Dict[str, str] = {}
     for channel in sorted(channels, key=lambda each: each.topic):
-        if channel.topic in _TOPICS or channel.type_name.partition("/")[0] not in _PACKAGES:
+        if channel.topic in _TOPICS or channel.type_name.partition("/")[0] not in SUPPORTED_PACKAGES:
             continue
         if not _NAME.match(channel.topic):
             problems.append(f"{channel.topic}: left out, its name is not valid in ROS")

@@ -7,7 +7,7 @@ have raised alerts is not computed here: the recordings are replayed with them.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, NamedTuple, Optional, Set
+from typing import Any, Dict, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
@@ -20,6 +20,13 @@ LEAST_SAMPLES = 100
 """Valid samples below which no bound is suggested."""
 LEAST_DURATION_S = 30.0
 """Time of samples, in s, below which no bound is suggested."""
+LEAST_RANGE_S = 600.0
+"""Time of samples, in s, below which a range is no bound: it is shown as a comment."""
+LEAST_MESSAGES = 20
+"""Messages below which no rate is suggested."""
+RATE_MARGIN, SHORT_RATE_MARGIN = 0.2, 0.3
+"""Margin of a rate, as a fraction; the second one if it was seen for less than `SHORT_S`."""
+SHORT_S = 300.0
 LEAST_GAPS = 10
 """Gaps between samples below which no `stale_after_s` is suggested."""
 MOST_CODES = 10
@@ -30,6 +37,11 @@ MARGIN = 0.1
 """Distance of a bound from its quantile, as a fraction of the spread between both quantiles."""
 LEAST_MARGIN = 0.01
 """Smallest margin, as a fraction of the quantiles: other robots of the type differ by more than the noise of one."""
+OUTLIERS = 0.005
+"""Largest fraction of the samples that may be outliers; at least one sample may be."""
+FENCE, WIDE_FENCE = 10.0, 1e6
+"""Distance of an outlier from the quantiles of 1 % and 99 %, as a multiple of their distance; the second one if there
+are long excursions."""
 LONGEST_EXCURSION_S = 60.0
 """Values beyond a bound for longer than this, in s, are no short excursion: the bound is set from the extreme."""
 
@@ -53,6 +65,8 @@ class Suggestion(NamedTuple):
 
     settings: Dict[str, Setting]
     """By key of thresholds.yaml."""
+    seen: Dict[str, Setting]
+    """Those that the recordings are too short for: what they would be."""
     left_out: List[str]
     """One line for each key that the data cannot justify."""
 
@@ -156,6 +170,10 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None) -> 
     """
     settings: Dict[str, Setting] = {}
     left_out: List[str] = []
+    if measured.config.statistic == "frequency_hz":
+        _add_rate_bounds(measured, settings, left_out)
+        _add_staleness(measured, settings)
+        return Suggestion(settings, {}, left_out)
     reason = measured.unsuitable()
     if reason and not measured.config.field and measured.config.statistic == "last":
         reason = "only the arrival of its messages is watched"
@@ -170,21 +188,56 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None) -> 
                 for_s = _round_up(1.5 * max(longest_excursion_s, 0.001))
                 evidence = f"longest healthy excursion beyond a bound {duration_text(longest_excursion_s)}"
                 settings["for_s"] = Setting(for_s, evidence)
+    seen: Dict[str, Setting] = {}
+    if settings and measured.duration_s < LEAST_RANGE_S * 0.999:
+        settings, seen = {}, settings
+        expected = f"expected at least {duration_text(LEAST_RANGE_S)}"
+        left_out.append(f"the range was seen for {duration_text(measured.duration_s)} only, {expected}")
     _add_staleness(measured, settings)
-    return Suggestion(settings, left_out)
+    return Suggestion(settings, seen, left_out)
+
+
+def _add_rate_bounds(measured: Measured, settings: Dict[str, Setting], left_out: List[str]) -> None:
+    values = measured.values
+    if measured.samples < LEAST_MESSAGES or not values.count or values.min <= 0.0:
+        left_out.append(
+            f"no bounds: {count_text(measured.samples, 'message')} in {duration_text(measured.duration_s)}; "
+            f"expected at least {LEAST_MESSAGES}"
+        )
+        return
+    is_short = measured.duration_s < SHORT_S * 0.999
+    margin = SHORT_RATE_MARGIN if is_short else RATE_MARGIN
+    why = f"margin {margin * 100.0:.0f} %" + (
+        f", seen for {duration_text(measured.duration_s)} only" if is_short else ""
+    )
+    low, high = _round_down(values.min * (1.0 - margin)), _round_up(values.max * (1.0 + margin))
+    settings["warn_below"] = Setting(low, f"lowest {measured.text(values.min)}; {why}")
+    settings["warn_above"] = Setting(high, f"highest {measured.text(values.max)}; {why}")
+
+
+def _without_outliers(values: Quantiles, fence: float, low: float, high: float) -> Tuple[float, float]:
+    """Returns the two ends of a range, without the few values that are far from all others.
+
+    One error of a sensor must not widen a bound: in 600 samples it is beyond the quantile of 99.9 %.
+    """
+    inner_low, inner_high = values.quantile(0.01), values.quantile(0.99)
+    distance = fence * max(inner_high - inner_low, LEAST_MARGIN * max(abs(inner_low), abs(inner_high)))
+    smallest, largest, outside = values.within(inner_low - distance, inner_high + distance)
+    if outside > max(OUTLIERS, 1.5 / values.count):
+        return low, high  # too many to be errors
+    return max(low, smallest), min(high, largest)
 
 
 def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Setting], left_out: List[str]) -> None:
     values, config = measured.values, measured.config
-    low, high = values.quantile(TAIL), values.quantile(1.0 - TAIL)
+    low, high = _without_outliers(values, FENCE, values.quantile(TAIL), values.quantile(1.0 - TAIL))
     noise = measured.steps.quantile(0.95) if measured.steps.count else 0.0
     margin = max(MARGIN * (high - low), noise, LEAST_MARGIN * max(abs(low), abs(high)))
-    if margin <= 0.0:
-        margin = MARGIN * (values.max - values.min)
     if from_extreme:
-        low, high = values.min, values.max
+        low, high = _without_outliers(values, WIDE_FENCE, values.min, values.max)
     if not _TINY < margin < _HUGE:
-        left_out.append(f"no bounds: the values spread over {number_text(values.max - values.min)}")
+        spread = f"from {measured.text(values.min)} to {measured.text(values.max)}"
+        left_out.append(f"no bounds: the values are {spread}, nearly all of them about {measured.text(low)}")
         return
     digits = math.floor(math.log10(margin))
     step = 10.0**digits

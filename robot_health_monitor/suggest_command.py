@@ -10,7 +10,7 @@ import sys
 from collections import Counter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.config import BOUNDS, MonitorConfig, Section, read_monitor
+from robot_health_monitor.core.config import BOUNDS, MonitorConfig, Section, read_monitor, read_signal
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
 from robot_health_monitor.core.middleware import resolve_name
@@ -19,14 +19,14 @@ from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.recordings.judging import Judge, JudgedEvent
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
-from robot_health_monitor.recordings.sources import FRACTIONS, list_sources
-from robot_health_monitor.recordings.suggestion import Measured, Suggestion, suggest
+from robot_health_monitor.recordings.sources import FRACTIONS, SUPPORTED_PACKAGES, list_sources
+from robot_health_monitor.recordings.suggestion import Measured, Setting, Suggestion, suggest
 
 from .embedded import sections_of_nodes
 
-_SUGGESTED = (*BOUNDS, "hysteresis", "for_s", "error_for_s", "stale_after_s")
-"""Keys of --thresholds that a suggestion replaces."""
 _ORDER = ("warn_below", "warn_above", "hysteresis", "for_s", "stale_after_s")
+_OF_BOUNDS = ("hysteresis", "for_s")
+"""Keys that refer to the bounds: they are not suggested for bounds that were given."""
 _PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/.]*\Z")
 _COLUMN = 36
 """Column of the comments."""
@@ -108,6 +108,8 @@ class _Study:
         """Signals that are not recorded."""
         self._optional: Dict[str, str] = {}
         """Topic of signals that are left out if they have no bound."""
+        self._left_out: Dict[str, str] = {}
+        """Type of each topic that is recorded, but not watched."""
         self._notes: Dict[str, str] = {}
         self._measured: Dict[str, Measured] = {}
 
@@ -137,7 +139,7 @@ class _Study:
         for signal, settings in self._section.tree["signals"].items():
             topic = resolve_name(config.signals[signal].topic, node)
             if topic in recorded:
-                self._given[signal] = {key: value for key, value in settings.items() if key not in _SUGGESTED}
+                self._given[signal] = dict(settings)
                 self._topics[signal] = topic
             else:
                 self._unchanged[signal] = settings
@@ -149,6 +151,8 @@ class _Study:
         """Takes every number of the standard messages."""
         sources, problems = list_sources(self._channels, self._namespace)
         self.problems += problems
+        taken = {source.topic for source in sources}
+        self._left_out = {each.topic: each.type_name for each in self._channels if each.topic not in taken}
         for source in sources:
             self._given[source.name] = dict(source.settings)
             self._topics[source.name] = source.topic
@@ -161,17 +165,20 @@ class _Study:
     def run(self) -> str:
         """Returns the text of the file."""
         self._measure()
-        suggestions = {name: suggest(measured) for name, measured in self._measured.items()}
+        suggestions = {name: self._suggest(name) for name in self._measured}
         self._drop_useless(suggestions)
         alerts = self._replay(suggestions)
-        longest_s = {name: alerts.longest_s.get(name, 0.0) for name in suggestions}
-        refined = {name: suggest(self._measured[name], longest_s[name]) for name in suggestions}
+        refined = {name: self._suggest(name, alerts.longest_s.get(name, 0.0)) for name in suggestions}
         if refined != suggestions:
             alerts = self._replay(refined)
         return self._text(refined, alerts)
 
     def _measure(self) -> None:
-        signals = {name: {**settings, "stale_after_s": 0.0} for name, settings in self._given.items()}
+        judging = (*BOUNDS, "hysteresis", "for_s", "error_for_s")
+        signals = {
+            name: {**{key: value for key, value in settings.items() if key not in judging}, "stale_after_s": 0.0}
+            for name, settings in self._given.items()
+        }
         config = self._checked({"signals": self._placed(signals)})
         self._measured = {name: Measured(signal) for name, signal in config.signals.items()}
 
@@ -184,6 +191,30 @@ class _Study:
             self._judge(group, signals, _ignore, take, self.problems)
         for name, settings in self._given.items():
             self._convert_fraction(name, settings)
+
+    def _suggest(self, name: str, longest_excursion_s: Optional[float] = None) -> Suggestion:
+        """Returns what is suggested for a signal beside what was given: that stays as it is."""
+        found = suggest(self._measured[name], longest_excursion_s)
+        given = dict(self._given[name])
+        has_bounds = any(key in given for key in BOUNDS)
+        settings: Dict[str, Setting] = {}
+        seen, left_out = dict(found.seen), list(found.left_out)
+        for key in _ORDER:
+            if key not in found.settings:
+                continue
+            try:
+                if key in given or (key in _OF_BOUNDS and has_bounds):
+                    seen[key] = found.settings[key]
+                    continue
+                read_signal(name, {**given, key: found.settings[key].value})
+            except ConfigError as error:
+                left_out.append(f"no {key}: {error.problem}")
+            else:
+                given[key] = found.settings[key].value
+                settings[key] = found.settings[key]
+        if has_bounds and all(reason.startswith("no bounds") for reason in left_out):
+            left_out = []  # there are bounds
+        return Suggestion(settings, seen, left_out)
 
     def _convert_fraction(self, name: str, settings: Dict[str, Any]) -> None:
         """Gives a field that is 0 to 1 by definition the unit %, whichever range the driver uses."""
@@ -296,6 +327,9 @@ class _Study:
         lines.append("    signals:")
         for name, settings in self._given.items():
             lines += self._signal(name, settings, suggestions[name], alerts, hours)
+        if self._left_out:
+            lines.append("    # Recorded, but not watched by this file:")
+            lines += [f"    #   {topic} ({kind}){_hint(kind)}" for topic, kind in sorted(self._left_out.items())]
         for name, unchanged in self._unchanged.items():
             lines += [f"      {name}:", "        # not recorded: unchanged"]
             lines += [f"        {key}: {_yaml(value)}" for key, value in unchanged.items()] or ["        {}"]
@@ -310,16 +344,28 @@ class _Study:
         lines = [f"      {name}:", f"        # {samples}"]
         if name in self._notes:
             lines.append(f"        # {self._notes[name]}")
-        lines += [f"        {key}: {_yaml(value)}" for key, value in settings.items()]
-        for key in _ORDER:
-            if key not in suggestion.settings:
-                continue
-            value, evidence = suggestion.settings[key]
+
+        def alerts_of(key: str, value: Any) -> str:
             if key in BOUNDS:
-                evidence = f"{count_text(alerts.by_bound[name, value], 'alert')} in {hours}; {evidence}"
-            elif key == "stale_after_s" and value:
-                evidence = f"{count_text(alerts.stale[name], 'alert')} in {hours}; {evidence}"
-            lines.append(f"{f'        {key}: {_yaml(value)}':<{_COLUMN}}# {_unit(key, settings)}{evidence}")
+                return f"{count_text(alerts.by_bound[name, value], 'alert')} in {hours}; "
+            return f"{count_text(alerts.stale[name], 'alert')} in {hours}; " if key == "stale_after_s" and value else ""
+
+        for key, value in settings.items():
+            evidence = alerts_of(key, value).rstrip("; ")
+            if key in suggestion.seen:
+                other, why = suggestion.seen[key]
+                evidence += f"{'; ' * bool(evidence)}suggested: {_yaml(other)}; {why}"
+            text = f"        {key}: {_yaml(value)}"
+            lines.append(f"{text:<{_COLUMN}}# {_unit(key, settings)}given; {evidence}" if evidence else text)
+        for key in _ORDER:
+            if key in suggestion.settings:
+                value, evidence = suggestion.settings[key]
+                text = f"        {key}: {_yaml(value)}"
+                lines.append(f"{text:<{_COLUMN}}# {_unit(key, settings)}{alerts_of(key, value)}{evidence}")
+            elif key in suggestion.seen and key not in settings:
+                value, evidence = suggestion.seen[key]
+                text = f"        # {key}: {_yaml(value)}"
+                lines.append(f"{text:<{_COLUMN}}# {_unit(key, settings)}{evidence}")
         lines += [f"        # {reason}" for reason in suggestion.left_out]
         topic = self._topics[name]
         is_last = [each for each in self._given if self._topics[each] == topic][-1] == name
@@ -352,6 +398,14 @@ def _unit(key: str, settings: Mapping[str, Any]) -> str:
 
 def _hours(seconds: float) -> str:
     return f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else duration_text(seconds)
+
+
+def _hint(type_name: str) -> str:
+    if type_name == "diagnostic_msgs/DiagnosticArray":
+        return ': watch its statuses by name, field status["NAME"].level; docs/signals.md'
+    if type_name.partition("/")[0] in SUPPORTED_PACKAGES:
+        return ": has no numbers that can be watched, or is a topic of the middleware"
+    return ": only std_msgs and sensor_msgs are suggested for"
 
 
 def _ignore(judged: JudgedEvent) -> None:

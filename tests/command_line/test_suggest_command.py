@@ -126,7 +126,9 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
     assert list(config.signals) == ["charge", "arm"]
     charge, arm = config.signals["charge"], config.signals["arm"]
     # 80 - 1.996 and 99.96 + 1.996, outward to whole numbers; the latter is beyond 100 %.
-    assert (charge.scale, charge.latch, charge.bounds) == (2.0, True, {"warn_below": 78.0})
+    assert (charge.scale, charge.latch, charge.bounds) == (2.0, True, {"warn_below": 5.0, "error_below": 1.0})
+    (given,) = [line for line in out(process) if line.startswith("        warn_below: 5.0")]
+    assert "# %; given; 0 alerts in 16 min 39 s; suggested: 78.0; lowest 80 %" in given
     assert (arm.bounds, arm.stale_after_s) == ({"warn_above": 3.0}, 9.0)
     assert "        # no warn_above: 102 % is not below 100 %, the maximum" in out(process)
     assert "        # not recorded: unchanged" in out(process)
@@ -207,3 +209,50 @@ def test_messages_that_are_out_of_order_are_named(robot_health: Start, tmp_path:
     (warning,) = [line.text for line in process.lines if line.stream == "err"]
     assert warning.startswith("WARN: ")
     assert warning.endswith(" messages out of order, judged late")
+
+
+def test_what_was_given_stays_and_nothing_contradicts_it(robot_health: Start, tmp_path: Path) -> None:
+    """The values are 40 to 50: a WARN above 51 would lie above the ERROR that was given."""
+    thresholds = tmp_path / "thresholds.yaml"
+    thresholds.write_text(
+        "alert_system: {ros__parameters: {signals: {battery: "
+        "{error_below: 10.0, error_above: 50.5, hysteresis: 3.0, for_s: 7.0, stale_after_s: 90.0}}}}\n"
+    )
+    bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE, 1.0)])
+    process = robot_health("suggest", bag, "--thresholds", thresholds)
+    assert process.wait() == 0, process.text
+    (tmp_path / "suggested.yaml").write_text("\n".join(out(process)))
+    found = load_config(tmp_path / "suggested.yaml").signals["battery"]
+    assert found.bounds == {"error_below": 10.0, "warn_below": 39.0, "error_above": 50.5}
+    assert (found.hysteresis, found.for_s, found.stale_after_s) == (3.0, 7.0, 90.0)
+    assert any(line.startswith("        # no warn_above: ") for line in out(process))
+
+
+def test_what_is_left_out_is_listed(robot_health: Start, tmp_path: Path) -> None:
+    bag = tmp_path / "a.bag"
+    with Writer(bag) as writer:
+        for topic, name in (
+            ("/battery", "std_msgs/msg/Float64"),
+            ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+        ):
+            connection = writer.add_connection(topic, name, typestore=STORE)
+            writer.write(connection, 10**9, bytes(12) if "diag" in topic else bytes(8))
+        connection = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=STORE)
+    process = robot_health("suggest", bag)
+    assert process.wait() == 0, process.text
+    at = out(process).index("    # Recorded, but not watched by this file:")
+    assert out(process)[at + 1 :] == [
+        "    #   /diagnostics (diagnostic_msgs/DiagnosticArray): watch its statuses by name, "
+        'field status["NAME"].level; docs/signals.md',
+        "    #   /odom (nav_msgs/Odometry): only std_msgs and sensor_msgs are suggested for",
+    ]
+
+
+def test_bounds_of_a_short_recording_are_comments(robot_health: Start, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "a.bag", [("/battery", "Float64", TRIANGLE[350:650], 1.0)])
+    process = robot_health("suggest", bag)
+    assert process.wait() == 0, process.text
+    (tmp_path / "suggested.yaml").write_text("\n".join(out(process)))
+    assert load_config(tmp_path / "suggested.yaml").signals["battery"].bounds == {}
+    assert any(line.startswith("        # warn_below: 46") for line in out(process))
+    assert "        # the range was seen for 4 min 59 s only, expected at least 10 min" in out(process)
