@@ -142,7 +142,7 @@ def reason(judgement: Judgement) -> str:
     if judgement.state == "unreachable":
         if not judgement.seen:
             return "link down, no sample yet"
-        value = with_unit(latest_text(judgement), config.unit)
+        value = shown_text(judgement) or "undefined"
         return f"link down, last value {value} {duration_text(judgement.now_s - judgement.last_seen_s)} ago"
     if config.name == LINK:
         return _link_reason(judgement)
@@ -171,6 +171,19 @@ def bounds_text(config: SignalConfig) -> str:
     words = (name.split("_") for name in config.bounds)
     numbers = (with_unit(bound_text(bound), unit) for bound in config.bounds.values())
     return ", ".join(f"{level.upper()} {side} {number}" for (level, side), number in zip(words, numbers))
+
+
+def shown_text(judgement: Judgement) -> str:
+    """Returns the value of a signal as it is shown everywhere, with its unit; empty: there is none yet.
+
+    A signal leads with its statistic: `29.9 Hz`, not the latest datum. The latest one may be invalid.
+    """
+    config = judgement.config
+    if config.statistic == "last":
+        text = latest_text(judgement)
+    else:
+        text = "" if judgement.judged is None else number_text(judgement.judged)
+    return with_unit(text, judged_unit(config)) if text else ""
 
 
 def latest_text(judgement: Judgement) -> str:
@@ -220,10 +233,10 @@ def _value_reason(judgement: Judgement) -> str:
         return _undefined_reason(judgement)
     bound = None if rule is None else rule.bound
     value = with_unit(number_text(judged, bound), unit)
-    if config.statistic != "last":
-        value = f"{'rate' if config.statistic == 'frequency_hz' else config.statistic} {value}"
     if rule is None or bound is None:
         return value
+    if config.statistic != "last":
+        value = f"{'rate' if config.statistic == 'frequency_hz' else config.statistic} {value}"
     side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
     if judged < bound if rule.is_below else judged > bound:
         text = f"{value} is {side}"

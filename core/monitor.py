@@ -228,6 +228,18 @@ class Monitor:
         known = self._signals.get(signal)
         return None if known is None else known.judged
 
+    def shown_value(self, signal: str) -> Optional[float]:
+        """Returns the value of a signal's statistic; None while there is none, or it is bad, stale or unreachable."""
+        return None if self.fresh_value(signal) is None else self.judged_value(signal)
+
+    def shown_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
+        """Returns the values of a signal's statistic in its window, as `window_samples`.
+
+        Those of a statistic other than `last` are noted by `tick`, at most 300 in `window_s`.
+        """
+        known = self._signals.get(signal)
+        return () if known is None else known.shown_samples(limit, since_s)
+
     def signals(self) -> KeysView[str]:
         """Returns the names of the signals, with `link` once it was observed; none before the first call."""
         return self._signals.keys()

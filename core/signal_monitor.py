@@ -33,6 +33,8 @@ _INACTIVE = State.INACTIVE
 _LEVEL_OF_RULE = (_WARN, _ERROR)
 _WITHOUT_BOUNDS = RuleConfig(below=None, above=None, hysteresis=0.0, for_s=0.0, keep_firing_for_s=0.0)
 
+MOST_STATISTICS = 300
+"""Most values of a statistic that are kept to be shown."""
 _NOTHING_IS_CALM = -math.inf
 """Value of `_calm_max` while not everything is at rest."""
 
@@ -55,6 +57,7 @@ class SignalMonitor:
         "_robot",
         "_rules",
         "_staleness",
+        "_statistics",
         "_window",
         "cause",
         "config",
@@ -72,7 +75,10 @@ class SignalMonitor:
         self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode("utf-8", "replace")).hexdigest()[:16]
         self._quality = Quality(config)
         self._window = Window(config.window_s, config.window_samples, config.window_min_s)
+        self.config = config
         self._judged: Optional[float] = None
+        self._statistics: Optional[Window] = None
+        """The values of the judged statistic at ticks, to show; None for `last`, which are in the window."""
         self._rules = [Rule(RuleConfig.of(config, level)) for level in _LEVEL_OF_RULE]
         self._invalid = Rule(_WITHOUT_BOUNDS._replace(for_s=config.invalid_for_s))
         self._latched = Level.OK
@@ -147,6 +153,8 @@ class SignalMonitor:
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
         self._advance(now_s)
+        if self._statistics is not None:
+            self._note_statistic(self._statistics, now_s)
         transition = self._settle(now_s)
         announcer = self._announcer
         if transition is None and self._level is announcer.level and announcer.is_repeat_due(now_s):
@@ -195,7 +203,8 @@ class SignalMonitor:
     def restart_time(self, now_s: float, back_s: float) -> None:
         """Restarts window, pending timers and staleness: time went back to `now_s` by `back_s`, in s. Latches stay."""
         self._window.clear()
-        if self.config.statistic != "last":
+        if self._statistics is not None:
+            self._statistics.clear()
             self._judged = None
         self._level_since_s = min(self._level_since_s, now_s)
         self._announcer.restart(now_s, back_s)
@@ -285,6 +294,11 @@ class SignalMonitor:
     def window_samples(self, limit: int, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
         """Returns the samples in the window; see `Window.samples`."""
         return self._window.samples(limit, since_s)
+
+    def shown_samples(self, limit: int, since_s: float) -> Sequence[Tuple[float, float]]:
+        """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
+        window = self._window if self._statistics is None else self._statistics
+        return window.samples(limit, since_s)
 
     def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
         """Returns the state at `now_s` as JSON values; see `Monitor.snapshot`. Reads only."""
@@ -380,6 +394,13 @@ class SignalMonitor:
         return transition
 
     def _use_config(self, config: SignalConfig) -> None:
+        if config.statistic == "last":
+            self._statistics = None
+        elif self._statistics is None or (config.statistic, config.window_s) != (
+            self.config.statistic,
+            self.config.window_s,
+        ):
+            self._statistics = Window(config.window_s, MOST_STATISTICS)
         self.config = config
         self._set_calm_range(config)
         if not config.latch:
@@ -387,6 +408,12 @@ class SignalMonitor:
         if config.only_if is None:
             for rule in self._rules:
                 rule.allow(True)
+
+    def _note_statistic(self, statistics: Window, now_s: float) -> None:
+        last_s = statistics.last_s()
+        spacing_s = self.config.window_s / MOST_STATISTICS
+        if self._judged is not None and not self._staleness.frozen and not now_s - last_s < spacing_s:
+            statistics.add(self._judged, now_s)
 
     def _set_calm_range(self, config: SignalConfig) -> None:
         """Sets the values from which nothing can follow while everything is at rest.

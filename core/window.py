@@ -189,6 +189,10 @@ class Window:
             chosen.extend(samples[place] for place in sorted(extremes))
         return [*chosen, samples[-1]]
 
+    def last_s(self) -> float:
+        """The time of the newest value, in seconds; NaN without one."""
+        return self._times[-1] if self._values else math.nan
+
     def last(self) -> Optional[float]:
         """The newest value."""
         return self._values[-1] if self._values else None

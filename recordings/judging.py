@@ -162,10 +162,15 @@ class Judge:
                 on_samples(judged.file, config, times_s[:good], numbers[:good], times_s[np.isnan(numbers)])
 
         self._tapes[source].consumers.append(take)
-        if on_samples is not None and not shows_samples:
-            show, nothing = on_samples, np.empty(0)
+        if config.statistic != "last":
+
+            def take_judged(times_s: Any, values: Any) -> None:
+                statistics.add_values(values)
+                if on_samples is not None:
+                    on_samples(judged.file, config, times_s, values, np.empty(0))
+
             tape = self._start_tape(node, judged, lambda: system.monitor.judged_value(config.name))
-            tape.consumers.append(lambda times_s, values: show(judged.file, config, times_s, values, nothing))
+            tape.consumers.append(take_judged)
             self._tapes[judged.file, config.name, ""] = tape
 
     def _start_tape(

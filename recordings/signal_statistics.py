@@ -37,16 +37,17 @@ class SignalStatistics:
         self.bad_samples = 0
         """Number of samples that are no valid number."""
         self.min: Optional[float] = None
-        """Smallest valid value, in the signal's unit; None without valid samples."""
+        """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
         self.max: Optional[float] = None
-        """Largest valid value, in the signal's unit."""
+        """Largest value of the statistic."""
         self.mean: Optional[float] = None
-        """Mean of the valid values, in the signal's unit."""
+        """Mean of the values of the statistic at the samples."""
         self.first_s: Optional[float] = None
         """Log time of the first sample, in s since 1970; None without samples."""
         self.longest_gap_s: Optional[float] = None
         """Longest time between two samples in a row, in s; None with fewer than two samples."""
         self._last_s: Optional[float] = None
+        self._ranged = 0
 
     def skip(self, duration_s: float) -> None:
         """Leaves a time after the last sample, in s, out of the gaps."""
@@ -71,20 +72,23 @@ class SignalStatistics:
                 numbers[np.abs(values - placeholder) <= tolerance] = math.nan
             bad = ~((numbers >= self._valid_min) & (numbers <= self._valid_max))  # True for NaN
         numbers[bad] = math.nan
-        good_before = self.samples - self.bad_samples
         self.samples += len(values)
         self.bad_samples += int(np.count_nonzero(bad))
-        good = numbers[~bad]
-        if len(good):
-            self._add_range(good, good_before)
+        if config.statistic == "last":
+            self.add_values(numbers)
         self._add_times(times_s)
         return numbers
 
-    def _add_range(self, good: Any, good_before: int) -> None:
+    def add_values(self, values: Any) -> None:
+        """Adds values of a statistic other than `last` to the range, an array of doubles; NaN: undefined."""
+        good = values[~np.isnan(values)]
+        if not len(good):
+            return
         smallest, largest = float(good.min()), float(good.max())
         self.min = smallest if self.min is None else min(self.min, smallest)
         self.max = largest if self.max is None else max(self.max, largest)
-        weight = len(good) / (good_before + len(good))
+        self._ranged += len(good)
+        weight = len(good) / self._ranged
         before = self.mean or 0.0
         mean = before * (1.0 - weight) + float((good / len(good)).sum()) * weight
         self.mean = min(max(mean, self.min), self.max)  # rounding must not carry it beyond the samples

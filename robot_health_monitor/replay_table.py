@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Iterator, List, Sequence
 
+from robot_health_monitor.core.explanation import judged_unit
 from robot_health_monitor.core.formatting import duration_text, number_text, printable, with_unit
 from robot_health_monitor.core.model import Level
 
@@ -36,7 +37,7 @@ def row(summary: SignalSummary, several_files: bool) -> List[str]:
     statistics = summary.statistics
     shares = [_share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     range_texts = [
-        "-" if value is None else with_unit(number_text(value), summary.config.unit)
+        "-" if value is None else with_unit(number_text(value), judged_unit(summary.config))
         for value in (statistics.min, statistics.mean, statistics.max)
     ]
     gap = "-" if statistics.longest_gap_s is None else duration_text(statistics.longest_gap_s)

@@ -11,7 +11,6 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 from robot_health_monitor.core import explanation
 from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.explanation import Judgement
-from robot_health_monitor.core.formatting import with_unit
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
@@ -113,7 +112,7 @@ class RobotReader:
             full = before is None or before.offset_s != self._offset_s or now_s < before.now_s
             since_s: Mapping[str, float] = {} if before is None or full else before.last_s
             configs = {name: config for name, config in monitor.config.signals.items() if name in monitor.signals()}
-            found = {name: monitor.window_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
+            found = {name: monitor.shown_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
             signals = {name: [(t + self._offset_s, value) for t, value in new] for name, new in found.items()}
             window_s = {name: config.window_s for name, config in configs.items()}
             last_s = {name: new[-1][0] for name, new in found.items() if new}
@@ -135,7 +134,7 @@ class RobotReader:
     def _windows(self, monitor: Monitor, names: Mapping[str, Any]) -> Mapping[str, List[List[float]]]:
         offset_s = self._offset_s
         return {
-            name: [[round(t + offset_s, 3), value] for t, value in monitor.window_samples(name, MOST_SAMPLES)]
+            name: [[round(t + offset_s, 3), value] for t, value in monitor.shown_samples(name, MOST_SAMPLES)]
             for name in names
         }
 
@@ -165,7 +164,6 @@ class RobotReader:
             self._known[name] = known
         config = known.config
         number = converted(config, as_float(judgement.latest)) if judgement.seen else math.nan
-        text = explanation.latest_text(judgement)
         return {
             "level": judgement.level.name,
             "state": judgement.state,
@@ -177,7 +175,7 @@ class RobotReader:
             "silenced": self.alert_system.silence_of(name),
             "bounds": known.bounds,
             "window": window,
-            "text": with_unit(text, config.unit) if text else "",
+            "text": explanation.shown_text(judgement),
             "statistic": config.statistic,
             "judged": judgement.judged,
             "judged_unit": explanation.judged_unit(config),

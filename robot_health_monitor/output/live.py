@@ -134,7 +134,7 @@ class LiveView:
         if due:
             trends = {}
             for name in system.monitor.config.signals:
-                value = system.monitor.fresh_value(name)
+                value = system.monitor.shown_value(name)
                 trend = self._trends.get(name, deque(maxlen=TREND_SAMPLES))
                 trend.append(float("nan") if value is None else value)
                 trends[name] = trend

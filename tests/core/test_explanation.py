@@ -187,8 +187,8 @@ def test_a_link_that_is_down_names_the_cause() -> None:
         ({}, [], "waiting for the first sample"),
         ({"statistic": "mean", "unit": "%"}, [50.0], "mean is undefined until window_min_s (30 s) has passed"),
         ({"statistic": "rate", "window_min_s": 0.0}, [50.0], "rate is undefined: too few samples"),
-        ({"statistic": "mean", "window_min_s": 0.0, "unit": "%"}, [50.0], "mean 50 %"),
-        ({"statistic": "frequency_hz", "window_min_s": 0.0}, [1.0, 1.0], "rate 1 Hz"),
+        ({"statistic": "mean", "window_min_s": 0.0, "unit": "%"}, [50.0], "50 %"),
+        ({"statistic": "frequency_hz", "window_min_s": 0.0}, [1.0, 1.0], "1 Hz"),
         ({"invalid_for_s": 9.0}, [None], "no valid sample yet: None"),
     ],
 )

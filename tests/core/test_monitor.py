@@ -18,6 +18,7 @@ from robot_health_monitor.core import (
     Sample,
     Status,
     Transition,
+    explanation,
     load_config,
 )
 
@@ -1384,3 +1385,40 @@ def test_the_end_resolves_every_open_alert_the_link_included() -> None:
     ]
     assert all("no longer watched" in end.text for end in ended)
     assert monitor.end() == []
+
+
+def test_a_signal_leads_with_its_statistic() -> None:
+    config = load_config({"signals": {"imu": {"statistic": "frequency_hz", "window_s": 10.0, "window_min_s": 5.0}}})
+    monitor = Monitor(config)
+    for number in range(200):
+        monitor.observe(Sample("imu", 1.0, number * 0.125))
+        if number % 8 == 7:
+            monitor.tick(number * 0.125)
+    judgement = monitor.judgements(25.0)["imu"]
+    assert explanation.shown_text(judgement) == explanation.reason(judgement) == "8 Hz"
+    assert monitor.shown_value("imu") == 8.0
+    status = monitor.report(25.0).statuses["imu"]
+    assert (status.values["value"], status.message) == ("1", "8 Hz")
+    samples = monitor.shown_samples("imu")
+    assert [time_s for time_s, _ in samples] == [14.875 + number for number in range(11)]
+    assert [value for _, value in samples] == [8.0] * 11
+    monitor.tick(35.0)
+    assert monitor.shown_value("imu") is None  # stale
+    assert len(monitor.shown_samples("imu")) == 11
+
+
+def test_the_values_of_a_statistic_to_show_are_at_most_300_and_begin_anew_with_time() -> None:
+    monitor = Monitor(load_config({"signals": {"a": {"statistic": "mean", "window_s": 60.0, "window_min_s": 0.0}}}))
+    for number in range(2000):
+        monitor.observe(Sample("a", 1.0, number * 0.05))
+        monitor.tick(number * 0.05)
+    assert 200 < len(monitor.shown_samples("a")) <= 300
+    monitor.tick(5.0)
+    assert monitor.shown_samples("a") == []
+
+
+def test_the_values_of_a_signal_without_a_statistic_to_show_are_its_samples() -> None:
+    watched = Watched(warn_below=20.0)
+    watched.observe(50.0, 0.0)
+    assert watched.monitor.shown_samples("battery_level") == watched.monitor.window_samples("battery_level")
+    assert (watched.monitor.shown_value("battery_level"), watched.monitor.shown_value("other")) == (50.0, None)

@@ -47,7 +47,7 @@ export class WindowPlot {
     const last = samples.length ? samples[samples.length - 1][0] : now;
     const to = clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
     const shown = {
-      name: this.name, unit: signal.unit || "", ...columns(samples), bad: [], gap: gapOf(samples), bounds: boundsOf(signal),
+      name: this.name, unit: signal.judged_unit ?? signal.unit ?? "", ...columns(samples), bad: [], gap: gapOf(samples), bounds: signal.bounds || [],
       levels: this.levels, alerts: [],
     };
     if (this.plot) {

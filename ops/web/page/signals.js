@@ -95,7 +95,7 @@ class SignalRow {
     this.kind = kind;
     this.badge.show(kind);
     setAttribute(this.element, "class", `signal ${kind}`);
-    const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : signal.text || valueText(signal.value, signal.unit) || "–";
+    const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : (signal.text ?? valueText(signal.value, signal.unit)) || "–";
     setText(this.value, value);
     // The reason of a healthy signal only repeats its value.
     setText(this.message, kind === "ok" && signal.message === value ? "" : withHint(signal.message || "", signal.hint));
