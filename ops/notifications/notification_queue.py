@@ -7,7 +7,8 @@ These rules keep it correct across restarts, silences and outages of any length:
 * `notified` is what a target was last sent about an alert that is open there. What a row means for a target is decided
   only when it is its turn: compared with `notified`, the silences and the target's `min_level`.
 * The rows of one alert are sent in their order. A row that failed waits behind the other alerts.
-* A row with an attempt may have arrived. It is sent until that succeeds or is refused; nothing drops it.
+* A row with an attempt may have arrived. It is sent until that succeeds or is refused; only a silence drops it. Then
+  the target may know of the alert (`_UNCONFIRMED`): it is sent the end, or the alert again after the silence.
 
 All functions run in the history's writer thread, inside its transactions.
 """
@@ -33,6 +34,9 @@ MOST_WAITING = 1_000
 _DROPPED_AT_ONCE = 100
 _DISTRIBUTED_AT_ONCE = 20  # transitions in one transaction, for which alerts have to wait
 _MOST_SKIPPED = 50  # rows that `take` discards in one transaction, for which alerts have to wait
+
+_UNCONFIRMED = 0
+"""In place of a level in `notified`: an attempt was made, and whether it arrived is not known."""
 
 _HEAD = """
     SELECT id, fingerprint, level, at_s, transition_json, attempts, is_repeat FROM
@@ -208,10 +212,10 @@ class NotificationQueue:
     def open_at(self, connection: sqlite3.Connection, target: str) -> List[Notified]:
         """Returns the alerts that are open at a target and about which nothing else waits."""
         query = (
-            "SELECT level, since_s, transition_json FROM notified WHERE target = ? AND fingerprint NOT IN "
-            "(SELECT fingerprint FROM notifications WHERE target = ?)"
+            "SELECT level, since_s, transition_json FROM notified WHERE target = ? AND level <> ? "
+            "AND fingerprint NOT IN (SELECT fingerprint FROM notifications WHERE target = ?)"
         )
-        return [_notified(*row) for row in connection.execute(query, (target, target))]
+        return [_notified(*row) for row in connection.execute(query, (target, _UNCONFIRMED, target))]
 
     def reconcile(self, connection: sqlite3.Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence has expired."""
@@ -288,12 +292,14 @@ class NotificationQueue:
         robot, signal = notification.robot, notification.signal
         if not _wants(target, robot, signal, level):
             return None if before is None else Notification(notification.transition, True, at_s, before)
-        if has_attempt:
-            return notification
         if self._is_silenced(robot, signal):
             self._hold(robot, signal)
+            if has_attempt and row is None:
+                values = (target.name, fingerprint, _UNCONFIRMED, at_s, line)
+                connection.execute("INSERT INTO notified VALUES (?, ?, ?, ?, ?)", values)
             return None
-        if before is not None and before.level is level and (not is_repeat or target.type == "alertmanager"):
+        is_known = row is not None and row[0] == level
+        if is_known and not has_attempt and (not is_repeat or target.type == "alertmanager"):
             return None
         return notification
 
@@ -335,7 +341,8 @@ def _matches(patterns: Sequence[str], name: str) -> bool:
 
 def _notified(level: int, since_s: float, line: str) -> Notified:
     transition = json.loads(line)
-    return Notified(transition["robot"], transition["signal"], Level(level), since_s, alert_line(transition))
+    known = Level[transition["to_level"]] if level == _UNCONFIRMED else Level(level)
+    return Notified(transition["robot"], transition["signal"], known, since_s, alert_line(transition))
 
 
 def _no_longer_watched(line: str) -> str:

@@ -281,13 +281,46 @@ def test_a_silence_also_holds_back_what_already_waits() -> None:
     assert bench.deliver() == []
 
 
-def test_what_may_have_arrived_is_sent_to_the_end_in_spite_of_a_silence() -> None:
+def test_what_may_have_arrived_is_not_sent_again_during_a_silence_but_its_end_is() -> None:
     bench = Bench()
     bench.change("WARN")
-    assert bench.take() is not None  # for instance, there was no response
+    assert bench.take() is not None  # no response
+    bench.silenced = {BATTERY}
+    assert bench.deliver() == [] and bench.queue.waiting("chat") == 0
+    assert bench.queue.open_at(bench.connection, "chat") == []  # not repeated either
+    bench.change("ERROR", "WARN")
+    bench.restart()
+    assert bench.deliver() == []
+    bench.change("OK", "ERROR")
+    assert bench.deliver() == [("battery", "resolved", "WARN")]
+    bench.expire_silences()
+    assert bench.deliver() == []
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_what_may_have_arrived_is_sent_again_after_a_silence(restarts: bool) -> None:
+    bench = Bench()
+    bench.change("WARN")
+    assert bench.take() is not None  # no response
+    bench.silenced = {BATTERY}
+    assert bench.deliver() == []
+    if restarts:
+        bench.restart()
+    bench.expire_silences()
+    assert bench.deliver() == [("battery", "WARN", "WARN")]
+    assert bench.deliver() == []
+    bench.change("OK", "WARN")
+    assert bench.deliver() == [("battery", "resolved", "WARN")]
+
+
+def test_the_end_of_what_was_sent_is_tried_again_in_spite_of_a_silence() -> None:
+    bench = Bench()
+    bench.change("WARN")
+    bench.deliver()
     bench.silenced = {BATTERY}
     bench.change("OK", "WARN")
-    assert bench.deliver() == [("battery", "WARN", None), ("battery", "resolved", "WARN")]
+    assert bench.take() is not None  # no response
+    assert bench.deliver() == [("battery", "resolved", "WARN")]
 
 
 def test_what_certainly_did_not_arrive_is_held_back_by_a_silence() -> None:
