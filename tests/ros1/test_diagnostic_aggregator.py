@@ -6,7 +6,7 @@ import glob
 import os
 import socket
 from pathlib import Path
-from typing import Any, Dict, Iterator, Mapping, Optional
+from typing import Any, Dict, Iterator, Mapping
 
 import pytest
 from harness.line_process import LineProcess
@@ -48,36 +48,32 @@ def aggregated(ros: Any, master: Any, tmp_path: Path) -> Iterator[Any]:
 def test_the_aggregator_groups_our_statuses_and_rolls_their_levels_up(ros: Any, start: Any, aggregated: Any) -> None:
     alert_system = start("alert_system")
     alert_system.wait_for_text("watching cpu_usage")
-    for topic, value in (("battery_level", 19.0), ("temperature", 60.0), ("cpu_usage", 30.0)):
-        ros.publish(f"/{topic}", "std_msgs/Float32", {"data": value})
-
-    def status(name: str) -> Optional[Mapping[str, Any]]:
-        latest = aggregated[-1]["status"] if aggregated else []
-        return next((one for one in latest if one["name"] == name), None)
+    shown: Dict[str, Mapping[str, Any]] = {}
 
     def is_complete() -> bool:
-        names = ("battery_level", "temperature", "cpu_usage")
-        found = [status(f"/Other/alert_system: {name}") for name in names]
-        return None not in found and found[0]["level"] == 1
+        """Publishes again and again: on a busy machine the aggregator may need longer than a sample is fresh."""
+        for topic, value in (("battery_level", 19.0), ("temperature", 60.0), ("cpu_usage", 30.0)):
+            ros.publish(f"/{topic}", "std_msgs/Float32", {"data": value})
+        shown.clear()
+        shown.update((status["name"], status) for status in (aggregated[-1]["status"] if aggregated else []))
+        return {name: shown[name]["level"] for name in levels if name in shown} == levels
 
+    levels = {  # the worst of the three is the level of the group
+        "/Other": 1,
+        "/Other/alert_system: battery_level": 1,
+        "/Other/alert_system: temperature": 0,
+        "/Other/alert_system: cpu_usage": 0,
+    }
     ros.wait_until(is_complete)
-    battery = status("/Other/alert_system: battery_level")
-    assert battery is not None
+    battery = shown["/Other/alert_system: battery_level"]
     assert battery["message"] == "19 % is below 20 %"
     assert battery["hardware_id"] == socket.gethostname()
     values: Dict[str, str] = {pair["key"]: pair["value"] for pair in battery["values"]}
-    assert {key: values[key] for key in ("value", "unit", "warn_below", "error_below", "good_samples")} == {
+    assert {key: values[key] for key in ("value", "unit", "warn_below", "error_below", "bad_samples")} == {
         "value": "19",
         "unit": "%",
         "warn_below": "20",
         "error_below": "10",
-        "good_samples": "1",
+        "bad_samples": "0",
     }
-    # The worst of the three is the level of the group; the other two are OK.
-    group = status("/Other")
-    assert group is not None
-    assert group["level"] == 1
-    for name in ("temperature", "cpu_usage"):
-        one = status(f"/Other/alert_system: {name}")
-        assert one is not None
-        assert one["level"] == 0
+    assert int(values["good_samples"]) >= 1

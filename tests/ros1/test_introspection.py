@@ -56,7 +56,6 @@ def test_the_executable_serves_when_rosbridge_port_is_set(
 
 
 def test_a_port_in_use_stops_only_the_server(start: Any, ros: Any, parameters: Any, tmp_path: Path) -> None:
-    alerts = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
     reports = ros.listen("/diagnostics", "diagnostic_msgs/DiagnosticArray")
 
     def monitor_is_error() -> bool:
@@ -70,6 +69,7 @@ def test_a_port_in_use_stops_only_the_server(start: Any, ros: Any, parameters: A
         parameters("/alert_system", yaml.safe_load(text)["alert_system"])
         process = start("alert_system")
         process.wait_for_text("rosbridge: not served: ")
+        alerts = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
         ros.publish("/battery_level", "std_msgs/Float32", {"data": 15.0})
         ros.wait_until(lambda: any(alert["name"] == "alert_system: battery_level" for alert in alerts))
         ros.wait_until(monitor_is_error)

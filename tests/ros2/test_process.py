@@ -54,7 +54,9 @@ def alerts_of(ros: Any) -> List[bytes]:
         ros.publish_to_process("/battery_level", FLOAT32, {"data": percent})
 
     def of_battery() -> List[bytes]:
-        return [alert["level"] for alert in alerts if alert["name"] == "alert_system: battery_level"]
+        """Without those of a pause on a busy machine, and of the time until the connections are there."""
+        levels = [alert["level"] for alert in alerts if alert["name"] == "alert_system: battery_level"]
+        return [level for level in levels if level != b"\x03"]
 
     ros.wait_until(lambda: len(of_battery()) >= 3)
     return of_battery()

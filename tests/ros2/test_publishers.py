@@ -47,10 +47,10 @@ def test_the_node_gives_the_qos_of_its_own_subscriptions(ros: Any) -> None:
 
     heard: List[Any] = []
     node = ros.node("alert_system")
-    node.subscribe("fast", FLOAT32, lambda value, now_s: heard.append(value), field="data")
-    assert [qos.reliability for qos in node._qos_of("/fast")] == [ReliabilityPolicy.RELIABLE]
+    node.subscribe("sensor", FLOAT32, lambda value, now_s: heard.append(value), field="data")
+    assert [qos.reliability for qos in node._qos_of("/sensor")] == [ReliabilityPolicy.RELIABLE]
     publisher = ros._me.create_publisher(
-        Float32, "/fast", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        Float32, "/sensor", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     )
 
     def arrived() -> bool:
@@ -58,8 +58,8 @@ def test_the_node_gives_the_qos_of_its_own_subscriptions(ros: Any) -> None:
         return bool(heard)
 
     ros.wait_until(arrived)
-    assert [qos.reliability for qos in node._qos_of("/fast")] == [ReliabilityPolicy.BEST_EFFORT]
-    assert node.why_silent("fast", FLOAT32) is None
+    assert [qos.reliability for qos in node._qos_of("/sensor")] == [ReliabilityPolicy.BEST_EFFORT]
+    assert node.why_silent("sensor", FLOAT32) is None
 
 
 def test_many_silent_topics_read_the_list_of_topics_once(ros: Any) -> None:
