@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from setuptools import setup
 
 NAME = "robot_health_monitor"
-FOLDERS = ["core", "ros1", "ros2", "rosbridge", "recordings", "ops"]
+FOLDERS = ["core", "runtime", "ros1", "ros2", "rosbridge", "recordings", "ops"]
 """Top-level folders that are packages below the root package; CMakeLists.txt has the same list."""
 
 

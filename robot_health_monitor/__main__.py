@@ -10,7 +10,7 @@ import os
 import sys
 from typing import TYPE_CHECKING, Callable, Dict, Optional, Sequence
 
-from .interrupts import Interrupts
+from robot_health_monitor.runtime.interrupts import Interrupts
 
 if TYPE_CHECKING:
     import argparse

@@ -10,7 +10,7 @@ import time
 from datetime import datetime
 from typing import Any, Callable, NoReturn, Optional, Sequence
 
-from .tokens import TOKEN_VARIABLE
+from robot_health_monitor.runtime.tokens import TOKEN_VARIABLE
 
 _UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 

@@ -10,18 +10,18 @@ from typing import AsyncIterator, Awaitable, Callable, Optional, Sequence
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.ops.configuration import ServerOptions
+from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.tokens import read_token_file
 
 from .fleet import Fleet
 from .fleet_configuration import FleetReader, Options, read_addresses
 from .fleet_robot import Robot
 from .installed_files import find_installed
-from .interrupts import Interrupts
 from .live_session import run_session
 from .operations import Operations, open_operations
 from .output.choice import choose_output
 from .output.events import Events
 from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
-from .tokens import read_token_file
 
 
 def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:

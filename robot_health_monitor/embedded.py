@@ -19,7 +19,7 @@ from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors.configuration import METRICS
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.rosbridge.daemon_thread import run_in_daemon_thread
+from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 NODES = ("alert_system", "aggregator", "battery_sensor")
 """The nodes that run here, by their names in a configuration file."""

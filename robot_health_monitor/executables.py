@@ -16,7 +16,8 @@ import sys
 import traceback
 from typing import Any, Callable, List, Mapping, Optional, Protocol, Sequence
 
-from .interrupts import Interrupts
+from robot_health_monitor.runtime.interrupts import Interrupts
+
 from .service_manager import ServiceManager
 from .standard_streams import StandardStreams
 

@@ -20,7 +20,7 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
 from robot_health_monitor.core.outlets import Outlet
-from robot_health_monitor.rosbridge.daemon_thread import run_in_daemon_thread
+from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from .fleet_configuration import FleetReader, RobotSettings
 from .fleet_robot import Robot, StartAlertSystem

@@ -24,9 +24,9 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping, unknown_key
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.rosbridge.address import full_address, host_and_port, shown_address
+from robot_health_monitor.runtime.tokens import find_token, read_token_file
 
 from .embedded import sections_of_nodes
-from .tokens import find_token, read_token_file
 
 __all__ = [
     "Address",

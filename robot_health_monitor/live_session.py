@@ -9,8 +9,8 @@ from typing import Any, AsyncContextManager, Awaitable, Optional, Protocol, Sequ
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.runtime.interrupts import Interrupts
 
-from .interrupts import Interrupts
 from .output.display import Output, OutputError, Shown
 from .output.events import Events, LibraryLog
 from .service_manager import ServiceManager

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from robot_health_monitor.runtime.interrupts import Interrupts
+
 from .executables import Process, run
-from .interrupts import Interrupts
 
 _PATIENCE_S = 4.0
 """A call to a ROS master that hangs must not keep the process from ending."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from robot_health_monitor.runtime.interrupts import Interrupts
+
 from .executables import Process, run
-from .interrupts import Interrupts
 
 
 def battery_sensor() -> int:

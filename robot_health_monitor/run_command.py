@@ -10,10 +10,10 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .embedded import EmbeddedMonitor, sections_of_nodes
 from .installed_files import find_installed
-from .interrupts import Interrupts
 from .live_session import run_session
 from .operations import configured_ops, open_operations
 from .output.choice import choose_output

@@ -15,8 +15,7 @@ from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, S
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.outlets import Event, event_text
-
-from .tokens import SHORTEST_TOKEN, find_token
+from robot_health_monitor.runtime.tokens import SHORTEST_TOKEN, find_token
 
 if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig

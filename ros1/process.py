@@ -26,7 +26,7 @@ from .middleware import Ros1Middleware
 from .parameters import NodeParameters, set_log_level
 
 if TYPE_CHECKING:
-    from robot_health_monitor.interrupts import Interrupts
+    from robot_health_monitor.runtime.interrupts import Interrupts
 
 _REPORT_S = 2.0
 """How long the nodes have to report a fault before the process ends, in s: twice their period."""

@@ -28,7 +28,7 @@ from .middleware import Ros2Middleware
 from .parameter_files import ParameterFiles
 
 if TYPE_CHECKING:
-    from robot_health_monitor.interrupts import Interrupts
+    from robot_health_monitor.runtime.interrupts import Interrupts
 
 _DEFAULTS = ("--ros-args", "-p", "start_type_description_service:=false", "--")
 """Arguments before those of the user, which override them.

@@ -9,6 +9,7 @@ from typing import Callable, Collection, Dict, Optional, Protocol, Sequence
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Transition
+from robot_health_monitor.runtime.threads import StepThread
 
 from ..configuration import TargetSettings
 from .database import Database
@@ -16,7 +17,6 @@ from .delivery import Delivery
 from .heartbeat import Heartbeat
 from .notification_queue import NotificationQueue
 from .senders import make_sender
-from .step_thread import StepThread
 
 CHECK_PERIOD_S = 1.0
 """Period of the check for silences that have expired, in s."""

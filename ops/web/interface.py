@@ -16,6 +16,7 @@ from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.version import package_version
+from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..metrics import METRICS_LIBRARY, Metrics
 from .history import HistorySource, PastAlerts, query_of
@@ -36,12 +37,13 @@ from .requests import (
 from .silencing import SilenceSource, expire_silence, new_silence, silence_json
 from .state import RobotReader, Samples, iso_time
 from .updates import Updates
-from .worker import BusyError, Worker
 
 __all__ = ["WebInterface"]
 
 LATEST_TICK_S = 6.0
 """Largest age of the tick of a healthy monitor, in s: 5 s late."""
+_MOST_PENDING = 500
+"""Most requests that wait for a robot or a disk."""
 _READ_TIMEOUT_S = 5.0
 _ROBOTS_AT_ONCE = 10
 """Robots that are read without a pause for others in the same loop."""
@@ -83,8 +85,8 @@ class WebInterface:
         self._silences = silences
         self._wall_time_s = wall_time_s
         # Reading a robot waits for its callbacks, and a history for a disk.
-        self._reading = Worker(4, _READ_TIMEOUT_S) if threads else None
-        self._worker = Worker(8, _READ_TIMEOUT_S)
+        self._reading = ThreadPool("web", 4, _MOST_PENDING, _READ_TIMEOUT_S) if threads else None
+        self._worker = ThreadPool("web", 8, _MOST_PENDING, _READ_TIMEOUT_S)
         self._readers: Dict[AlertSystem, RobotReader] = {}
         self._answers: Dict[Tuple[str, bool], asyncio.Future[bytes]] = {}
         self._own_state = OwnState(robots, process_faults)
@@ -137,6 +139,9 @@ class WebInterface:
     def close(self) -> None:
         """Disconnects every page. Call in the server's loop."""
         self.updates.close()
+        for pool in (self._reading, self._worker):
+            if pool is not None:
+                pool.close()
 
     # Checks
 
@@ -150,7 +155,7 @@ class WebInterface:
                 return error.response()
             except ConfigError as error:
                 return ApiError(400, error.problem).response()
-            except (ServiceError, BusyError) as error:
+            except ServiceError as error:
                 return ApiError(503, str(error)).response()
 
         return handle

@@ -9,9 +9,10 @@ from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, 
 
 from aiohttp import web
 
+from robot_health_monitor.core.errors import ServiceError
+
 from .requests import API_HEADERS, ApiError, json_bytes
 from .state import Samples
-from .worker import BusyError
 
 __all__ = ["MOST_PAGES", "Updates", "changes"]
 
@@ -162,7 +163,7 @@ class Updates:
             for robot in page.robots:
                 try:
                     samples = await self._read_samples(robot, None)
-                except BusyError:
+                except ServiceError:
                     samples = None
                 if samples is not None:
                     self._samples.setdefault(robot, samples)
@@ -202,7 +203,7 @@ class Updates:
             wake.clear()
             try:
                 await self._update()
-            except BusyError:
+            except ServiceError:
                 pass  # without events the pages show that they have lost the monitor
             except Exception:
                 self._disconnect_all()  # they connect again: the first event fails too, and the server logs why

@@ -29,10 +29,10 @@ import aiohttp
 
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from .. import protocol
 from ..address import host_and_port, http_address, shown_address
-from ..daemon_thread import run_in_daemon_thread
 from ..flood_limit import FloodLimit
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError
 from ..protocol.codec import decode

@@ -13,7 +13,8 @@ from typing import Any, Dict, List, Optional, Sequence
 
 from aiohttp.abc import AbstractResolver
 
-from ..daemon_thread import run_in_daemon_thread
+from robot_health_monitor.runtime.threads import run_in_daemon_thread
+
 from .timeouts import ignore_result
 
 __all__ = ["HostLookup"]

@@ -7,9 +7,9 @@ from collections import deque
 from typing import Callable, Deque, Generic, Optional, Sequence, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import MessageError, ServiceError
+from robot_health_monitor.runtime.threads import ThreadPool
 
 from .encoded_message import EncodedMessage, Encoding
-from .worker_pool import WorkerPool
 
 __all__ = ["EncodingQueue"]
 
@@ -22,7 +22,7 @@ class EncodingQueue(Generic[R]):
     def __init__(
         self,
         encoding: Encoding,
-        pool: WorkerPool,
+        pool: ThreadPool,
         bound_bytes: int,
         send: Callable[[bytes, Sequence[R]], None],
         on_failure: Callable[[str], None],

@@ -14,9 +14,9 @@ from collections import deque
 from typing import Any, Callable, Deque, Optional, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.runtime.threads import ThreadPool
 
 from .message_size import estimated_bytes
-from .worker_pool import WorkerPool
 
 __all__ = ["NodeAccess"]
 
@@ -43,9 +43,9 @@ class NodeAccess:
         """
         self._loop = loop
         self._threads = threads
-        self._workers = WorkerPool(loop, "rosbridge", _THREADS, _MOST_PENDING)
+        self._workers = ThreadPool("rosbridge", _THREADS, _MOST_PENDING)
         # Separate: services that do not respond must not block subscriptions.
-        self._callers = WorkerPool(loop, "rosbridge-call", _MOST_CALLS, _MOST_CALLS)
+        self._callers = ThreadPool("rosbridge-call", _MOST_CALLS, _MOST_CALLS)
         self._queue_bytes = queue_bytes
         self._lock = threading.Lock()
         self._messages: Deque[Tuple[Callable[[Any], None], Any, int]] = deque()

@@ -22,6 +22,7 @@ from aiohttp import WSCloseCode, web
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import ServedMiddleware, Severity
+from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
 from ..turns import limit_reads
@@ -40,7 +41,6 @@ from .session import AuthenticationError, ServerParts, Session
 from .slow_clients import SlowClients
 from .token_check import Client, Credentials, TokenCheck
 from .topics import Topics
-from .worker_pool import WorkerPool
 
 __all__ = ["Server"]
 
@@ -208,7 +208,7 @@ class Server:
         self._node = NodeAccess(loop, threads=self._threads)
         graph = ServedGraph(self._middleware, self._node, self._added_services, adds_rosout=not self._threads)
         self._rosapi = Rosapi(graph.read, graph.definition, self._parameters, time.time)
-        encoder = WorkerPool(loop, "rosbridge-encode", 1, 1_000)
+        encoder = ThreadPool("rosbridge-encode", 1, 1_000)
         topics = Topics(self._middleware, self._node, graph, encoder, self._limits, self.log, has_raw=self._threads)
         services = Services(self._middleware, self._node, graph, self._rosapi, self.access, self._call_timeout_s)
         self._parts = ServerParts(
@@ -220,7 +220,7 @@ class Server:
             services,
             SlowClients(loop, self._slow_client_timeout_s, self.log),
             encoder,
-            WorkerPool(loop, "rosbridge-decode", 1, 1_000),
+            ThreadPool("rosbridge-decode", 1, 1_000),
             self.log,
         )
 

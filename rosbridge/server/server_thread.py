@@ -6,7 +6,8 @@ import asyncio
 import concurrent.futures
 from typing import Any, Dict
 
-from ..loop_thread import LoopThread
+from robot_health_monitor.runtime.threads import LoopThread
+
 from .server import Server
 
 __all__ = ["ServerThread"]

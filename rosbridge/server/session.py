@@ -6,6 +6,7 @@ import asyncio
 from typing import Any, Awaitable, Callable, Dict, NamedTuple, Optional, Set, Type
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.runtime.threads import ThreadPool
 
 from .. import protocol
 from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire
@@ -20,7 +21,6 @@ from .services import Services
 from .slow_clients import SlowClients
 from .subscriptions import ByteBudget, Options, merge, options_of
 from .topics import Topics
-from .worker_pool import WorkerPool
 
 __all__ = ["AuthenticationError", "ServerParts", "Session"]
 
@@ -45,8 +45,8 @@ class ServerParts(NamedTuple):
     publications: Publications
     services: Services
     slow_clients: SlowClients
-    encoder: WorkerPool
-    decoder: WorkerPool
+    encoder: ThreadPool
+    decoder: ThreadPool
     log: Callable[[str], None]
 
 

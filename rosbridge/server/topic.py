@@ -6,11 +6,11 @@ import asyncio
 from typing import Any, Callable, Dict, List, Mapping, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import MessageError
+from robot_health_monitor.runtime.threads import ThreadPool
 
 from .encoded_message import EncodedMessage, Encoding, Serializer
 from .encoding_queue import EncodingQueue
 from .subscriptions import ByteBudget, Options, Pacer
-from .worker_pool import WorkerPool
 
 __all__ = ["Receiver", "Topic"]
 
@@ -33,7 +33,7 @@ class Topic:
         name: str,
         type_name: str,
         serialize: Optional[Serializer],
-        encoder: WorkerPool,
+        encoder: ThreadPool,
         on_failure: Callable[[str], None],
         *,
         queue_bytes: int = 1_000_000,

@@ -9,6 +9,7 @@ from typing import Callable, Dict, Optional
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import ServedMiddleware, Severity, Subscription
+from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import Limits, ProtocolError
 from ..protocol.definitions import canonical, serializer
@@ -16,7 +17,6 @@ from .graph import ROSOUT, ROSOUT_TYPE, ServedGraph
 from .node_access import NodeAccess
 from .subscriptions import Options
 from .topic import Receiver, Topic
-from .worker_pool import WorkerPool
 
 __all__ = ["Topics"]
 
@@ -42,7 +42,7 @@ class Topics:
         middleware: ServedMiddleware,
         node: NodeAccess,
         graph: ServedGraph,
-        encoder: WorkerPool,
+        encoder: ThreadPool,
         limits: Limits,
         log: Callable[[str], None],
         *,

@@ -10,10 +10,10 @@ import pytest
 from harness.transitions import transition
 
 from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.interrupts import Interrupts
 from robot_health_monitor.live_session import run_session
 from robot_health_monitor.output.display import OutputError
 from robot_health_monitor.output.events import Events
+from robot_health_monitor.runtime.interrupts import Interrupts
 
 
 class Watched:

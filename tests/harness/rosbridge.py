@@ -10,9 +10,9 @@ from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
-from robot_health_monitor.rosbridge.loop_thread import LoopThread
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
+from robot_health_monitor.runtime.threads import LoopThread
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 

@@ -20,6 +20,7 @@ RECORDINGS = {"lz4", "mcap", "numpy", "rosbags", "zstandard"}
 """The extra [recordings]: pip installs it, the ROS package does not depend on it."""
 ALLOWED = {
     "core": {"psutil", "yaml"},
+    "runtime": set(),
     "ros1": ROS1 | MESSAGES,
     "ros2": ROS2 | MESSAGES,
     "rosbridge": {"aiohttp", "cbor2"},

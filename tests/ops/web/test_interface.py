@@ -14,12 +14,12 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 import aiohttp
 from harness.web import Robots, Site, open_page, with_site
 
+from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
-from robot_health_monitor.ops.web.worker import BusyError
 from robot_health_monitor.rosbridge.server.token_check import SESSION_S
 
 BEARER = {"Authorization": "Bearer s3cret"}
@@ -483,11 +483,11 @@ def test_an_update_that_fails_loses_no_change() -> None:
             read = updates._read_samples
 
             async def fail(robot: str, before: Any) -> Any:
-                raise BusyError("busy")
+                raise ServiceError("busy")
 
             updates._read_samples = fail
             site.robots.observe(9.0)
-            with pytest.raises(BusyError):
+            with pytest.raises(ServiceError):
                 await updates._update()
             updates._read_samples = read
             await updates._update()

@@ -6,7 +6,7 @@ from typing import Any, List
 
 from robot_health_monitor.rosbridge.server.encoded_message import EncodedMessage, Encoding
 from robot_health_monitor.rosbridge.server.encoding_queue import EncodingQueue
-from robot_health_monitor.rosbridge.server.worker_pool import WorkerPool
+from robot_health_monitor.runtime.threads import ThreadPool
 
 SIZE = 100_000
 
@@ -18,7 +18,7 @@ def message(number: int) -> EncodedMessage:
 class TestQueue:
     def run(self, scenario: Any, bound_bytes: int) -> None:
         async def run() -> None:
-            pool = WorkerPool(asyncio.get_event_loop(), "encode", 1, 10)
+            pool = ThreadPool("encode", 1, 10)
             sent: List[int] = []
             problems: List[str] = []
 
@@ -32,7 +32,7 @@ class TestQueue:
         asyncio.run(run())
 
     def test_messages_are_encoded_in_a_thread_and_sent_in_order(self) -> None:
-        async def scenario(pool: WorkerPool, queue: Any, sent: List[int], problems: List[str]) -> None:
+        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
             threads = []
             first = message(0)
             encode = first.frames
@@ -49,7 +49,7 @@ class TestQueue:
         self.run(scenario, 10 * SIZE)
 
     def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound(self) -> None:
-        async def scenario(pool: WorkerPool, queue: Any, sent: List[int], problems: List[str]) -> None:
+        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
             released = threading.Event()
             busy = pool.submit(released.wait, 20.0)
             for number in range(100):
@@ -66,7 +66,7 @@ class TestQueue:
         self.run(scenario, int(3.5 * SIZE))
 
     def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent(self) -> None:
-        async def scenario(pool: WorkerPool, queue: Any, sent: List[int], problems: List[str]) -> None:
+        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
             queue.put(EncodedMessage("/a", {"data": object()}), ["client"])
             queue.put(message(1), ["client"])
             while queue.busy:

@@ -6,7 +6,7 @@ from typing import Any, Awaitable, Callable, List
 
 from robot_health_monitor.rosbridge.server.subscriptions import ByteBudget, Options
 from robot_health_monitor.rosbridge.server.topic import Topic
-from robot_health_monitor.rosbridge.server.worker_pool import WorkerPool
+from robot_health_monitor.runtime.threads import ThreadPool
 
 
 class Receiver:
@@ -24,7 +24,7 @@ class Receiver:
 
 def run(scenario: Callable[[Topic, List[str]], Awaitable[None]], **options: Any) -> None:
     async def start() -> None:
-        pool = WorkerPool(asyncio.get_event_loop(), "encode", 1, 100)
+        pool = ThreadPool("encode", 1, 100)
         problems: List[str] = []
         topic = Topic("/a", "std_msgs/String", None, pool, problems.append, **options)
         await asyncio.wait_for(scenario(topic, problems), 60.0)

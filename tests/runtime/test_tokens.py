@@ -8,7 +8,7 @@ from typing import List
 import pytest
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, find_token, read_token_file
+from robot_health_monitor.runtime.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, find_token, read_token_file
 
 
 def write(folder: Path, contents: bytes, mode: int = 0o600) -> str:

@@ -10,7 +10,7 @@ from typing import Iterator, List
 import pytest
 
 from robot_health_monitor.__main__ import main
-from robot_health_monitor.interrupts import Interrupts
+from robot_health_monitor.runtime.interrupts import Interrupts
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

@@ -1,0 +1,224 @@
+"""Threads that nothing waits for at the end of the process.
+
+The threads of `loop.run_in_executor` are joined when the loop and the process end: a look-up of a host name that hangs
+would delay the exit by half a minute, and a folder on a server that does not answer by hours.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import queue
+import threading
+from typing import Any, Callable, Coroutine, Optional, Tuple, TypeVar
+
+from robot_health_monitor.core.errors import ServiceError
+
+__all__ = ["LoopThread", "StepThread", "ThreadPool", "run_in_daemon_thread"]
+
+Result = TypeVar("Result")
+_CLOSE_TIMEOUT_S = 5.0
+_WAIT_AFTER_ERROR_S = 1.0
+_Job = Tuple["asyncio.Future[Any]", Callable[..., Any], Tuple[Any, ...]]
+
+
+async def run_in_daemon_thread(function: Callable[[], Result]) -> Result:
+    """Returns the result of a function that is called in a separate thread.
+
+    Cancelling the wait abandons the thread.
+
+    Raises:
+        Exception: what the function raised.
+    """
+    loop = asyncio.get_event_loop()
+    done: asyncio.Future[Result] = loop.create_future()
+
+    def settle(result: Callable[[], None]) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(lambda: None if done.done() else result())
+
+    def run() -> None:
+        try:
+            value = function()
+        except Exception as error:
+            failure = error
+            settle(lambda: done.set_exception(failure))
+        else:
+            settle(lambda: done.set_result(value))
+
+    threading.Thread(target=run, name="may hang", daemon=True).start()
+    return await done
+
+
+class ThreadPool:
+    """A bounded number of threads that run functions for an event loop."""
+
+    def __init__(self, name: str, threads: int, most_pending: int, timeout_s: Optional[float] = None) -> None:
+        """Starts no thread yet.
+
+        Args:
+            name: of the threads.
+            threads: most threads.
+            most_pending: most functions that run or wait.
+            timeout_s: longest time that `run` waits for a function, in s; None: for ever.
+        """
+        self._name = name
+        self._most_threads = threads
+        self._most_pending = most_pending
+        self._timeout_s = timeout_s
+        self._threads = 0
+        self._jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self.pending = 0
+        """Functions that run or wait."""
+
+    def submit(self, function: Callable[..., Result], *arguments: Any) -> asyncio.Future[Result]:
+        """Runs `function(*arguments)` in a thread, unless the future is cancelled before. Called in the loop.
+
+        Raises:
+            ServiceError: too many functions are pending.
+        """
+        if self.pending >= self._most_pending:
+            raise ServiceError(f"busy: {self.pending} requests are pending")
+        self.pending += 1
+        if self._threads < min(self.pending, self._most_threads):
+            self._threads += 1
+            threading.Thread(target=self._work, name=self._name, daemon=True).start()
+        future: asyncio.Future[Result] = asyncio.get_event_loop().create_future()
+        self._jobs.put((future, function, arguments))
+        return future
+
+    async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Runs `function(*arguments)` in a thread and returns its result.
+
+        Raises:
+            ServiceError: too many functions are pending, or it took too long.
+            Exception: what the function raised.
+        """
+        future = self.submit(function, *arguments)
+        if self._timeout_s is None:
+            return await future
+        try:
+            return await asyncio.wait_for(future, self._timeout_s)
+        except asyncio.TimeoutError:
+            raise ServiceError(f"no answer within {self._timeout_s:g} s") from None
+
+    def close(self) -> None:
+        """Ends the threads after their current function. Nothing may be submitted afterwards."""
+        self._most_pending = 0
+        for _ in range(self._threads):
+            self._jobs.put(None)
+
+    def _work(self) -> None:
+        while True:
+            job = self._jobs.get()
+            if job is None:
+                return
+            future, function, arguments = job
+            result, error = None, None
+            try:
+                result = None if future.cancelled() else function(*arguments)
+            except Exception as raised:
+                error = raised
+            try:
+                future.get_loop().call_soon_threadsafe(self._finish, future, result, error)
+            except RuntimeError:  # the loop has ended
+                return
+            del job, future, function, arguments, result, error  # they may be large, and the next job may be far away
+
+    def _finish(self, future: asyncio.Future[Any], result: Any, error: Any) -> None:
+        self.pending -= 1
+        if future.done():  # cancelled
+            return
+        if error is None:
+            future.set_result(result)
+        else:
+            future.set_exception(error)
+
+
+class LoopThread:
+    """A running event loop: for a server beside ROS, and for clients that are used from blocking code."""
+
+    def __init__(self, name: str = "rosbridge") -> None:
+        """Starts the thread. It does not keep the process alive."""
+        self.loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the loop is running."""
+        return self._thread.is_alive()
+
+    def call(self, coroutine: Coroutine[Any, Any, Result], timeout_s: float = 30.0) -> Result:
+        """Runs a coroutine in the loop and returns its result. Not to be called in the loop.
+
+        Raises:
+            Exception: what the coroutine raised.
+            concurrent.futures.TimeoutError: it took longer than `timeout_s`.
+        """
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(timeout_s)
+
+    def close(self) -> None:
+        """Stops the loop and cancels its tasks. May be called twice."""
+        if self._thread.is_alive():
+            self.loop.call_soon_threadsafe(self.loop.stop)
+            self._thread.join(_CLOSE_TIMEOUT_S)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self.loop)
+        try:
+            self.loop.run_forever()
+            tasks = asyncio.all_tasks(self.loop)
+            for task in tasks:
+                task.cancel()
+            self.loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
+            self.loop.run_until_complete(self.loop.shutdown_asyncgens())
+        finally:
+            self.loop.close()
+
+
+class StepThread:
+    """Calls a function again and again, with the wait that the function requests, until it is closed."""
+
+    def __init__(self, name: str, step: Callable[[], float], on_error: Callable[[Exception], object]) -> None:
+        """Prepares the thread; `start` begins.
+
+        Args:
+            name: the thread's name.
+            step: called again after the number of seconds that it returns, or after `wake`.
+            on_error: receives what `step` raises; then the thread continues.
+        """
+        self._step = step
+        self._on_error = on_error
+        self._wake = threading.Event()
+        self._is_closed = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Begins."""
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Ends the present wait; returns at once."""
+        self._wake.set()
+
+    def close(self) -> None:
+        """Ends the thread after the present step; returns at once."""
+        self._is_closed = True
+        self._wake.set()
+
+    def join(self, timeout_s: float) -> None:
+        """Waits for the end of the thread."""
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        while not self._is_closed:
+            self._wake.clear()
+            if self._is_closed:  # closed before `clear`
+                return
+            try:
+                wait_s = self._step()
+            except Exception as error:
+                self._on_error(error)
+                wait_s = _WAIT_AFTER_ERROR_S
+            self._wake.wait(wait_s)
