@@ -173,25 +173,38 @@ class LocalMiddleware(MappingNode):
         self._bus = bus
         self._subscriptions: List[MappingSubscription] = []
         self._services: List[str] = []
+        self._latched: Dict[str, Optional[Message]] = {}
         if use_sim_time:
             bus._add_listener(CLOCK, self.take_clock)
 
-    def advertise(self, topic: str, type_name: str) -> None:
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         resolved = self.resolve(topic)
         check_type(type_name)
         self._bus.types.setdefault(resolved, type_name)
         self._advertised[resolved] = type_name
+        if latched:
+            self._latched.setdefault(resolved, None)
+        return resolved
 
     def publish(self, topic: str, message: Message) -> None:
         resolved = self.require_advertised(topic)
         stamp_s = self._bus.wall_time_s() if self._sim_time_s is None else self._sim_time_s
-        self._bus._deliver(resolved, _transported(self._advertised[resolved], message, stamp_s))
+        transported = _transported(self._advertised[resolved], message, stamp_s)
+        if resolved in self._latched:
+            self._latched[resolved] = transported
+        self._bus._deliver(resolved, transported)
 
     def has_listeners(self, topic: str) -> bool:
         return bool(self._bus._listeners.get(self.require_advertised(topic)))
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
+        self,
+        topic: str,
+        type_name: str,
+        callback: Callable[[Any, float], None],
+        *,
+        field: Optional[str] = "",
+        latched: bool = False,
     ) -> MappingSubscription:
         resolved = self.resolve(topic)
         subscription = MappingSubscription(self, resolved, type_name, field, callback)
@@ -199,6 +212,9 @@ class LocalMiddleware(MappingNode):
             self._bus.types.setdefault(resolved, type_name)
         self._bus._add_listener(resolved, subscription.deliver)
         self._subscriptions.append(subscription)
+        kept = [node._latched.get(resolved) for node in self._bus.nodes] if latched else []
+        for message in filter(None, kept):
+            subscription.deliver(message)
         return subscription
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:

@@ -112,8 +112,17 @@ class Middleware(Protocol):
             ConfigError: a given value does not match its parameter's type or range.
         """
 
-    def advertise(self, topic: str, type_name: str) -> None:
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         """Announces that this node will publish on `topic`; a second call for the same topic does nothing.
+
+        Args:
+            topic: the topic.
+            type_name: type of the messages.
+            latched: a subscription with `latched` that begins later receives the last message, where the middleware
+                has that. Publish it again from time to time: a rosbridge server need not.
+
+        Returns:
+            The fully resolved topic.
 
         Raises:
             ConfigError: the type is unknown or `topic` is not a name.
@@ -134,7 +143,13 @@ class Middleware(Protocol):
         """
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
+        self,
+        topic: str,
+        type_name: str,
+        callback: Callable[[Any, float], None],
+        *,
+        field: Optional[str] = "",
+        latched: bool = False,
     ) -> Subscription:
         """Calls `callback(value, now_s)` for every message.
 
@@ -148,6 +163,7 @@ class Middleware(Protocol):
                 array reads as None. Messages in which no element has the key are ignored. Empty: the whole message as
                 a mapping, which costs a conversion. None: the message is not read, nor deserialized where the
                 middleware allows that; the value is 1.0.
+            latched: the publishers are `latched`: the last message comes at once.
 
         Raises:
             ConfigError: the type is unknown or has no such field; the error names topic, type and available fields.

@@ -54,12 +54,13 @@ TARGET_PARAMETERS = (
     Parameter("min_level", str, "WARN", "lowest level that is sent", choices=("WARN", "STALE", "ERROR")),
     Parameter("robots", tuple, (), "names of the robots whose alerts are sent; * and ? as in file names; empty: all"),
     Parameter("signals", tuple, (), "names of the signals whose alerts are sent; * and ? as in file names; empty: all"),
+    Parameter("simulated", bool, False, "send the alerts of simulated values too"),
     Parameter("timeout_s", float, 10.0, "longest time for one attempt, in s", 0.1, 300.0),
     Parameter("every_s", float, 60.0, "period of the heartbeat, in s", 1.0, 86_400.0),
 )  # fmt: skip
 
 _ADDRESS = ("url", "url_file")
-_FILTER = ("min_level", "robots", "signals")
+_FILTER = ("min_level", "robots", "signals", "simulated")
 _KEYS: Mapping[str, Sequence[str]] = {
     "alertmanager": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
     "webhook": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
@@ -110,6 +111,8 @@ class TargetSettings:
     """Patterns of robot names, `*` and `?` as in file names; empty: all."""
     signals: Tuple[str, ...] = ()
     """Patterns of signal names; empty: all."""
+    simulated: bool = False
+    """Whether alerts of simulated values are sent too."""
     url: str = field(default="", repr=False)  # it may contain a secret
     """The address; empty: it is in `url_file`."""
     url_file: str = ""

@@ -105,9 +105,11 @@ class RecordedMiddleware(MappingNode):
         self.player.note_timer(timer)
         return timer
 
-    def advertise(self, topic: str, type_name: str) -> None:
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         check_type(type_name)
-        self._advertised[self.resolve(topic)] = type_name
+        resolved = self.resolve(topic)
+        self._advertised[resolved] = type_name
+        return resolved
 
     def publish(self, topic: str, message: Message) -> None:
         self.require_advertised(topic)
@@ -116,7 +118,9 @@ class RecordedMiddleware(MappingNode):
         self.require_advertised(topic)
         return False
 
-    def subscribe(self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "") -> Subscription:
+    def subscribe(
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
+    ) -> Subscription:
         subscription = Subscription(self, self.resolve(topic), callback)
         if self.use_sim_time:
             subscription.receive = lambda value, wall_s: self.call_back(subscription, value)

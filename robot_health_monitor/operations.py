@@ -104,7 +104,9 @@ class Operations:
         if self.history is not None and config.notify:
             from robot_health_monitor.ops.notifications import Notifier
 
-            self.notifier = Notifier(self.history, config.notify, self.silences, self.faults, wall_time_s)
+            self.notifier = Notifier(
+                self.history, config.notify, self.silences, self.faults, wall_time_s, self.is_simulated
+            )
 
     @property
     def server(self) -> Optional[ServerOptions]:
@@ -187,6 +189,11 @@ class Operations:
         """Returns reason and end of the silence of an alert; None: it is not silenced. May be called in any thread."""
         silence = None if self.silences is None else self.silences.silence_of(robot, signal)
         return None if silence is None else silence.text
+
+    def is_simulated(self, robot: str, signal: str) -> bool:
+        """Returns whether the values of a robot's signal are simulated. May be called in any thread."""
+        alert_system = self._alert_systems.get(robot)
+        return alert_system is not None and alert_system.is_simulated(signal)
 
     def count_silenced(self) -> int:
         """Returns how many signals are not OK and silenced, over all robots."""

@@ -104,14 +104,15 @@ class Ros1Middleware:
         self.given_parameters()
         self._serve("~reload", "std_srvs/Trigger", lambda request: self.parameters.reload(apply, self.faults, self.log))
 
-    def advertise(self, topic: str, type_name: str) -> None:
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
             cls = messages.message_class(type_name)
             mapped = rospy.resolve_name(resolved)
             _require_same_class(mapped, cls, _shared_class(rospy.topics.get_topic_manager().get_publisher_impl(mapped)))
-            publisher = rospy.Publisher(resolved, cls, queue_size=_QUEUE_SIZE, tcp_nodelay=True)
+            publisher = rospy.Publisher(resolved, cls, queue_size=_QUEUE_SIZE, tcp_nodelay=True, latch=latched)
             self._publishers[resolved] = publisher, cls
+        return str(self._publishers[resolved][0].resolved_name)
 
     def publish(self, topic: str, message: Message) -> None:
         publisher, cls = self._advertised(topic)
@@ -125,7 +126,13 @@ class Ros1Middleware:
         return bool(publisher.get_num_connections())
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
+        self,
+        topic: str,
+        type_name: str,
+        callback: Callable[[Any, float], None],
+        *,
+        field: Optional[str] = "",
+        latched: bool = False,
     ) -> Subscription:
         resolved = self._resolve(topic)
         cls, get = self._choose_reader(rospy.resolve_name(resolved), type_name, field)

@@ -17,7 +17,7 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.faults import Faults
@@ -34,6 +34,8 @@ _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
 _SUBSCRIBER_QUEUE_SIZE = 10
 """Incoming messages that may wait: ROS 2's own default."""
+_DURABILITY = {True: DurabilityPolicy.TRANSIENT_LOCAL, False: DurabilityPolicy.VOLATILE}
+"""By whether the messages are latched."""
 _MOST_WAITING_FOR_CLOCK = 1000
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
@@ -101,17 +103,18 @@ class Ros2Middleware:
 
         self.parameters.declare(parameters, apply, self.log)
 
-    def advertise(self, topic: str, type_name: str) -> None:
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         resolved = self._resolve(topic)
         if resolved not in self._publishers:
             cls = messages.message_class(type_name)
             publisher = self.node.create_publisher(
                 cls,
                 _native_name(topic),
-                _QUEUE_SIZE,
+                QoSProfile(depth=1, durability=_DURABILITY[True]) if latched else _QUEUE_SIZE,
                 event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             )
             self._publishers[resolved] = publisher, cls
+        return resolved
 
     def publish(self, topic: str, message: Message) -> None:
         publisher, cls = self._advertised(topic)
@@ -125,9 +128,15 @@ class Ros2Middleware:
         return bool(publisher.get_subscription_count())
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
+        self,
+        topic: str,
+        type_name: str,
+        callback: Callable[[Any, float], None],
+        *,
+        field: Optional[str] = "",
+        latched: bool = False,
     ) -> Subscription:
-        subscription = Subscription(self._resolve(topic), _native_name(topic), callback, field)
+        subscription = Subscription(self._resolve(topic), _native_name(topic), callback, field, latched)
         type_name = type_name or self._type_of(subscription.topic)
         with self._lock:
             if type_name:
@@ -287,7 +296,9 @@ class Ros2Middleware:
 
     def _join(self, subscription: Subscription, cls: Any, *, is_raw: bool) -> None:
         key = subscription.topic, cls, is_raw
-        channel = self._channels.get(key) or self._open(_Channel(key, subscription.native_name))
+        channel = self._channels.get(key) or self._open(
+            _Channel(key, subscription.native_name, subscription.is_latched)
+        )
         self._channels[key] = channel
         channel.readers = (*channel.readers, subscription)
         subscription.channel = channel
@@ -337,7 +348,9 @@ class Ros2Middleware:
             cls,
             channel.native_name,
             deliver,
-            QoSProfile(depth=_SUBSCRIBER_QUEUE_SIZE, reliability=reliability),
+            QoSProfile(
+                depth=_SUBSCRIBER_QUEUE_SIZE, reliability=reliability, durability=_DURABILITY[channel.is_latched]
+            ),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=is_raw,
         )
@@ -390,13 +403,19 @@ class Subscription:
     """A subscription of the port; several may share one subscription of rclpy."""
 
     def __init__(
-        self, topic: str, native_name: str, callback: Callable[[Any, float], None], field: Optional[str]
+        self,
+        topic: str,
+        native_name: str,
+        callback: Callable[[Any, float], None],
+        field: Optional[str],
+        latched: bool = False,
     ) -> None:
         """Does not receive yet."""
         self.topic = topic
         self.native_name = native_name
         self.callback = callback
         self.field = field
+        self.is_latched = latched
         self.get: Callable[[Any], Any] = _arrival
         self.active = True
         self.is_waiting = False
@@ -407,7 +426,8 @@ class Subscription:
 class _Channel:
     """A subscription of rclpy, replaced when the QoS changes, and its readers."""
 
-    def __init__(self, key: Tuple[str, Any, bool], native_name: str) -> None:
+    def __init__(self, key: Tuple[str, Any, bool], native_name: str, is_latched: bool) -> None:
+        self.is_latched = is_latched
         self.key = key
         """Topic, class of its messages, whether they are delivered serialized."""
         self.native_name = native_name

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Callable, Dict, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
 
 from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, described_parameters, load_config
 from ..continuity import Continuity, SignalHistory
@@ -19,7 +19,16 @@ from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets, event_text
 from .changes import Sections, describe_changes
-from .identity import DIAGNOSTICS, LOG_LEVEL, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_changes
+from .identity import (
+    DIAGNOSTICS,
+    LOG_LEVEL,
+    SIMULATED_SENSORS,
+    STRING_TYPE,
+    UNAVAILABLE_SENSORS,
+    base_name,
+    host_name,
+    refuse_changes,
+)
 from .self_monitor import CHECK_PERIOD_S, SelfMonitor
 
 TRIGGER_TYPE = "std_srvs/Trigger"
@@ -77,6 +86,8 @@ class AlertSystem:
         config = self._read_config(given)
         self._config = config
         self._unavailable: Set[str] = set()
+        self._simulated_topics = ""
+        self._simulated: FrozenSet[str] = frozenset()
         self.monitor = Monitor(config, config.robot_name or host_name())
         """Judges the signals; read it to show their state."""
         self.outlets = Outlets(middleware.faults)
@@ -91,6 +102,7 @@ class AlertSystem:
         self.self_report: Dict[str, Callable[[], str]] = self._self_monitor.reports
         """Key-values of the node's own status: a function per key. A server adds `clients`, for instance."""
         self.self_report["signals"] = lambda: str(len(self.monitor.config.signals))
+        self.self_report["simulated"] = lambda: ", ".join(filter(self.is_simulated, self._config.signals))
         self.self_report["without_sensor"] = lambda: ", ".join(sorted(self._unavailable))
         self.silence_of: Callable[[str], Optional[str]] = _not_silenced
         """Returns the text of the silence of a signal, None without one. May be replaced by a fast function."""
@@ -106,6 +118,7 @@ class AlertSystem:
             self._continuity.record_configuration(_sections(config))
             restored = self._continuity.restore(now_s, at_first_call=middleware.waiting_for_clock())
             self._announce(restored, now_s)
+        middleware.subscribe(SIMULATED_SENSORS, STRING_TYPE, self._note_simulated, field="data", latched=True)
         self._follow_topics(config)
         middleware.subscribe(UNAVAILABLE_SENSORS, STRING_TYPE, self._note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, self._reset)
@@ -206,6 +219,10 @@ class AlertSystem:
         """How many samples were received since the start."""
         return self._samples
 
+    def is_simulated(self, signal: str) -> bool:
+        """Returns whether battery_sensor invents the values of a signal. May be called in any thread."""
+        return signal.partition("[")[0] in self._simulated  # all elements of an array are of one topic
+
     def stop_watching(self) -> None:
         """Ends every open alert with a transition to OK, `no longer watched`; `close` must follow."""
         self._announce(self.monitor.end(), self._middleware.now_s())
@@ -246,6 +263,7 @@ class AlertSystem:
         for source in self._subscriptions.keys() - wanted:
             self._middleware.unsubscribe(self._subscriptions.pop(source))
         self._subscriptions.update(added)
+        self._simulated = frozenset(self._signals_on(self._simulated_topics))
 
     def _subscribe(self, name: str, topic: str, type_name: str, field: str) -> Subscription:
         try:
@@ -266,12 +284,23 @@ class AlertSystem:
 
     def _note_unavailable(self, metrics: Any, now_s: float) -> None:
         """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""
-        names = [name.strip() for name in str(metrics)[:_MAX_LIST].split(",")]
-        topics = {resolve_name(name, self._middleware.name) for name in names if name}
-        signals = {source[0] for source, subscription in self._subscriptions.items() if subscription.topic in topics}
+        signals = self._signals_on(metrics)
         # A signal that has had a sample has a sensor: its silence is an alert.
         unseen = {name for name in signals - self._unavailable if not self._has_sample(name, now_s)}
         self._watch_only_without((self._unavailable & signals) | unseen, now_s)
+
+    def _note_simulated(self, topics: Any, now_s: float) -> None:
+        """Applies the list from battery_sensor, which comes every second."""
+        if topics != self._simulated_topics:
+            self._simulated_topics = topics
+            self._simulated = frozenset(self._signals_on(topics))
+
+    def _signals_on(self, names: Any) -> Set[str]:
+        """Returns the signals on the topics of a list from battery_sensor."""
+        given = [name.strip() for name in str(names)[:_MAX_LIST].split(",")]
+        topics = {resolve_name(name, self._middleware.name) for name in given if name}
+        subscriptions = tuple(self._subscriptions.items())
+        return {source[0] for source, subscription in subscriptions if subscription.topic in topics}
 
     def _watch_only_without(self, unavailable: Set[str], now_s: float) -> None:
         if unavailable == self._unavailable:

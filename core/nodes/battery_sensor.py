@@ -15,7 +15,16 @@ from ..sensors import configuration
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
 from ..sensors.sysfs import HOST_PATHS, HostPaths
 from .changes import Sections, describe_changes
-from .identity import DIAGNOSTICS, FLOAT_TYPE, STRING_TYPE, UNAVAILABLE_SENSORS, base_name, host_name, refuse_changes
+from .identity import (
+    DIAGNOSTICS,
+    FLOAT_TYPE,
+    SIMULATED_SENSORS,
+    STRING_TYPE,
+    UNAVAILABLE_SENSORS,
+    base_name,
+    host_name,
+    refuse_changes,
+)
 
 SENSOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -49,6 +58,7 @@ class BatterySensor:
         self._tree = middleware.given_parameters()
         self._values, self._sources = _read_sensor(self._tree, paths)
         self._robot = self._values["robot_name"] or host_name()
+        self._topics: Dict[str, str] = {}
         self._failed: Dict[str, SensorError] = {}
         self._seen: Set[str] = set()
         declared = SENSOR_PARAMETERS + configuration.declared_parameters(self._tree)
@@ -69,8 +79,11 @@ class BatterySensor:
         self._middleware.close()
 
     def _advertise(self) -> None:
+        """Announces the topics; which of them are simulated comes before the first value."""
+        self._middleware.advertise(SIMULATED_SENSORS, STRING_TYPE, latched=True)
         for metric in (*configuration.METRICS, *self._sources):
-            self._middleware.advertise(metric, FLOAT_TYPE)
+            self._topics[metric] = self._middleware.advertise(metric, FLOAT_TYPE)
+        self._publish_simulated()
         if "host" in self._kinds().values():
             self._middleware.advertise(UNAVAILABLE_SENSORS, STRING_TYPE)
 
@@ -99,7 +112,12 @@ class BatterySensor:
             self._middleware.log(Severity.WARN, f"{metric} is not published: {error}")
         self._failed[metric] = error
 
+    def _publish_simulated(self) -> None:
+        topics = [self._topics[metric] for metric in self._simulated()]
+        self._middleware.publish(SIMULATED_SENSORS, {"data": ", ".join(topics)})
+
     def _publish_status(self, now_s: float) -> None:
+        self._publish_simulated()
         unavailable = [
             metric
             for metric, error in self._failed.items()

@@ -19,6 +19,12 @@ UNAVAILABLE_SENSORS = "unavailable_sensors"
 alert_system does not wait for their samples: a desktop without a battery is not a robot whose battery fell silent.
 """
 
+SIMULATED_SENSORS = "simulated_sensors"
+"""Topic on which battery_sensor lists the topics of its simulated metrics, separated by commas.
+
+They are judged like all others, but notify nobody unless a target asks for them.
+"""
+
 
 def host_name() -> str:
     """Returns the name of this host: the name of a robot that has none."""

@@ -19,7 +19,7 @@ import json
 import sqlite3
 import threading
 from collections import Counter
-from typing import Callable, Collection, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.transition_json import json_line
@@ -86,6 +86,7 @@ class NotificationQueue:
         targets: Sequence[TargetSettings],
         is_silenced: Callable[[str, str], bool],
         look: Callable[[sqlite3.Connection], None],
+        is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
     ) -> None:
         """Reads nothing yet; see `prepare`.
 
@@ -93,9 +94,11 @@ class NotificationQueue:
             targets: those that are sent alerts.
             is_silenced: whether the alerts of a robot's signal are silenced now; called often.
             look: reads silences that others have added; called in the transaction that decides what is sent.
+            is_simulated: whether the values of a robot's signal are simulated now.
         """
         self._targets = {target.name: target for target in targets}
         self._is_silenced = is_silenced
+        self._is_simulated = is_simulated
         self._look = look
         self._lock = threading.Lock()
         self._held: Set[Tuple[str, str]] = set()
@@ -136,7 +139,9 @@ class NotificationQueue:
             wall_s: when, in s since 1970.
         """
         insert = "INSERT INTO noted_transitions (at_s, transition_json) VALUES (?, ?)"
-        connection.execute(insert, (wall_s, json_line(transition)))
+        # Stored with the alert: after a restart it is unknown until battery_sensor has said so again.
+        further = {"simulated": True} if self._is_simulated(transition.robot, transition.signal) else {}
+        connection.execute(insert, (wall_s, json_line(transition, **further)))
 
     def distribute(self, connection: sqlite3.Connection) -> bool:
         """Queues the noted transitions for every target that they concern.
@@ -164,7 +169,7 @@ class NotificationQueue:
         for name, target in self._targets.items():
             values = {
                 "target": name, "fingerprint": key, "level": int(level), "at_s": at_s, "json": line,
-                "repeat": is_repeat, "wanted": _wants(target, robot, signal, level),
+                "repeat": is_repeat, "wanted": self._wants(target, transition, level),
             }  # fmt: skip
             if connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0:
                 self._waiting[name] += 1
@@ -262,7 +267,7 @@ class NotificationQueue:
         rows = connection.execute("SELECT fingerprint, robot, signal, level, at_s, transition_json FROM open_alerts")
         for key, robot, signal, level, at_s, line in rows:
             before = known.pop(key, None)
-            if not _wants(target, robot, signal, Level(level)):
+            if not self._wants(target, json.loads(line), Level(level)):
                 if before is not None:
                     yield key, Level(level), at_s, line
             elif before is None or before[0] != level:
@@ -290,7 +295,7 @@ class NotificationQueue:
         before = None if row is None else _notified(*row)
         notification = Notification(json.loads(line), False, at_s, before)
         robot, signal = notification.robot, notification.signal
-        if not _wants(target, robot, signal, level):
+        if not self._wants(target, notification.transition, level):
             return None if before is None else Notification(notification.transition, True, at_s, before)
         if self._is_silenced(robot, signal):
             self._hold(robot, signal)
@@ -302,6 +307,17 @@ class NotificationQueue:
         if is_known and not has_attempt and (not is_repeat or target.type == "alertmanager"):
             return None
         return notification
+
+    def _wants(self, target: TargetSettings, transition: Mapping[str, Any], level: Level) -> bool:
+        """Returns whether a target is to know that an alert has a level."""
+        robot, signal = str(transition["robot"]), str(transition["signal"])
+        return (
+            level is not Level.OK
+            and level.severity >= target.min_level.severity
+            and _matches(target.robots, robot)
+            and _matches(target.signals, signal)
+            and (target.simulated or not (transition.get("simulated") or self._is_simulated(robot, signal)))
+        )
 
     def _hold(self, robot: str, signal: str) -> None:
         with self._lock:
@@ -323,16 +339,6 @@ class NotificationQueue:
         self._waiting[target] = waiting
         if waiting == 0:
             self._dropped[target] = 0
-
-
-def _wants(target: TargetSettings, robot: str, signal: str, level: Level) -> bool:
-    """Returns whether a target is to know that an alert has a level."""
-    return (
-        level is not Level.OK
-        and level.severity >= target.min_level.severity
-        and _matches(target.robots, robot)
-        and _matches(target.signals, signal)
-    )
 
 
 def _matches(patterns: Sequence[str], name: str) -> bool:

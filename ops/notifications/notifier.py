@@ -51,6 +51,7 @@ class Notifier:
         silences: Optional[Silences] = None,
         faults: Optional[Faults] = None,
         wall_time_s: Callable[[], float] = time.time,
+        is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
     ) -> None:
         """Starts the threads. Call before the first AlertSystem starts, or its first transitions are missed.
 
@@ -60,6 +61,7 @@ class Notifier:
             silences: alerts that must not be sent; None: there are none.
             faults: receives failing targets, as `notify <name>`.
             wall_time_s: seconds since 1970.
+            is_simulated: whether the values of a robot's signal are simulated. Cheap, from any thread.
         """
         self._history = history
         self._wall_time_s = wall_time_s
@@ -78,7 +80,7 @@ class Notifier:
             if silences is not None:
                 silences.look(connection)
 
-        self._queue = queue = NotificationQueue(alerted, is_silenced, look)
+        self._queue = queue = NotificationQueue(alerted, is_silenced, look, is_simulated)
         senders = {target.name: make_sender(target, wall_time_s) for target in alerted}
         self._deliveries = {name: Delivery(name, sender, queue, history, faults) for name, sender in senders.items()}
         self._heartbeats = {target.name: Heartbeat(target, faults) for target in targets if target.type == "heartbeat"}

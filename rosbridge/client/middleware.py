@@ -227,10 +227,9 @@ class RosbridgeMiddleware(MappingNode):
         """Messages of current subscriptions that were too large to be read."""
         return sum(subscription.dropped for subscription in tuple(self._subscriptions))
 
-    def advertise(self, topic: str, type_name: str) -> None:
+    def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         if self._outputs is not None:
-            self._outputs.advertise(topic, type_name)
-            return
+            return self._outputs.advertise(topic, type_name, latched=latched)
         resolved = self.resolve(topic)
         check_type(type_name)
         with self._lock:
@@ -238,6 +237,7 @@ class RosbridgeMiddleware(MappingNode):
                 self._advertised[resolved] = type_name
                 if not self._client.read_only:
                     self._connection.advertise(resolved, type_name)
+        return resolved
 
     def publish(self, topic: str, message: Message) -> None:
         if self._outputs is not None:
@@ -255,7 +255,13 @@ class RosbridgeMiddleware(MappingNode):
         return not self._client.read_only
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
+        self,
+        topic: str,
+        type_name: str,
+        callback: Callable[[Any, float], None],
+        *,
+        field: Optional[str] = "",
+        latched: bool = False,
     ) -> _Subscription:
         subscription = _Subscription(self, self.resolve(topic), type_name, field, callback)
         with self._lock:

@@ -69,7 +69,7 @@ def test_an_alert_reaches_its_target_and_a_killed_monitor_does_not_repeat_it(
 ) -> None:
     with HttpServer() as alive:
         targets = {
-            "chat": {"type": "webhook", "url": server.url},
+            "chat": {"type": "webhook", "url": server.url, "simulated": True},
             "alive": {"type": "heartbeat", "url": alive.url, "every_s": 1.0},
         }
         process = run(**targets)
@@ -85,10 +85,32 @@ def test_an_alert_reaches_its_target_and_a_killed_monitor_does_not_repeat_it(
         process.end()
 
 
+def test_simulated_values_notify_only_targets_that_ask_for_them(
+    run: Callable[..., LineProcess], server: HttpServer, tmp_path: Path
+) -> None:
+    with HttpServer() as trial, HttpServer() as later:
+        targets = {
+            "chat": {"type": "webhook", "url": server.url},
+            "trial": {"type": "webhook", "url": trial.url, "simulated": True},
+        }
+        process = run(**targets)
+        process.wait_for_line(lambda text: "battery_level ERROR" in text)
+        request = trial.next()
+        assert (alert(request), request.json["simulated"]) == ("atlas ERROR firing", True)
+        wait_until_confirmed(tmp_path / "history.db")
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        # A new target is sent the open alerts.
+        process = run(**targets, later={"type": "webhook", "url": later.url, "simulated": True})
+        assert alert(later.next()) == "atlas ERROR firing"
+        process.end()
+        assert server.all() == []
+
+
 def test_what_could_not_be_delivered_is_delivered_by_the_next_run(
     run: Callable[..., LineProcess], server: HttpServer
 ) -> None:
-    chat = {"type": "webhook", "url": server.url}
+    chat = {"type": "webhook", "url": server.url, "simulated": True}
     server.behave = hanging
     process = run(chat=chat)
     assert alert(server.next()) == "atlas ERROR firing"
@@ -106,7 +128,7 @@ def test_a_failing_target_is_one_line_without_its_secret(
     server.behave = responding(500)
     (tmp_path / "chat.url").write_text(f"{server.url}/hooks/s3cret")
     (tmp_path / "chat.url").chmod(0o600)
-    process = run(chat={"type": "webhook", "url_file": "chat.url"})
+    process = run(chat={"type": "webhook", "url_file": "chat.url", "simulated": True})
     process.wait_for_line(lambda text: f"notify chat: {server.url}: response 500 Internal Server Error" in text)
     server.next()
     server.next()
@@ -121,7 +143,7 @@ def test_a_failing_target_is_one_line_without_its_secret(
 def test_alertmanager_shows_the_alert(run: Callable[..., LineProcess], tmp_path: Path) -> None:
     (tmp_path / "am").mkdir()
     with running_alertmanager(tmp_path / "am") as alertmanager:
-        process = run(pager={"type": "alertmanager", "url": alertmanager.url})
+        process = run(pager={"type": "alertmanager", "url": alertmanager.url, "simulated": True})
         wait_for(alertmanager.alerts)
         (found,) = alertmanager.alerts()
         labels = {"alertname": "RobotHealth", "robot": "atlas", "signal": "battery_level"}

@@ -15,6 +15,7 @@ from typing import Any, Dict, Iterator, List
 
 import pytest
 
+from robot_health_monitor.arguments import parse
 from robot_health_monitor.service_manager import ServiceManager
 
 
@@ -174,3 +175,10 @@ def test_the_unit_asks_for_what_the_monitor_reports() -> None:
     assert {"Type=notify", "Restart=always", "WatchdogSec=30", "User=robot-health", "StateDirectory=robot-health"} < {
         *lines
     }
+
+
+def test_the_unit_watches_this_machine_and_no_simulated_values() -> None:
+    (command,) = re.findall(r"(?m)^ExecStart=(.*)$", UNIT.read_text(encoding="utf-8"))
+    program, command_name, *arguments = command.split()
+    assert (Path(program).name, command_name) == ("robot-health", "run")
+    assert parse([command_name, *arguments]).source == "host"

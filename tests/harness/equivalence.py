@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import math
 from pathlib import Path
-from typing import Any, Callable, List, NamedTuple, Optional, Union
+from typing import Any, Callable, List, NamedTuple, Union
 
 from harness.local import LocalHarness
 from harness.port_conformance import FLOAT32, START_S, TRIGGER, Harness
@@ -149,13 +149,13 @@ class _Watched:
         return all(times_s[-1:] == [now_s] for times_s in self._ticks)
 
     def subscribe(
-        self, topic: str, type_name: str, callback: Callable[[Any, float], None], *, field: Optional[str] = ""
+        self, topic: str, type_name: str, callback: Callable[[Any, float], None], **options: Any
     ) -> Subscription:
         def counted(value: Any, now_s: float) -> None:
             callback(value, now_s)
             self.samples += 1
 
-        return self.wrapped.subscribe(topic, type_name, counted, field=field)
+        return self.wrapped.subscribe(topic, type_name, counted, **options)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Timer:
         if steady:

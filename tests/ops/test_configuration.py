@@ -136,7 +136,7 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
         "ops.yaml:12: notify.ftp.url: expected http://host:port or https://host:port, got 'ftp://files'",
         "ops.yaml:13: notify.ftp.min_level: expected one of WARN, STALE, ERROR, got 'warn'",
         "ops.yaml:14: notify.horn.url: not a key of a target of type command; expected one of type, command, "
-        "min_level, robots, signals, timeout_s",
+        "min_level, robots, signals, simulated, timeout_s",
         "ops.yaml:14: notify.horn.command: expected a list of texts, got '/usr/local/bin/horn'",
         "ops.yaml:15: notify.alive.min_level: not a key of a target of type heartbeat; expected one of type, url, "
         "url_file, every_s, timeout_s",

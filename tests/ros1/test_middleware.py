@@ -47,6 +47,20 @@ def test_parameters_that_are_no_mapping_are_refused(ros: Any, parameters: Any, n
         ros.node("alert_system").given_parameters()
 
 
+def test_a_latched_message_reaches_a_later_subscription(ros: Any) -> None:
+    sensor = ros.node("battery_sensor")
+    assert sensor.advertise("listed", "std_msgs/String", latched=True) == "/listed"
+    sensor.publish("listed", {"data": "/battery_level"})
+    heard = Recorder()
+    ros.node("alert_system").subscribe("listed", "std_msgs/String", heard, field="data", latched=True)
+    ros.wait_until(lambda: heard.values == ["/battery_level"])
+
+
+def test_advertise_returns_the_remapped_topic(ros: Any) -> None:
+    node = ros.node("battery_sensor", remap={"/temperature": "/sensor_data"})
+    assert node.advertise("temperature", FLOAT32) == "/sensor_data"
+
+
 def test_a_refused_change_does_not_count(ros: Any, parameters: Any) -> None:
     node = ros.node("alert_system", parameters={"publish_rate": 2.0})
     refusing = RefusingNode(node)

@@ -10,6 +10,20 @@ from harness.port_conformance import FLOAT32, Recorder, RefusingNode
 from robot_health_monitor.core.errors import ConfigError
 
 
+def test_a_latched_message_reaches_a_later_subscription(ros: Any) -> None:
+    sensor = ros.node("battery_sensor")
+    assert sensor.advertise("listed", "std_msgs/String", latched=True) == "/listed"
+    sensor.publish("listed", {"data": "/battery_level"})
+    heard = Recorder()
+    ros.node("alert_system").subscribe("listed", "std_msgs/String", heard, field="data", latched=True)
+    ros.wait_until(lambda: heard.values == ["/battery_level"])
+
+
+def test_advertise_returns_the_remapped_topic(ros: Any) -> None:
+    node = ros.node("battery_sensor", remap={"/temperature": "/sensor_data"})
+    assert node.advertise("temperature", FLOAT32) == "/sensor_data"
+
+
 def test_an_invalid_topic_name_is_a_configuration_error(ros: Any) -> None:
     node = ros.node("alert_system")
     with pytest.raises(ConfigError, match="'battery level'"):

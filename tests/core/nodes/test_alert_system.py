@@ -10,11 +10,11 @@ from harness.stage import FLOAT32, Stage, status, values_of
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault
-from robot_health_monitor.core.local import LocalBus, LogLine
+from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.monitor import Monitor
-from robot_health_monitor.core.nodes import Aggregator, AlertSystem
+from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.outlets import Event, Notice
 
 LATCHING: Mapping[str, Any] = {
@@ -250,6 +250,7 @@ class TestItself:
         assert values == {
             "uptime_s": "3",
             "signals": "1",
+            "simulated": "",
             "without_sensor": "",
             "samples_per_s": "0",  # 7 in the second before
             "dropped": "0",
@@ -449,6 +450,49 @@ class TestSimulatedTime:
         stage.bus.run_until(60.0)
         assert stage.log(Severity.WARN) == []
         assert values_of(status(arrays[-1], "alert_system: monitor"))["uptime_s"] in ("59", "60")
+
+
+class TestSimulatedSensors:
+    """Signals that battery_sensor lists as simulated."""
+
+    def list_topics(self, stage: Stage, text: str) -> None:
+        stage.outside.advertise("simulated_sensors", "std_msgs/String", latched=True)
+        stage.outside.publish("simulated_sensors", {"data": text})
+
+    def test_they_are_known_judged_and_shown(self, stage: Stage) -> None:
+        arrays = stage.listen("/diagnostics")
+        alert_system, _ = stage.alert_system(LATCHING)
+        assert not alert_system.is_simulated("battery_level")
+        self.list_topics(stage, "/battery_level, /other")
+        assert alert_system.is_simulated("battery_level") and not alert_system.is_simulated("temperature")
+        stage.publish("battery_level", 15.0)
+        stage.bus.run_until(1.0)
+        assert [line for line in stage.log(Severity.WARN) if "battery_level WARN" in line]
+        assert values_of(status(arrays[-1], "alert_system: monitor"))["simulated"] == "battery_level"
+        self.list_topics(stage, "")
+        assert not alert_system.is_simulated("battery_level")
+
+    def test_a_list_that_came_before_is_known_at_once(self, stage: Stage) -> None:
+        self.list_topics(stage, "/battery_level")
+        alert_system, _ = stage.alert_system(BATTERY)
+        assert alert_system.is_simulated("battery_level")
+
+    def test_every_signal_on_a_simulated_topic_is_simulated(self, stage: Stage) -> None:
+        self.list_topics(stage, "/power/level")
+        signals = {"low": {"topic": "power/level"}, "rate": {"topic": "/power/level", "field": ""}}
+        alert_system, middleware = stage.alert_system({"signals": signals})
+        assert alert_system.is_simulated("low") and alert_system.is_simulated("rate")
+        assert alert_system.is_simulated("low[7]")  # an element of an array
+        middleware.set_parameter("signals.low.topic", "real/level")
+        assert not alert_system.is_simulated("low") and alert_system.is_simulated("rate")
+
+    def test_names_follow_namespaces_and_remapping(self, stage: Stage) -> None:
+        def node(name: str) -> LocalMiddleware:
+            return stage.bus.node(name, namespace="robot1", remap={"/robot1/battery_level": "/power/level"})
+
+        alert_system = AlertSystem(node("alert_system"))
+        BatterySensor(node("battery_sensor"))
+        assert alert_system.is_simulated("battery_level") and alert_system.is_simulated("temperature")
 
 
 class TestUnavailableSensors:

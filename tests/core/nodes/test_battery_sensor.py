@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Mapping
+from typing import Any, List, Mapping
 
 import pytest
 from harness.machine import Machine
@@ -161,6 +161,28 @@ def test_the_list_of_missing_sensors_is_published_only_for_a_host(stage: Stage, 
     start(other, HOST, machine.paths)
     other.bus.run_until(3.0)
     assert missing[-1] == "battery_level, temperature"
+
+
+def test_the_topics_of_simulated_values_are_listed_before_the_first_value_and_every_second(stage: Stage) -> None:
+    listed: List[Any] = []
+    stage.outside.subscribe("simulated_sensors", "", lambda value, now_s: listed.append(value), field="data")
+    node = stage.bus.node("battery_sensor", parameters={"cpu_usage": {"source": "host"}}, remap={"/temperature": "/t"})
+    BatterySensor(node)
+    assert listed == ["/battery_level, /t"]
+    stage.bus.run_until(3.0)
+    assert listed == ["/battery_level, /t"] * 4
+    late: List[Any] = []
+    stage.bus.node("late").subscribe(
+        "simulated_sensors", "", lambda value, now_s: late.append(value), field="data", latched=True
+    )
+    assert late == ["/battery_level, /t"]
+
+
+def test_values_that_are_no_longer_simulated_are_no_longer_listed(stage: Stage, machine: Machine) -> None:
+    listed = stage.listen("simulated_sensors", "data")
+    middleware = start(stage, {"temperature": {"source": "none"}, "cpu_usage": {"source": "none"}}, machine.paths)
+    middleware.set_parameter("battery_level.source", "host")
+    assert listed == ["/battery_level", ""]
 
 
 def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:

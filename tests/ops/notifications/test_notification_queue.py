@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from typing import Any, Dict, List, Optional, Set, Tuple
 
@@ -25,13 +26,16 @@ class Bench:
         self.connection = sqlite3.connect(":memory:", isolation_level=None)
         schema.prepare(self.connection)
         self.silenced: Set[Tuple[str, str]] = set()
+        self.simulated: Set[Tuple[str, str]] = set()
         self.now_s = 1000.0
         self.restart(*targets)
 
     def restart(self, *targets: TargetSettings) -> None:
         """Starts again with the same database."""
         targets = targets or (TargetSettings("chat", "webhook"),)
-        self.queue = NotificationQueue(targets, lambda *alert: alert in self.silenced, lambda _: None)
+        self.queue = NotificationQueue(
+            targets, lambda *alert: alert in self.silenced, lambda _: None, lambda *alert: alert in self.simulated
+        )
         self.queue.prepare(self.connection)
 
     def change(self, to_level: str, from_level: str = "OK", signal: str = "battery", **fields: Any) -> None:
@@ -100,6 +104,63 @@ def test_below_min_level_nothing_is_sent_except_the_end_of_what_was_sent(min_lev
     for level in ("WARN", "STALE", "ERROR", "STALE", "WARN", "OK"):
         bench.change(level)
     assert [state for _, state, _ in bench.deliver()] == sent
+
+
+TARGETS = (TargetSettings("chat", "webhook"), TargetSettings("trial", "webhook", simulated=True))
+
+
+def test_simulated_values_notify_only_targets_that_ask_for_them() -> None:
+    bench = Bench(*TARGETS)
+    bench.simulated.add(BATTERY)
+    bench.change("WARN")
+    bench.change("WARN", signal="temperature")
+    assert [sent[0] for sent in bench.deliver("chat")] == ["temperature"]
+    assert [sent[0] for sent in bench.deliver("trial")] == ["battery", "temperature"]
+    bench.change("OK", "WARN")
+    assert bench.deliver("chat") == []
+    assert bench.deliver("trial") == [("battery", "resolved", "WARN")]
+
+
+def test_it_is_said_in_what_a_target_receives() -> None:
+    bench = Bench(*TARGETS)
+    bench.change("WARN", signal="temperature")
+    bench.simulated.add(BATTERY)
+    bench.change("WARN")
+    shown = []
+    for _ in range(2):
+        taken = bench.take("trial")
+        assert taken is not None
+        bench.queue.finish(bench.connection, taken)
+        shown.append(json.loads(taken.notification.as_json()).get("simulated"))
+    assert shown == [None, True]
+
+
+def test_a_restarted_monitor_still_knows_that_an_open_alert_is_simulated() -> None:
+    """battery_sensor has not said so again when the first notifications are sent."""
+    bench = Bench(*TARGETS)
+    bench.simulated.add(BATTERY)
+    bench.change("ERROR")
+    assert bench.deliver("chat") == []
+    bench.simulated.clear()
+    bench.restart(*TARGETS)
+    assert bench.deliver("chat") == []
+    assert bench.deliver("trial") == [("battery", "ERROR", None)]
+
+
+def test_an_alert_that_turns_out_to_be_simulated_before_it_is_sent_is_not_sent() -> None:
+    bench = Bench(*TARGETS)
+    bench.change("WARN")
+    bench.simulated.add(BATTERY)
+    assert bench.deliver("chat") == []
+
+
+def test_a_sent_alert_is_resolved_when_its_values_become_simulated() -> None:
+    bench = Bench(*TARGETS)
+    bench.change("WARN")
+    assert bench.deliver("chat") == [("battery", "WARN", None)]
+    bench.simulated.add(BATTERY)
+    bench.change("ERROR", "WARN")
+    assert bench.deliver("chat") == [("battery", "resolved", "WARN")]
 
 
 def test_patterns_choose_robots_and_signals() -> None:
