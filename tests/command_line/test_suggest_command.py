@@ -255,4 +255,4 @@ def test_bounds_of_a_short_recording_are_comments(robot_health: Start, tmp_path:
     (tmp_path / "suggested.yaml").write_text("\n".join(out(process)))
     assert load_config(tmp_path / "suggested.yaml").signals["battery"].bounds == {}
     assert any(line.startswith("        # warn_below: 46") for line in out(process))
-    assert "        # the range was seen for 4 min 59 s only, expected at least 10 min" in out(process)
+    assert "        # the range was seen for 299 s only, expected at least 10 min" in out(process)
