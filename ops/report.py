@@ -17,7 +17,7 @@ from itertools import islice
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core.config import SignalConfig
-from robot_health_monitor.core.explanation import judged_unit
+from robot_health_monitor.core.explanation import bounds_text, judged_unit
 from robot_health_monitor.core.formatting import bound_text, duration_text, printable, with_hint, with_unit
 from robot_health_monitor.core.model import Level, Transition
 
@@ -32,6 +32,8 @@ MOST_LEVELS = 5000
 """Most changes of level in a plot."""
 _MOST_BUCKETS = 4096
 _FEWEST_BUCKETS = 256
+_SHARES = (*(level.name for level in Level), "unknown")
+"""Heads of the columns with shares of time."""
 _ALL_BUCKETS = 50_000
 """Buckets of all plots together: they make up most of the file."""
 
@@ -112,6 +114,8 @@ class Report(NamedTuple):
     title: str
     facts: Sequence[str]
     """Lines below the title."""
+    summary: str
+    """What was judged, for how long, and which signal was worst: one or two sentences."""
     verdict: str
     """The result in a few words."""
     problems: Sequence[str]
@@ -125,9 +129,10 @@ class Report(NamedTuple):
     header: Sequence[str]
     """Heads of the table of signals."""
     rows: Sequence[Sequence[str]]
-    """The table of signals: one row per signal, the first cell is its name, the second its configuration if there are
-    several."""
+    """The table of signals, the worst first: one row per signal, the first cell is its name, the second its
+    configuration if there are several."""
     signals: Sequence[PlottedSignal]
+    """Their plots, in the same order."""
     alerts: Sequence[ReportedAlert]
     """At most `MOST_ALERTS`."""
     all_alerts: int
@@ -167,8 +172,9 @@ def render(report: Report) -> str:
         "<body>",
         "<main>",
         f"<h1>{_text(report.title)}</h1>",
-        *(f'<p class="facts">{_text(fact)}</p>' for fact in report.facts),
+        f'<p class="summary">{_text(report.summary)}</p>',
         f'<p class="verdict">{_text(report.verdict)}</p>',
+        *(f'<p class="facts">{_text(fact)}</p>' for fact in report.facts),
         *_problems(report.problems),
         "<h2>Signals</h2>",
         *_signal_table(report),
@@ -196,13 +202,21 @@ def _signal_table(report: Report) -> Iterable[str]:
     several = any(signal.file for signal in report.signals)
     numbers = 2 if several else 1  # the first columns are texts
     heads = (f'<th scope="col"{_class(at, numbers)}>{_text(head)}</th>' for at, head in enumerate(report.header))
-    yield f'<div class="table"><table><thead><tr>{"".join(heads)}</tr></thead><tbody>'
+    yield f'<div class="signals table"><table><thead><tr>{"".join(heads)}</tr></thead><tbody>'
     for row in report.rows:
         place = plotted.get((row[0], row[1] if several else ""))
         name = _text(row[0]) if place is None else f'<a href="#signal-{place}">{_text(row[0])}</a>'
-        cells = (f"<td{_class(at + 1, numbers)}>{_text(cell)}</td>" for at, cell in enumerate(row[1:]))
-        yield f"<tr><td>{name}</td>{''.join(cells)}</tr>"
+        cells = (_cell(report.header[at], cell, at >= numbers) for at, cell in enumerate(row) if at)
+        yield f'<tr><td class="name">{name}</td>{"".join(cells)}</tr>'
     yield "</tbody></table></div>"
+
+
+def _cell(head: str, text: str, is_number: bool) -> str:
+    """Returns a cell with the head of its column, which a phone shows; a share that is not zero has a colour."""
+    names = ["number" if is_number else "file"]
+    if head in _SHARES:
+        names.append("zero" if text == "0 %" else f"share {head.lower()}")
+    return f'<td class="{" ".join(names)}" data-head="{_text(head)}">{_text(text)}</td>'
 
 
 def _class(at: int, numbers: int) -> str:
@@ -264,14 +278,17 @@ def _plot_title(signal: PlottedSignal) -> str:
 
 
 def _rules(config: SignalConfig) -> str:
-    """Returns the rules of a signal that its plot does not show."""
-    unit = judged_unit(config)
-    parts = [f"{name} {with_unit(bound_text(bound), unit)}" for name, bound in config.bounds.items()]
-    for name in ("hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"):
-        value = getattr(config, name)
-        if value:
-            parts.append(f"{name} {bound_text(value)}")
-    return ", ".join(parts)
+    """Returns the rules of a signal in words."""
+    parts = [bounds_text(config)] if config.bounds else []
+    if config.for_s:
+        parts.append(f"for at least {duration_text(config.for_s)}")
+    if config.hysteresis:
+        parts.append(f"hysteresis {with_unit(bound_text(config.hysteresis), judged_unit(config))}")
+    if config.keep_firing_for_s:
+        parts.append(f"stays for {duration_text(config.keep_firing_for_s)} after it has cleared")
+    if config.stale_after_s:
+        parts.append(f"STALE after {duration_text(config.stale_after_s)} without a sample")
+    return "; ".join(parts)
 
 
 def _data(report: Report) -> Mapping[str, Any]:

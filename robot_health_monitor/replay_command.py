@@ -24,7 +24,7 @@ from robot_health_monitor.recordings.reading import Recordings
 from .embedded import sections_of_nodes
 from .installed_files import find_installed
 from .replay_output import ReplayOutput
-from .replay_table import header, row
+from .replay_table import header, row, sentence, worst_first
 from .report_file import ReportFile
 
 _LEAST_SEVERITY = {"warn": Level.WARN.severity, "error": Level.ERROR.severity}
@@ -127,7 +127,7 @@ class _Replay:
         verdict = self._verdict() + (f"; {count_text(len(missing), 'signal')} not judged" if missing else "")
         output.table(head, rows, verdict)
         if self._report_file is not None:
-            self._write_report(self._report_file, head, rows, verdict, problems)
+            self._write_report(self._report_file, summaries, verdict, problems)
         if self._arguments.fail_on == "never":
             return False
         if missing and not self._arguments.allow_missing:
@@ -216,9 +216,11 @@ class _Replay:
         self._plots[file, config.name].add_samples(times_s, values, bad_times_s)
 
     def _write_report(
-        self, file: ReportFile, head: List[str], rows: List[List[str]], verdict: str, problems: List[str]
+        self, file: ReportFile, summaries: List[SignalSummary], verdict: str, problems: List[str]
     ) -> None:
         end_s = self._player.wall_s
+        summaries = worst_first(summaries)
+        plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
         period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
         period += f", times in UTC{_utc_offset(self._start_s)}"
@@ -230,14 +232,15 @@ class _Replay:
                     f"judged by {' and '.join(each.name for each in self._configurations)}; "
                     f"robot-health {package_version()}",
                 ],
+                summary=sentence(summaries, end_s - self._start_s),
                 verdict=verdict,
                 problems=problems,
                 start_s=self._start_s,
                 end_s=end_s,
                 utc_offset_s=float(time.localtime(self._start_s).tm_gmtoff),
-                header=head,
-                rows=rows,
-                signals=list(self._plots.values()),
+                header=header(self._several),
+                rows=[row(summary, self._several) for summary in summaries],
+                signals=[plot for plot in plots if plot is not None],
                 alerts=self._shown,
                 all_alerts=self._transitions,
             )

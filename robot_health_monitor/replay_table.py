@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Iterator, List, Sequence
+from typing import TYPE_CHECKING, Dict, Iterator, List, Sequence, Tuple
 
 from robot_health_monitor.core.explanation import judged_unit
-from robot_health_monitor.core.formatting import duration_text, number_text, printable, with_unit
+from robot_health_monitor.core.formatting import duration_text, list_text, number_text, printable, with_unit
 from robot_health_monitor.core.model import Level
 
 if TYPE_CHECKING:
     from robot_health_monitor.recordings.judging import SignalSummary
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
+_WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
+_MOST_NAMES = 6
+"""Signals that are named in a sentence."""
 _NOT_RECORDED = "not recorded"
 _GAP = 2
 """Blanks between columns."""
@@ -45,6 +48,44 @@ def row(summary: SignalSummary, several_files: bool) -> List[str]:
         *names, str(statistics.samples), str(statistics.bad_samples), *shares, _share_text(summary.unknown),
         str(summary.alerts), *range_texts, gap,
     ]  # fmt: skip
+
+
+def worst_first(summaries: Sequence[SignalSummary]) -> List[SignalSummary]:
+    """Returns the summaries in the order of badness; those of one signal stay together."""
+    badness: Dict[str, Tuple[float, ...]] = {}
+    for summary in summaries:
+        name = summary.config.name
+        badness[name] = max(_badness(summary), badness.get(name, ()))
+    return sorted(summaries, key=lambda summary: badness[summary.config.name], reverse=True)
+
+
+def _badness(summary: SignalSummary) -> Tuple[float, ...]:
+    """Returns the shares of the levels, the worst first; a signal that was not judged is worse than one that was OK."""
+    return (
+        *(summary.shares.get(level, 0.0) for level in _WORST_FIRST),
+        float(summary.alerts),
+        float(bool(summary.missing)),
+    )
+
+
+def sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
+    """Returns what was judged, for how long, and which signal was worst.
+
+    Args:
+        summaries: the worst first.
+        duration_s: length of the recordings.
+    """
+    names = list(dict.fromkeys(summary.config.name for summary in summaries if not summary.missing))
+    several = f" ({len(names)} signals)" if len(names) > _MOST_NAMES else ""
+    were = "was" if len(names) == 1 else "were"
+    judged = f"{list_text(names, _MOST_NAMES)}{several} {were} judged over {duration_text(duration_s)}."
+    worst = summaries[0]
+    shares = [
+        f"{level.name} for {_share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)
+    ]
+    if not shares:
+        return f"{judged} {'It was' if len(names) == 1 else 'All were'} OK."
+    return f"{judged} The worst is {worst.config.name}: {', '.join(shares)} of the time."
 
 
 def plain_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:

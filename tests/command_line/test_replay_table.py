@@ -10,7 +10,7 @@ from robot_health_monitor.core.config import read_signal
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.recordings.judging import SignalSummary
 from robot_health_monitor.recordings.signal_statistics import SignalStatistics
-from robot_health_monitor.replay_table import header, plain_table, row
+from robot_health_monitor.replay_table import header, plain_table, row, sentence, worst_first
 
 
 def summary(
@@ -71,3 +71,39 @@ def test_columns_of_a_plain_table_are_aligned() -> None:
         "a                      1    1   1     1      1      1        1       1    1     1    1            1",
         "long?_name  not recorded",
     ]
+
+
+def named(name: str, **shares: float) -> SignalSummary:
+    """Returns the summary of a signal with shares of its time."""
+    return summary({Level[level]: share for level, share in shares.items()})._replace(
+        config=read_signal(name, {}), alerts=max(0, len(shares) - 1)
+    )
+
+
+def test_the_worst_signal_is_first() -> None:
+    found = [
+        named("fine", OK=1.0),
+        named("warm", OK=0.1, WARN=0.9),
+        named("hot", OK=0.99, ERROR=0.01),
+        named("gone", OK=0.5, STALE=0.5),
+        named("missing")._replace(missing="/missing is not recorded"),
+        named("hotter", OK=0.9, ERROR=0.1),
+        named("fine", OK=1.0)._replace(file="b.yaml"),
+        named("warm", OK=1.0)._replace(file="b.yaml"),
+    ]
+    order = [(each.config.name, each.file) for each in worst_first(found)]
+    assert order == [
+        ("hotter", "a.yaml"), ("hot", "a.yaml"), ("gone", "a.yaml"), ("warm", "a.yaml"), ("warm", "b.yaml"),
+        ("missing", "a.yaml"), ("fine", "a.yaml"), ("fine", "b.yaml"),
+    ]  # fmt: skip
+
+
+def test_a_sentence_names_the_signals_the_time_and_the_worst() -> None:
+    two = [named("hot", OK=0.75, ERROR=0.05, WARN=0.2), named("fine", OK=1.0)]
+    assert sentence(two, 4000.0) == (
+        "hot, fine were judged over 1 h 6 min. The worst is hot: ERROR for 5.0 %, WARN for 20.0 % of the time."
+    )
+    missing = named("gps")._replace(missing="/gps is not recorded")
+    assert sentence([missing, two[1]], 60.0) == "fine was judged over 60 s. It was OK."
+    many = [named(f"s{number}", OK=1.0) for number in range(9)]
+    assert sentence(many, 60.0) == "s0, s1, s2, s3, s4, s5, ... (9 signals) were judged over 60 s. All were OK."

@@ -47,7 +47,8 @@ def report(signals: Sequence[PlottedSignal] = (), alerts: Sequence[ReportedAlert
     """Returns a report of 9 s."""
     rows = [[signal.config.name, "10"] for signal in signals]
     made = Report(
-        "Replay of test.bag", ["9 s"], "1 alert", [], START_S, START_S + 9.0, 3600.0, ["signal", "samples"], rows,
+        "Replay of test.bag", ["9 s"], "battery was judged over 9 s.", "1 alert", [], START_S, START_S + 9.0, 3600.0,
+        ["signal", "samples"], rows,
         signals, alerts, len(alerts),
     )  # fmt: skip
     return made._replace(**others)
@@ -126,7 +127,7 @@ def test_times_are_local_to_the_machine_that_replayed() -> None:
 def test_a_signal_that_is_not_plotted_has_a_row_without_a_link() -> None:
     page = render(report([battery()], rows=[["battery", "10"], ["gps", "not recorded"]]))
     assert '<a href="#signal-0">battery</a>' in page
-    assert '<td>gps</td><td class="number">not recorded</td>' in page
+    assert '<td class="name">gps</td><td class="number" data-head="samples">not recorded</td>' in page
 
 
 def test_two_configurations_have_a_plot_each() -> None:
@@ -146,7 +147,7 @@ def test_two_configurations_have_a_plot_each() -> None:
     assert [len(first["alerts"]), len(second["alerts"])] == [0, 1]
     assert '<a href="#signal-1" data-alert="alert-0"' in page
     # Long paths are broken, so that the numbers beside them fit on paper.
-    assert [page.count(f'<td class="file">{name}</td>') for name in ("a.yaml", "b.yaml")] == [1, 2]
+    assert [len(re.findall(f'<td class="file"[^>]*>{name}</td>', page)) for name in ("a.yaml", "b.yaml")] == [1, 2]
 
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(1)>\"'&\u202e\x1b[2J<!--"
@@ -233,3 +234,33 @@ def test_a_page_without_alerts_and_signals() -> None:
     page = render(report(problems=["test.bag: ends early"]))
     assert "<li>test.bag: ends early</li>" in page
     assert data_of(page)["signals"] == []
+
+
+def test_the_page_begins_with_a_sentence() -> None:
+    page = render(report(summary="battery was judged over 9 s. The worst is <battery>."))
+    assert page.index("The worst is &lt;battery&gt;.") < page.index('class="verdict"') < page.index('class="facts"')
+
+
+@pytest.mark.parametrize(
+    ("head", "text", "expected"),
+    [
+        ("OK", "75.5 %", "number share ok"),
+        ("WARN", "19.9 %", "number share warn"),
+        ("ERROR", "0.1 %", "number share error"),
+        ("STALE", "100 %", "number share stale"),
+        ("unknown", "3 %", "number share unknown"),
+        ("ERROR", "0 %", "number zero"),
+        ("max", "0 %", "number"),
+    ],
+)
+def test_a_share_that_is_not_zero_has_a_colour(head: str, text: str, expected: str) -> None:
+    page = render(report(header=["signal", head], rows=[["battery", text]]))
+    assert f'<td class="{expected}" data-head="{head}">{text}</td>' in page
+
+
+def test_rules_are_words() -> None:
+    signal = battery(error_below=10.0, for_s=5.0, hysteresis=2.0, keep_firing_for_s=90.0, stale_after_s=3.0)
+    assert (
+        "<p>WARN below 20 %, ERROR below 10 %; for at least 5 s; hysteresis 2 %; "
+        "stays for 90 s after it has cleared; STALE after 3 s without a sample</p>"
+    ) in render(report([signal]))
