@@ -48,7 +48,8 @@ _HEADER = """\
 #   value counts.
 # - While a robot cannot be reached, its STALE alerts resolve.
 # A monitor that is down is an alert for each robot that it reported last. A robot that a working monitor no longer
-# reports, or whose monitor is no longer a target of Prometheus, is none.
+# reports, or whose monitor is no longer a target of Prometheus, is none; alerts of its signals end after their
+# keep_firing_for.
 """
 
 
@@ -241,9 +242,12 @@ class _Rules:
 
 
 def _link_rule(robots: Sequence[str]) -> List[str]:
-    expression = f"max by (robot) (robot_health_link_up{_selector(robots)}) == 0"
+    # Not `keep_firing_for`: a robot that is no longer watched has no link, so its alert ends at once.
+    link = f"robot_health_link_up{_selector(robots)}"
+    lately = f"min_over_time({link}[{_duration(LINK_CONFIG.keep_firing_for_s)}])"
+    expression = f"max by (robot) ({link}) == 0\nor (max by (robot) ({lately}) == 0 and on (robot) {link})"
     return ["", "      # The link to a robot; while it is down, its other alerts stay as they are.",
-            *_alert(LINK, "ERROR", expression, "down", 0.0, LINK_CONFIG.keep_firing_for_s)]  # fmt: skip
+            *_alert(LINK, "ERROR", expression, "down")]  # fmt: skip
 
 
 def _monitor_rules(robots: Sequence[str], interval_s: float) -> List[str]:

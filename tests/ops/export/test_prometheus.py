@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import pytest
+import yaml
 from harness.http_server import HttpServer, responding
 from harness.prometheus_server import PrometheusServer, needs_prometheus
 from harness.promtool import PROMTOOL, needs_promtool, random_timeline
@@ -365,6 +366,48 @@ def test_after_a_gap_of_prometheus_itself_a_monitor_that_is_down_is_still_missed
         Scraped("two", "1x100 _x1800 1x100", "0+1x100 _x1800 1901+1x100", r2="0x100 _x1800 0x100"),
     ]
     assert missed(tmp_path, scraped, {100: [], 1904: ["r1"], 2000: ["r1"]}) == ""
+
+
+@needs_promtool
+def test_the_link_alert_of_a_robot_that_is_no_longer_watched_ends_at_once(tmp_path: Path) -> None:
+    """One that is restored is up for `keep_firing_for_s` of the link, 10 s, before the alert ends."""
+    (tmp_path / "rules.yaml").write_text(exported({"a": {"warn_below": 20.0}}, interval_s=1.0).text)
+    alert = 'sum by (robot) (ALERTS{alertname="RobotHealth", alertstate="firing", signal="link"})'
+    series = {'robot_health_link_up{robot="removed"}': "0x10 stale", 'robot_health_link_up{robot="back"}': "0x10 1x100"}
+    expected = {5: ["back", "removed"], 10: ["back", "removed"], 11: ["back"], 20: ["back"], 21: [], 22: []}
+    test = {
+        "rule_files": ["rules.yaml"],
+        "evaluation_interval": "1s",
+        "tests": [
+            {
+                "interval": "1s",
+                "input_series": [{"series": name, "values": values} for name, values in series.items()],
+                "promql_expr_test": [
+                    {
+                        "expr": alert,
+                        "eval_time": f"{second}s",
+                        "exp_samples": [{"labels": f'{{robot="{robot}"}}', "value": 1} for robot in robots],
+                    }
+                    for second, robots in expected.items()
+                ],
+            }
+        ],
+    }
+    (tmp_path / "test.yaml").write_text(json.dumps(test))
+
+    assert promtool(tmp_path, "test", "rules", "test.yaml") == ""
+
+
+def test_every_alert_has_the_labels_and_the_summary_of_a_notification() -> None:
+    text = exported({"a": {"warn_below": 20.0, "error_above": 50.0, "error_for_s": 5.0}, "b": {"warn_above": 1.0}}).text
+    rules = [rule for rule in yaml.safe_load(text)["groups"][0]["rules"] if "alert" in rule]
+    assert {rule["alert"] for rule in rules} == {"RobotHealth"}
+    assert all(set(rule["labels"]) == {"signal", "level", "severity"} for rule in rules)  # and robot, of the series
+    labels = [tuple(rule["labels"].values()) for rule in rules]
+    assert len(labels) == len(set(labels)) == 8
+    for rule in rules:
+        begin = f"{{{{ $labels.robot }}}}: {rule['labels']['signal']} {rule['labels']['level']}: "
+        assert list(rule["annotations"]) == ["summary"] and rule["annotations"]["summary"].startswith(begin)
 
 
 def serve_metrics(server: HttpServer, *robots: str) -> None:
