@@ -1,13 +1,16 @@
 """An outlet that the monitor does not have: a CSV file with one row per alert.
 
-    python examples/custom_outlet.py alerts.csv
+    python examples/custom_outlet.py [alerts.csv]
 
+Without a file name, the file is temporary.
 An outlet is a function that receives each event once, on ROS 1, ROS 2 and here alike. If it raises, the monitor
 reports that as a fault and carries on.
 """
 
 import csv
 import sys
+import tempfile
+from pathlib import Path
 
 from robot_health_monitor.core import Transition
 from robot_health_monitor.core.local import LocalBus
@@ -30,10 +33,19 @@ class CsvFile:
 
 
 def main() -> None:
+    """Writes the alerts to a file and prints it."""
+    if len(sys.argv) > 1:
+        run(sys.argv[1])
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            run(str(Path(folder) / "alerts.csv"))
+
+
+def run(path: str) -> None:
     """Runs the alert node beside a battery that discharges, in virtual time."""
     bus = LocalBus()
     parameters = {"signals": {"battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0}}}
-    AlertSystem(bus.node("alert_system", parameters=parameters), outlets={"csv": CsvFile(sys.argv[1])})
+    AlertSystem(bus.node("alert_system", parameters=parameters), outlets={"csv": CsvFile(path)})
 
     robot = bus.node("robot")
     robot.advertise("battery_level", "std_msgs/Float32")
@@ -41,7 +53,7 @@ def main() -> None:
         bus.run_until(float(second))
         robot.publish("battery_level", {"data": 30.0 - second})
 
-    with open(sys.argv[1], encoding="utf-8") as file:
+    with open(path, encoding="utf-8") as file:
         print(file.read(), end="")
 
 

@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import List
+from typing import List, Tuple
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -49,8 +51,9 @@ def test_the_custom_source_reports_no_alert_below_the_bound(tmp_path: Path) -> N
     assert state.endswith(" %")
 
 
-def test_the_custom_outlet_writes_one_row_per_alert(tmp_path: Path) -> None:
-    rows = run_example("custom_outlet.py", tmp_path / "alerts.csv")
+@pytest.mark.parametrize("arguments", [(), ("alerts.csv",)])
+def test_the_custom_outlet_writes_one_row_per_alert(tmp_path: Path, arguments: Tuple[str, ...]) -> None:
+    rows = run_example("custom_outlet.py", *(tmp_path / name for name in arguments))
     assert [row.split(",")[:4] for row in rows] == [
         ["11.0", "battery_level", "WARN", "19.0"],
         ["21.0", "battery_level", "ERROR", "9.0"],
