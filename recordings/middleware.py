@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, Callable, Container, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
@@ -128,8 +128,7 @@ class RecordedMiddleware(MappingNode):
         return self.player.subscribe(subscription, type_name, field)
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
-        own = {subscription.topic for subscription in self._subscriptions}
-        answer(self.player.why_silent(topic, type_name, own))
+        answer(self.player.why_not_recorded(topic, type_name) or None)
 
     def unsubscribe(self, subscription: Any) -> None:
         subscription.active = False
@@ -238,17 +237,11 @@ class Player:
         """
         found = self._channels.get(topic, [])
         if not found:
-            return f"{topic} is not recorded"
+            types = {name: channels[0].type_name for name, channels in self._channels.items()}
+            return with_similar(f"{topic} is not recorded", similar_topics(topic, type_name, types))
         if not self._matching(topic, type_name):
             return f"{topic} is recorded as {found[0].type_name}, configured as {canonical_type(type_name)}"
         return ""
-
-    def why_silent(self, topic: str, type_name: str, own: Container[str]) -> Optional[str]:
-        """Returns why the recordings bring no samples of a topic; None: it is recorded. See `similar_topics`."""
-        if topic in self._channels:
-            return None
-        types = {name: channels[0].type_name for name, channels in self._channels.items()}
-        return with_similar(f"{topic} is not recorded", similar_topics(topic, type_name, types, own))
 
     def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
         """Adds a node.

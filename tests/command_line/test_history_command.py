@@ -56,7 +56,16 @@ def file(tmp_path: Path) -> Path:
         (50.0, transition(2, Level.OK, from_level=Level.WARN), []),
         (
             90.0,
-            transition(3, Level.STALE, signal="cpu_usage", since_s=13.0, value=None, bound=None, text="=cpu\x1b[31m"),
+            transition(
+                3,
+                Level.STALE,
+                signal="cpu_usage",
+                since_s=13.0,
+                value=None,
+                bound=None,
+                text="=cpu\x1b[31m",
+                hint="no publisher on /cpu\x1b",
+            ),
             [],
         ),
     ):
@@ -84,7 +93,7 @@ def test_alerts_and_events_of_the_monitor_in_their_order(file: Path, capsys: pyt
         "2023-11-14 22:13:40 +0000 #1 r1: battery_level WARN: number 1",
         "2023-11-14 22:14:10 +0000 #2 r1: battery_level OK: number 2",
         "2023-11-14 22:14:50 +0000 r1: latched alerts reset",
-        "2023-11-14 22:14:50 +0000 #3 r1: =cpu?[31m",
+        "2023-11-14 22:14:50 +0000 #3 r1: =cpu?[31m [no publisher on /cpu?]",
         "2023-11-14 22:15:00 +0000 monitor stopped",
     ]
 
@@ -202,6 +211,7 @@ def test_csv_texts_are_no_formulas(file: Path, capsys: pytest.CaptureFixture[str
     assert [row["text"] for row in rows] == [
         "battery_level WARN: number 1", "battery_level OK: number 2", "'=cpu?[31m",
     ]  # fmt: skip
+    assert [row["hint"] for row in rows] == ["", "", "no publisher on /cpu?"]
     assert (rows[0]["time"], rows[0]["value"], rows[2]["value"]) == ("2023-11-14T22:13:40.000+00:00", "15.0", "")
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import List
 
+from harness.transitions import transition
+
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.outlets import Event, Notice, Outlets
+from robot_health_monitor.core.outlets import Event, Notice, Outlets, event_text
 
 NOTICE = Notice(1.0, Severity.WARN, "time went back by 3 s")
 
@@ -23,6 +25,13 @@ class Outlet:
         if self.error:
             raise OSError(self.error)
         self.events.append(event)
+
+
+def test_people_read_a_transition_with_its_hint() -> None:
+    assert event_text(NOTICE) == "time went back by 3 s"
+    assert event_text(transition(text="battery STALE: silent")) == "battery STALE: silent"
+    stale = transition(text="battery STALE: silent", hint="no publisher on /battery")
+    assert event_text(stale) == "battery STALE: silent [no publisher on /battery]"
 
 
 def test_every_outlet_receives_each_event_in_the_order_in_which_they_were_added() -> None:

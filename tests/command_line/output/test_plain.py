@@ -35,6 +35,13 @@ def test_a_transition_names_its_robot_where_there_are_several() -> None:
     assert plain_line(entry, "at", name_robots=True) == "at husky: battery_level WARN: low"
 
 
+def test_the_hint_why_there_are_no_samples_follows_the_text() -> None:
+    stale = transition(text="battery STALE: no sample for 6 s", hint="no publisher on /battery")
+    assert plain_line(Entry(0.0, stale), "at") == "at battery STALE: no sample for 6 s [no publisher on /battery]"
+    silenced = plain_line(Entry(0.0, stale, "repair"), "at")
+    assert silenced == "at battery STALE: no sample for 6 s [no publisher on /battery] [silenced: repair]"
+
+
 def test_a_silenced_transition_is_marked() -> None:
     entry = Entry(0.0, transition(text="battery_level WARN: low"), "fan is being replaced (until resolved)")
     assert plain_line(entry, "at") == "at battery_level WARN: low [silenced: fan is being replaced (until resolved)]"

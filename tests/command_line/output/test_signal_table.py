@@ -36,6 +36,12 @@ def test_a_row_has_level_value_and_bounds_and_no_value_twice() -> None:
     ]
 
 
+def test_the_reason_ends_with_the_hint_why_there_are_no_samples() -> None:
+    status = Status("battery", Level.STALE, "no sample for 6 s", "atlas", {}, "no publisher on /battery")
+    shown = lines([SignalRow(status, "", ())])
+    assert shown[1] == "battery  STALE  no sample for 6 s [no publisher on /battery]"
+
+
 def test_statistics_and_trend_are_shown_where_there_is_room() -> None:
     trend = [1.0, float("nan"), 3.0, 5.0]
     rows = [row("battery_level", 0, "77 %", BATTERY, trend, mean="76.5", min="75", max="78")]

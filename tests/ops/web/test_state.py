@@ -32,6 +32,15 @@ def test_a_signal_without_a_sample_is_unknown() -> None:
     )
     signal = robot["signals"]["battery_level"]
     assert (signal["state"], signal["value"], signal["text"], signal["window"]) == ("waiting", None, "", [])
+    assert signal["hint"] == ""
+
+
+def test_a_signal_whose_topic_nobody_publishes_has_a_hint() -> None:
+    robots = Robots()
+    robots.at(101.0)
+    robots.at(108.0)
+    signal = reader(robots).state(window=False)["signals"]["battery_level"]
+    assert signal["hint"].startswith("no publisher on /robot")
 
 
 def test_a_link_that_is_down_is_the_cause_and_the_others_are_unreachable() -> None:
