@@ -150,7 +150,7 @@ def _add_connect(commands: Any) -> None:
         help="monitor robots over rosbridge, without ROS",
         description="Monitors robots through their rosbridge servers. A link that is down is one alert, and is "
         "re-established automatically; meanwhile the robot's signals raise no alerts. Nothing is published on the "
-        "robots. SIGHUP reads the configuration again and changes only what differs.",
+        "robots. SIGHUP reads the configuration, ops.yaml and the tokens again and changes only what differs.",
     )
     command.add_argument(
         "urls",

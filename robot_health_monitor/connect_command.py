@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import time
 from contextlib import asynccontextmanager
-from typing import AsyncIterator, Awaitable, Callable, Optional, Sequence
+from functools import partial
+from typing import AsyncIterator, Awaitable, Optional, Sequence
 
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.interrupts import Interrupts
-from robot_health_monitor.runtime.tokens import read_token_file
+from robot_health_monitor.runtime.tokens import TokenFiles
 
 from .fleet import Fleet
 from .fleet_configuration import FleetReader, Options, read_addresses
@@ -19,8 +20,10 @@ from .fleet_robot import Robot
 from .installed_files import find_installed
 from .live_session import run_session
 from .operations import Operations, open_operations
+from .ops_reload import OpsReload
 from .output.choice import choose_output
 from .output.events import Events
+from .reloading import Reloads
 from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
 
 
@@ -48,8 +51,9 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         token_file=arguments.robot_token_file or arguments.old_token_file,
         ca=arguments.ca,
     )
+    read_settings = partial(server_settings, arguments, TokenFiles(warn))
     with open_operations(arguments.ops) as operations:
-        settings = server_settings(arguments, operations.server, warn)
+        settings = read_settings(operations.server)
         events.silence_of = operations.silence_text
         fleet = Fleet(
             FleetReader(addresses, arguments.fleet, options, warn),
@@ -59,26 +63,29 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
             start=operations.start,
         )
         _attach(operations, fleet)
+        reloads = Reloads(fleet.log)
+        reloads.add(fleet)
 
         @asynccontextmanager
         async def work() -> AsyncIterator[Awaitable[None]]:
             server = None
             if settings is not None:
                 server = await serve(fleet, settings, operations, required=arguments.port is not None)
+            reloads.add(OpsReload(arguments.ops, operations, server, settings, read_settings))
             try:
                 yield fleet.run()
             finally:
                 if server is not None:
                     await stop_serving(server)
 
-        alerts_found = run_session(fleet, work(), events, output, interrupts, arguments.duration)
+        alerts_found = run_session(fleet, work(), events, output, interrupts, reloads, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()
     return alerts_found
 
 
 def server_settings(
-    arguments: argparse.Namespace, options: Optional[ServerOptions], warn: Callable[[str], object]
+    arguments: argparse.Namespace, tokens: TokenFiles, options: Optional[ServerOptions]
 ) -> Optional[ServerSettings]:
     """Returns the settings of the server for the whole fleet; None: not requested.
 
@@ -86,8 +93,8 @@ def server_settings(
 
     Args:
         arguments: the command line, which takes precedence.
+        tokens: reads the token.
         options: section `server` of an ops.yaml; None: there is none.
-        warn: called with one line if other users may read the token file.
 
     Raises:
         ConfigError: the token file cannot be used.
@@ -99,7 +106,7 @@ def server_settings(
     return ServerSettings(
         port=DEFAULT_PORT if port is None else port,
         address=arguments.host or options.address or DEFAULT_ADDRESS,
-        token=read_token_file(options.token_file, warn) if options.token_file else "",
+        token=tokens.find_own(options.token_file) if options.token_file else "",
         allow_publish=options.allow_publish,
         allow_call=options.allow_call,
         allow_offer=options.allow_offer,

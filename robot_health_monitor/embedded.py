@@ -11,7 +11,7 @@ from robot_health_monitor.core.config import Section, find_section, list_section
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault, Faults
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS, has_inputs
@@ -63,7 +63,6 @@ class EmbeddedMonitor:
         self._nodes: List[Any] = []
         self._middlewares: Dict[str, LocalMiddleware] = {}
         self._file = file
-        self._reload_requested: Optional[asyncio.Event] = None
         self._sections = {} if file is None else sections_of_nodes(file)
         self.unused_sections = sorted(self._sections.keys() - set(NODES))
         """Names of nodes in the file that do not run here."""
@@ -138,54 +137,47 @@ class EmbeddedMonitor:
         return value if self.bus.now_s - published_s <= _KEPT_PERIODS / float(rate_hz) else None
 
     async def run(self) -> None:
-        """Runs the timers of the nodes in real time, and reloads when asked to, until it is cancelled."""
-        self._reload_requested = asyncio.Event()
-        reloading = asyncio.ensure_future(self._reload_on_request(self._reload_requested))
-        try:
-            while True:
-                self.bus.run_due(self._clock())
-                due_s = self.bus.next_due_s()
-                await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
-        finally:
-            reloading.cancel()
+        """Runs the timers of the nodes in real time until it is cancelled."""
+        while True:
+            self.bus.run_due(self._clock())
+            due_s = self.bus.next_due_s()
+            await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
 
-    def reload(self) -> None:
-        """Reads the configuration file again soon, in the loop. A node that rejects it keeps its old values."""
-        if self._reload_requested is not None:
-            self._reload_requested.set()
+    async def reload(self) -> str:
+        """Reads the configuration file again; see `Reloadable`. A node that rejects it logs that, and keeps its values.
+
+        Raises:
+            ConfigError: the file cannot be used; nothing has changed.
+        """
+        if self._file is None:
+            return NOTHING_CHANGED
+        return self._use_file(await run_in_daemon_thread(partial(read_yaml, self._file.file)))
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Logs a line of alert_system."""
+        self._middlewares["alert_system"].log(severity, text)
 
     def close(self) -> None:
         """Ends the nodes."""
         for node in self._nodes:
             node.close()
 
-    async def _reload_on_request(self, requested: asyncio.Event) -> None:
-        while True:
-            await requested.wait()
-            requested.clear()
-            node = self._middlewares["alert_system"]
-            if self._file is None:
-                node.log(Severity.WARN, "not reloaded: there is no configuration file")
-                continue
-            try:
-                file = await run_in_daemon_thread(partial(read_yaml, self._file.file))
-                sections = sections_of_nodes(file)
-            except ConfigError as error:
-                node.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {error}")
-            else:
-                self._use_file(file, sections)
-
-    def _use_file(self, file: YamlFile, sections: Dict[str, Section]) -> None:
+    def _use_file(self, file: YamlFile) -> str:
+        sections = sections_of_nodes(file)
         self._file, self._sections = file, sections
+        texts = {}
         for name, middleware in self._middlewares.items():
             section = self._section(name)
             try:
-                text = middleware.set_parameters(self._parameters(name, section.tree))
+                texts[name] = middleware.set_parameters(self._parameters(name, section.tree))
             except ConfigError as error:
+                texts[name] = ""
                 located = file.locate(error.below(section.path))
                 middleware.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {located}")
-            else:
-                middleware.log(Severity.INFO, f"reloaded: {text}")
+        changes = {name: text for name, text in texts.items() if text not in ("", NOTHING_CHANGED)}
+        if not changes:
+            return "" if "" in texts.values() else NOTHING_CHANGED
+        return "; ".join(text if name == "alert_system" else f"{name}: {text}" for name, text in changes.items())
 
     def _note_health(self, value: float, now_s: float) -> None:
         self._health = value, now_s

@@ -13,9 +13,8 @@ from typing import Callable, Collection, Dict, Iterable, List, Mapping, Optional
 
 from robot_health_monitor.core.diagnostics import ARRAY_TYPE, array_message
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.local import LocalBus, LogLine
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
@@ -87,7 +86,7 @@ class Fleet:
         """The robots that are watched now, in the order of the configuration."""
         self._on_change: List[RobotsChanged] = []
         self._tasks: Dict[Robot, asyncio.Future[None]] = {}
-        self._reload_requested: Optional[asyncio.Event] = None
+        self._is_running = False
         emit = outlet(NODE)
         self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, lambda event: emit(event))
         self.self_report = self._self_monitor.reports
@@ -142,25 +141,25 @@ class Fleet:
         return {name: tree for robot in self.robots for name, tree in robot.parameters().items()}
 
     async def run(self) -> None:
-        """Keeps the connections up, and reloads when asked to, until it is cancelled."""
-        self._reload_requested = asyncio.Event()
+        """Keeps the connections up until it is cancelled."""
+        self._is_running = True
         self._start(self.robots)
         timers = asyncio.ensure_future(self._run_timers())
         try:
-            while True:
-                await self._reload_requested.wait()
-                self._reload_requested.clear()
-                await self._reload()
+            await timers
         finally:
             tasks = {timers, *self._tasks.values()}
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
 
-    def reload(self) -> None:
-        """Reads the configuration again soon, in the loop, and applies what differs. An invalid one changes nothing."""
-        if self._reload_requested is not None:
-            self._reload_requested.set()
+    async def reload(self) -> str:
+        """Reads the configuration again and applies what differs; see `Reloadable`.
+
+        Raises:
+            ConfigError: it cannot be used; nothing has changed.
+        """
+        return self.apply(await run_in_daemon_thread(self._reader.read))
 
     def apply(self, settings: Sequence[RobotSettings]) -> str:
         """Adds, removes and changes robots, so that they are those of `settings`. Called in the loop.
@@ -193,7 +192,7 @@ class Fleet:
             for robot in added.values():
                 robot.log_summary()
         self.robots = [known[name] if name in known else added[name] for name in wanted]
-        if self._reload_requested is not None:
+        if self._is_running:
             self._start(added.values())
         if added or ended:
             for callback in self._on_change:
@@ -204,7 +203,7 @@ class Fleet:
             *_text("started anew", replaced, wanted),
             *(text for change, names in changes.items() for text in _text(change, names, wanted)),
         ]
-        return "; ".join(texts) or "nothing changed"
+        return "; ".join(texts) or NOTHING_CHANGED
 
     def close(self) -> None:
         """Ends every robot's alert_system and connection; open alerts stay open."""
@@ -240,18 +239,6 @@ class Fleet:
     def _start(self, robots: Iterable[Robot]) -> None:
         for number, robot in enumerate(robots):
             self._tasks[robot] = asyncio.ensure_future(_run_later(number * _START_PERIOD_S, robot))
-
-    async def _reload(self) -> None:
-        try:
-            settings = await run_in_daemon_thread(self._reader.read)
-            text = self.apply(settings)
-        except ConfigError as error:
-            more = f" ({len(error.all) - 1} more: robot-health check)" if len(error.all) > 1 else ""
-            self.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {error}{more}")
-        except Exception as error:
-            self.log(Severity.ERROR, printable(f"not reloaded: internal error: {type(error).__name__}: {error}"))
-        else:
-            self.log(Severity.INFO, f"reloaded: {text}")
 
     async def _run_timers(self) -> None:
         while True:

@@ -24,7 +24,7 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping, unknown_key
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.rosbridge.address import full_address, host_and_port, shown_address
-from robot_health_monitor.runtime.tokens import find_token, read_token_file
+from robot_health_monitor.runtime.tokens import TokenFiles
 
 from .embedded import sections_of_nodes
 
@@ -236,7 +236,7 @@ class FleetReader:
         self.file = file
         """Path of the fleet.yaml; empty: none."""
         self._options = options
-        self._warn = warn
+        self._token_files = TokenFiles(warn)
 
     def read(self) -> List[RobotSettings]:
         """Reads and validates fleet.yaml and every file that it names, each once.
@@ -244,7 +244,7 @@ class FleetReader:
         Raises:
             ConfigError: one of them cannot be used; the message names file and line.
         """
-        files = _Files(self._warn)
+        files = _Files(self._token_files)
         settings = [
             files.settings(RobotEntry(*address, None, None, None, None), self._options) for address in self._addresses
         ]
@@ -262,8 +262,8 @@ class FleetReader:
 class _Files:
     """The contents of files that several robots share, each read once."""
 
-    def __init__(self, warn: Callable[[str], object]) -> None:
-        self._warn = warn
+    def __init__(self, token_files: TokenFiles) -> None:
+        self._token_files = token_files
         self._thresholds: Dict[str, Mapping[str, Any]] = {}
         self._tokens: Dict[str, str] = {}
         self._trusts: Dict[str, _Trust] = {}
@@ -287,7 +287,7 @@ class _Files:
 
     def _token(self, file: str) -> str:
         if file not in self._tokens:
-            self._tokens[file] = read_token_file(file, self._warn) if file else find_token("", self._warn)
+            self._tokens[file] = self._token_files.find(file)
         return self._tokens[file]
 
     def _trust(self, file: str) -> _Trust:

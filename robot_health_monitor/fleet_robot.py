@@ -9,7 +9,7 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.formatting import list_text, printable
 from robot_health_monitor.core.local import LocalMiddleware, LogLine
-from robot_health_monitor.core.middleware import Middleware, Severity
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Middleware, Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Outlet
@@ -164,7 +164,7 @@ class Robot:
             connection = self._client.connection
             connection.move(settings.url, token=settings.token, ssl_context=settings.ssl_context)
             texts.append(f"connecting again, to {self.address}")
-        return "; ".join(texts) or "nothing changed"
+        return "; ".join(texts) or NOTHING_CHANGED
 
     def end(self) -> None:
         """Ends every open alert with a transition to OK, `no longer watched`, and closes."""

@@ -13,6 +13,7 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .output.display import Output, OutputError, Shown
 from .output.events import Events, LibraryLog
+from .reloading import Reloads
 from .service_manager import ServiceManager
 
 _SHOW_PERIOD_S = 0.1
@@ -32,9 +33,6 @@ class Watched(Shown, Protocol):
     def alert_systems(self) -> Sequence[AlertSystem]:
         """The alert_systems that tick, one per robot."""
 
-    def reload(self) -> None:
-        """Reads the configuration again, soon. Called in the loop; never raises."""
-
     def close(self) -> None:
         """Ends the monitors."""
 
@@ -45,6 +43,7 @@ def run_session(
     events: Events,
     output: Output,
     interrupts: Interrupts,
+    reloads: Reloads,
     duration_s: Optional[float] = None,
 ) -> bool:
     """Runs `work` and shows `watched`; closes `watched` and `output` at the end.
@@ -59,6 +58,7 @@ def run_session(
         events: what the monitors announced.
         output: shows the monitors.
         interrupts: SIGINT and SIGTERM, which end the session, and SIGHUP, which reloads the configuration.
+        reloads: what SIGHUP reloads.
         duration_s: end after this time; None: run until interrupted.
 
     Returns:
@@ -72,7 +72,7 @@ def run_session(
     logging.getLogger().addHandler(library_log)
     logging.captureWarnings(True)
     try:
-        completed = asyncio.run(_run(watched, work, output, interrupts, duration_s))
+        completed = asyncio.run(_run(watched, work, output, interrupts, reloads, duration_s))
     finally:
         watched.close()
         output.close()
@@ -88,6 +88,7 @@ async def _run(
     work: AsyncContextManager[Awaitable[Any]],
     output: Output,
     interrupts: Interrupts,
+    reloads: Reloads,
     duration_s: Optional[float],
 ) -> bool:
     """Returns whether the whole duration has passed."""
@@ -99,7 +100,9 @@ async def _run(
         async with work as monitoring:
             output.start(loop, watched)
             running = asyncio.ensure_future(monitoring)
-            interrupts.on_hangup = lambda: loop.call_soon_threadsafe(watched.reload)  # after the start of `running`
+            reloading = asyncio.ensure_future(reloads.run())
+            # `request` comes after the start of `reloading`.
+            interrupts.on_hangup = lambda: loop.call_soon_threadsafe(reloads.request)
             stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
             service_manager.ready()
             try:
@@ -108,6 +111,7 @@ async def _run(
                 service_manager.stopping()
                 running.cancel()
                 stopped.cancel()
+                reloading.cancel()
                 await asyncio.wait({running, stopped}, timeout=_END_S)
     finally:
         interrupts.on_hangup = bool

@@ -11,6 +11,7 @@ import time
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional
 
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.model import Level
@@ -101,7 +102,7 @@ class Operations:
             # Without a file, the history is in memory, where the notifications have their queue.
             self.history = History(config.history, wall_time_s)
             self.silences = Silences(self.history, self.faults, wall_time_s)
-        if self.history is not None and config.notify:
+        if self.history is not None:
             from robot_health_monitor.ops.notifications import Notifier
 
             self.notifier = Notifier(
@@ -112,6 +113,28 @@ class Operations:
     def server(self) -> Optional[ServerOptions]:
         """The section `server`; None: there is none."""
         return self.config.server
+
+    def use(self, config: OpsConfig) -> List[str]:
+        """Applies the targets of another configuration; may take some seconds. The rest needs a restart.
+
+        Returns:
+            What changed.
+
+        Raises:
+            ConfigError: the targets cannot be replaced now.
+        """
+        texts = []
+        if config.notify != self.config.notify and self.notifier is not None:
+            try:
+                texts.append(f"notify: {self.notifier.use_targets(config.notify)}")
+            except ServiceError as error:
+                raise ConfigError(f"notify: {error}") from None
+        elif config.notify != self.config.notify:
+            texts.append("notify: takes effect after a restart")
+        if config.history != self.config.history:
+            texts.append("history: takes effect after a restart")
+        self.config = config
+        return texts
 
     def start(
         self,

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import argparse
 from contextlib import asynccontextmanager
-from typing import AsyncIterator, Awaitable
+from typing import AsyncIterator, Awaitable, Optional
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.tokens import TokenFiles
 
 from .embedded import EmbeddedMonitor, sections_of_nodes
 from .installed_files import find_installed
 from .live_session import run_session
 from .operations import configured_ops, open_operations
+from .ops_reload import OpsReload
 from .output.choice import choose_output
 from .output.events import Events
-from .serving import serve, server_settings, stop_serving
+from .reloading import Reloads
+from .serving import ServerSettings, serve, server_settings, stop_serving
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
@@ -35,7 +39,8 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     events = Events(output.add, Severity[arguments.log_level])
     thresholds = read_yaml(file) if file else None
     parameters = {} if thresholds is None else sections_of_nodes(thresholds)["alert_system"].tree
-    with open_operations(arguments.ops or configured_ops(parameters)) as operations:
+    ops_file = arguments.ops or configured_ops(parameters)
+    with open_operations(ops_file) as operations:
         events.silence_of = operations.silence_text
         monitor = EmbeddedMonitor(
             thresholds,
@@ -45,24 +50,28 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
             outlet=events.outlet("alert_system"),
             start_alert_system=operations.start_only,
         )
+        tokens = TokenFiles(lambda text: events.on_log(LogLine(monitor.now_s, "rosbridge", Severity.WARN, text)))
+
+        def read_settings(options: Optional[ServerOptions]) -> ServerSettings:
+            return server_settings(monitor.alert_system.monitor.config, options, arguments, tokens=tokens)
+
         try:
-            settings = server_settings(
-                monitor.alert_system.monitor.config,
-                operations.server,
-                arguments,
-                warn=lambda text: events.on_log(LogLine(monitor.now_s, "rosbridge", Severity.WARN, text)),
-            )
+            settings = read_settings(operations.server)
         except ConfigError:
             monitor.close()
             raise
 
+        reloads = Reloads(monitor.log)
+        reloads.add(monitor)
+
         @asynccontextmanager
         async def work() -> AsyncIterator[Awaitable[None]]:
             server = await serve(monitor, settings, operations, required=arguments.port is not None)
+            reloads.add(OpsReload(ops_file, operations, server, settings, read_settings))
             try:
                 yield monitor.run()
             finally:
                 if server is not None:
                     await stop_serving(server)
 
-        return run_session(monitor, work(), events, output, interrupts, arguments.duration)
+        return run_session(monitor, work(), events, output, interrupts, reloads, arguments.duration)

@@ -15,7 +15,7 @@ from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, S
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.outlets import Event, event_text
-from robot_health_monitor.runtime.tokens import SHORTEST_TOKEN, find_token
+from robot_health_monitor.runtime.tokens import TokenFiles
 
 if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig
@@ -72,7 +72,7 @@ def server_settings(
     options: Optional[ServerOptions],
     arguments: Optional[argparse.Namespace] = None,
     *,
-    warn: Callable[[str], object],
+    tokens: TokenFiles,
 ) -> ServerSettings:
     """Returns the settings of a server: those of the command line, then of the parameters, then of ops.yaml.
 
@@ -80,7 +80,7 @@ def server_settings(
         config: parameters of alert_system.
         options: section `server` of an ops.yaml; None: there is none.
         arguments: options of a command that serves; None: of a node, which has none.
-        warn: called with one line if other users may read the token file, and if the token is short.
+        tokens: reads the token.
 
     Raises:
         ConfigError: the token file cannot be used.
@@ -93,13 +93,10 @@ def server_settings(
     if port is None:
         port = config.rosbridge_port or (DEFAULT_PORT if options.port is None else options.port)
     address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
-    token = find_token(given.get("token_file") or config.rosbridge_token_file or options.token_file, warn)
-    if 0 < len(token) < SHORTEST_TOKEN:
-        warn(f"the token has fewer than {SHORTEST_TOKEN} characters and can be guessed; make one: openssl rand -hex 16")
     return ServerSettings(
         port=port,
         address=given.get("host") or address or options.address or DEFAULT_ADDRESS,
-        token=token,
+        token=tokens.find_own(given.get("token_file") or config.rosbridge_token_file or options.token_file),
         origins=given.get("origin") or (),
         allow_publish=given.get("allow_publish") or options.allow_publish,
         allow_call=given.get("allow_call") or options.allow_call,
@@ -337,9 +334,8 @@ def serve_in_thread(
         from robot_health_monitor.rosbridge.server import ServerThread
 
         options = None if operations is None else operations.server
-        settings = server_settings(
-            alert_system.monitor.config, options, warn=lambda text: middleware.log(Severity.WARN, text)
-        )
+        tokens = TokenFiles(lambda text: middleware.log(Severity.WARN, text))
+        settings = server_settings(alert_system.monitor.config, options, tokens=tokens)
         node = create_node()
         given = middleware.given_parameters()
         web = make_web(lambda: [alert_system], operations, threads=True)

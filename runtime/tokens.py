@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import stat
-from typing import Callable
+from typing import Callable, Dict
 
 from robot_health_monitor.core.errors import ConfigError
 
@@ -16,6 +16,32 @@ SHORTEST_TOKEN = 16
 """A server's token of fewer characters can be guessed."""
 LARGEST_TOKEN = 1024
 """Longest token in bytes; it travels in an HTTP header."""
+
+
+class TokenFiles:
+    """Reads token files, and reads them again at each reload. A pipe gives its token once: that one is kept."""
+
+    def __init__(self, warn: Callable[[str], object]) -> None:
+        """Reads nothing yet; `warn` is called with one line if other users may read a file."""
+        self._warn = warn
+        self._of_pipes: Dict[str, str] = {}
+
+    def find(self, file: str) -> str:
+        """Does what `find_token` does."""
+        if file not in self._of_pipes:
+            token = find_token(file, self._warn)
+            if not file or os.path.isfile(os.path.expanduser(file)):
+                return token
+            self._of_pipes[file] = token
+        return self._of_pipes[file]
+
+    def find_own(self, file: str) -> str:
+        """Does the same for a token that clients of this process must present: a short one is reported."""
+        token = self.find(file)
+        if 0 < len(token) < SHORTEST_TOKEN:
+            text = f"the token has fewer than {SHORTEST_TOKEN} characters and can be guessed; make one: "
+            self._warn(f"{text}openssl rand -hex 16")
+        return token
 
 
 def find_token(file: str, warn: Callable[[str], object]) -> str:

@@ -108,7 +108,7 @@ class NotificationQueue:
 
     def waiting(self, target: str) -> int:
         """Returns how many notifications wait for a target. May be called from any thread."""
-        return self._waiting[target]
+        return self._waiting.get(target, 0)
 
     def dropped(self, target: str) -> int:
         """Returns how many were dropped since it last was empty, because later ones superseded them. Any thread."""
@@ -119,6 +119,13 @@ class NotificationQueue:
         with self._lock:
             held = tuple(self._held)
         return any(not self._is_silenced(robot, signal) for robot, signal in held)
+
+    def use_targets(self, connection: sqlite3.Connection, targets: Sequence[TargetSettings]) -> None:
+        """Replaces the targets: forgets the others, and queues what new ones do not know yet."""
+        self._targets = {target.name: target for target in targets}
+        self._waiting = {name: self._waiting.get(name, 0) for name in self._targets}
+        self._drop_at = {name: self._drop_at.get(name, MOST_WAITING) for name in self._targets}
+        self.prepare(connection)
 
     def prepare(self, connection: sqlite3.Connection) -> None:
         """Forgets targets that are no longer configured, and queues what the others do not know yet."""
@@ -179,6 +186,8 @@ class NotificationQueue:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
         self._look(connection)
         found = None
+        if target not in self._targets:  # it has just been removed
+            return None
         for _ in range(_MOST_SKIPPED):
             row = connection.execute(_HEAD, (target,)).fetchone()
             if row is None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
+import threading
 import time
-from typing import Callable, Collection, Dict, Optional, Protocol, Sequence
+from typing import Callable, Collection, Dict, List, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -71,7 +72,14 @@ class Notifier:
         self._has_news = False
         self._checked_s = time.monotonic() - CHECK_PERIOD_S
         self._watched: Optional[Collection[str]] = None
-        alerted = [target for target in targets if target.type != "heartbeat"]
+        self._targets: Dict[str, TargetSettings] = {}
+        self._deliveries: Dict[str, Delivery] = {}
+        self._heartbeats: Dict[str, Heartbeat] = {}
+        self._threads: Dict[str, StepThread] = {}
+        """Those of the targets."""
+        self._changing = threading.Lock()
+        self._queue_thread = self._thread("queue", self._step)
+        self._is_noting = False
 
         def is_silenced(robot: str, signal: str) -> bool:
             return silences is not None and silences.silence_of(robot, signal) is not None
@@ -80,31 +88,48 @@ class Notifier:
             if silences is not None:
                 silences.look(connection)
 
-        self._queue = queue = NotificationQueue(alerted, is_silenced, look, is_simulated)
-        senders = {target.name: make_sender(target, wall_time_s) for target in alerted}
-        self._deliveries = {name: Delivery(name, sender, queue, history, faults) for name, sender in senders.items()}
-        self._heartbeats = {target.name: Heartbeat(target, faults) for target in targets if target.type == "heartbeat"}
-        self._threads = {name: self._thread(name, delivery.step) for name, delivery in self._deliveries.items()}
-        others = [self._thread(name, heartbeat.step) for name, heartbeat in self._heartbeats.items()]
-        if alerted:
-            others.append(self._thread("queue", self._step))
-            history.on_record(self._note)
-        self._others = others
-        for thread in (*self._threads.values(), *others):
-            thread.start()
+        self._queue = NotificationQueue(_alerted(targets), is_silenced, look, is_simulated)
+        self._start(targets)
+
+    def use_targets(self, targets: Sequence[TargetSettings]) -> str:
+        """Replaces the targets. What waits for one that stays is sent there. Takes up to some seconds.
+
+        Returns:
+            What changed, in one line; empty: nothing.
+
+        Raises:
+            ServiceError: the history did not answer in time; call this again.
+        """
+        wanted = {target.name: target for target in targets}
+        with self._changing:
+            ended = [name for name, known in self._targets.items() if wanted.get(name) != known]
+            added = [target for name, target in wanted.items() if self._targets.get(name) != target]
+            if ended or added:
+                alerted = _alerted(targets)
+                self._history.run(lambda connection: self._queue.use_targets(connection, alerted), _TIMEOUT_S)
+            for name in ended:
+                self._end(name)
+            self._start(added)
+            self._wake()
+        changes = {
+            "added": [target.name for target in added if target.name not in ended],
+            "changed": [target.name for target in added if target.name in ended],
+            "removed": [name for name in ended if name not in wanted],
+        }
+        return ", ".join(f"{change} {', '.join(names)}" for change, names in changes.items() if names)
 
     @property
     def waiting(self) -> int:
         """How many notifications wait, over all targets."""
-        return sum(self._queue.waiting(name) for name in self._deliveries)
+        return sum(self.waiting_by_target().values())
 
     def waiting_by_target(self) -> Dict[str, int]:
         """Returns how many notifications wait for each target."""
-        return {name: self._queue.waiting(name) for name in self._deliveries}
+        return {name: self._queue.waiting(name) for name in tuple(self._deliveries)}
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""
-        for heartbeat in self._heartbeats.values():
+        for heartbeat in tuple(self._heartbeats.values()):
             heartbeat.note_tick()
 
     def end_unwatched(self, robots: Collection[str]) -> None:
@@ -120,13 +145,44 @@ class Notifier:
         until_s = time.monotonic() + CLOSE_TIMEOUT_S
         while time.monotonic() < until_s and (self._deliveries and self._has_work()):
             time.sleep(_CLOSE_POLL_S)
-        threads = [*self._threads.values(), *self._others]
+        threads = [*self._threads.values(), *([self._queue_thread] if self._is_noting else [])]
         for thread in threads:
             thread.close()
         for delivery in self._deliveries.values():
             delivery.sender.close()
         for thread in threads:
             thread.join(max(0.0, until_s - time.monotonic()))
+
+    def _start(self, targets: Sequence[TargetSettings]) -> None:
+        """Starts new targets."""
+        for target in targets:
+            name = target.name
+            self._targets[name] = target
+            if target.type == "heartbeat":
+                heartbeat = self._heartbeats[name] = Heartbeat(target, self._faults)
+                step = heartbeat.step
+            else:
+                sender = make_sender(target, self._wall_time_s)
+                delivery = self._deliveries[name] = Delivery(name, sender, self._queue, self._history, self._faults)
+                step = delivery.step
+            thread = self._threads[name] = self._thread(name, step)
+            thread.start()
+        if self._deliveries and not self._is_noting:
+            self._is_noting = True
+            self._history.on_record(self._note)
+            self._queue_thread.start()
+
+    def _end(self, name: str) -> None:
+        """Ends a target, and what is being sent to it."""
+        target, thread = self._targets.pop(name), self._threads.pop(name)
+        thread.close()
+        self._heartbeats.pop(name, None)
+        delivery = self._deliveries.pop(name, None)
+        if delivery is not None:
+            delivery.sender.close()
+        thread.join(min(target.timeout_s, _TIMEOUT_S))
+        for part in (f"notify {name}", f"notify {name}: url_file"):
+            self._faults.clear(part)
 
     def _has_work(self) -> bool:
         return self._has_news or any(
@@ -145,10 +201,11 @@ class Notifier:
         self._has_news = True
 
     def _wake(self) -> None:
-        for name, delivery in self._deliveries.items():
-            if self._queue.waiting(name):
+        for name, delivery in tuple(self._deliveries.items()):
+            thread = self._threads.get(name)
+            if thread is not None and self._queue.waiting(name):
                 delivery.note_news()
-                self._threads[name].wake()
+                thread.wake()
 
     def _step(self) -> float:
         """Queues new transitions, and each second what a change of silences or robots causes."""
@@ -189,3 +246,8 @@ class Notifier:
         if self._queue.has_expired_silence():
             self._history.run(self._queue.reconcile, _TIMEOUT_S)
             self._wake()
+
+
+def _alerted(targets: Sequence[TargetSettings]) -> List[TargetSettings]:
+    """Returns those that are sent alerts."""
+    return [target for target in targets if target.type != "heartbeat"]

@@ -102,15 +102,11 @@ class Server:
         self.access = access or Access()
         self.port = port
         """The port; after `start` the real one."""
-        has_certificates = ssl_context is not None and ssl_context.verify_mode == ssl.CERT_REQUIRED
-        if not is_loopback(host) and not self.access.token and not has_certificates:
-            raise ConfigError(
-                f"address {host} is reachable from other machines: expected a token or TLS client certificates"
-            )
-        self._check_host = not self.access.token and not has_certificates
+        self._has_certificates = ssl_context is not None and ssl_context.verify_mode == ssl.CERT_REQUIRED
+        self._host = host
+        self._require_protection(self.access.token)
         self._tokens = TokenCheck(self.access.token)
         self._middleware = middleware
-        self._host = host
         self._limits = limits
         self._threads = threads
         self._heartbeat_s = heartbeat_s
@@ -153,6 +149,16 @@ class Server:
         self._runner = runner
         self.port = self._listener.sockets[0].getsockname()[1]
         self._sweeper = loop.call_later(_SWEEP_PERIOD_S, self._sweep)
+
+    def use_token(self, token: str) -> None:
+        """Requires another token from now on, and disconnects every client. Call in the loop.
+
+        Raises:
+            ConfigError: as for `Server`; nothing has changed.
+        """
+        self._require_protection(token)
+        self._tokens.use(token)
+        self._connections.abort_all()
 
     async def close(self) -> None:
         """Closes the port, then every connection, within two seconds. May be called twice."""
@@ -245,6 +251,12 @@ class Server:
 
         return accept
 
+    def _require_protection(self, token: str) -> None:
+        if not is_loopback(self._host) and not token and not self._has_certificates:
+            raise ConfigError(
+                f"address {self._host} is reachable from other machines: expected a token or TLS client certificates"
+            )
+
     def _report_full(self) -> None:
         self.log(f"{self._max_clients} connections are open: new ones replace the oldest without a request or token")
 
@@ -259,7 +271,8 @@ class Server:
         async def check(
             request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
         ) -> web.StreamResponse:
-            refusal = check_request(request, self.access, check_host=self._check_host)
+            check_host = not self._tokens.required and not self._has_certificates
+            refusal = check_request(request, self.access, check_host=check_host)
             if refusal is not None:
                 self.log(refusal.log_text)
                 return refusal.response()

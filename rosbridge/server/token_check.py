@@ -86,6 +86,10 @@ class TokenCheck:
         self._wall_time_s = wall_time_s
         self._wrong = WrongTokens(clock)
 
+    def use(self, token: str) -> None:
+        """Requires another token from now on; empty: none. Cookies for the old one are no longer valid."""
+        self._token = _bytes(token)
+
     @property
     def required(self) -> bool:
         """Whether clients must present a token."""

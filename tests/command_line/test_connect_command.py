@@ -427,3 +427,18 @@ def test_with_an_ops_yaml_the_robots_share_one_history(robot_health: Start, tmp_
     with HistoryReader(tmp_path / "history.db") as reader:
         found = [(each.robot, each.signal, each.to_level.name) for each in reader.transitions()]
     assert sorted(found) == [("a", "link", "ERROR"), ("b", "link", "ERROR")]
+
+
+def test_sighup_reads_the_ops_yaml_again(robot_health: Start, thresholds: Path, tmp_path: Path) -> None:
+    ops = tmp_path / "ops.yaml"
+    ops.write_text(f"history: {{file: {tmp_path}/history.db}}\n")
+    watcher = robot_health("connect", "atlas=127.0.0.1:1", "--thresholds", thresholds, "--ops", ops)
+    watcher.wait_for_text("link ERROR")
+    ops.write_text(f"{ops.read_text()}notify: {{pager: {{type: webhook, url: 'http://127.0.0.1:1'}}}}\n")
+    os.kill(watcher.pid, signal.SIGHUP)
+    watcher.wait_for_text("[INFO] connect: reloaded: notify: added pager")
+    ops.write_text("notify: {pager: {type: webhok}}\n")
+    os.kill(watcher.pid, signal.SIGHUP)
+    assert f"{ops}:1: notify.pager" in watcher.wait_for_text("[ERROR] connect: not reloaded")
+    watcher.signal()
+    assert watcher.wait() == 0

@@ -24,6 +24,7 @@ from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.outlets import Event, Outlet
 from robot_health_monitor.fleet import Fleet
 from robot_health_monitor.fleet_configuration import FleetReader, Options, RobotSettings
+from robot_health_monitor.reloading import Reloads
 
 
 def test_a_robot_that_sends_nonsense_does_not_disturb_another_one(tmp_path: Path) -> None:
@@ -98,18 +99,21 @@ class Reloadable:
         self.fleet.on_change(
             lambda added, removed: self.changes.append(([r.name for r in added], [r.name for r in removed]))
         )
-        task = asyncio.ensure_future(self.fleet.run())
+        self.reloads = Reloads(self.fleet.log)
+        self.reloads.add(self.fleet)
+        tasks = {asyncio.ensure_future(self.fleet.run()), asyncio.ensure_future(self.reloads.run())}
         try:
             yield
         finally:
-            task.cancel()
-            await asyncio.wait({task})
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
             self.fleet.close()
 
     async def reload(self) -> str:
         """Reloads; returns the line about it."""
         before = len(self._reloads())
-        self.fleet.reload()
+        self.reloads.request()
         await until(lambda: len(self._reloads()) > before)
         return self._reloads()[-1].replace(str(self.folder), "")
 

@@ -13,6 +13,7 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.live_session import run_session
 from robot_health_monitor.output.display import OutputError
 from robot_health_monitor.output.events import Events
+from robot_health_monitor.reloading import Reloads
 from robot_health_monitor.runtime.interrupts import Interrupts
 
 
@@ -26,8 +27,9 @@ class Watched:
         self.closed = False
         self.reloads = 0
 
-    def reload(self) -> None:
+    async def reload(self) -> str:
         self.reloads += 1
+        return ""
 
     def close(self) -> None:
         self.closed = True
@@ -70,7 +72,9 @@ class Session:
             finally:
                 self.left = True
 
-        return run_session(self.watched, entered(), self.events, self.output, self.interrupts, duration_s)
+        reloads = Reloads(lambda severity, text: None)
+        reloads.add(self.watched)
+        return run_session(self.watched, entered(), self.events, self.output, self.interrupts, reloads, duration_s)
 
     def assert_closed(self) -> None:
         assert self.left and self.watched.closed
@@ -150,7 +154,9 @@ def test_an_error_at_the_start_comes_before_any_output() -> None:
         yield endless()
 
     with pytest.raises(ValueError):
-        run_session(session.watched, fails(), session.events, session.output, session.interrupts)
+        run_session(
+            session.watched, fails(), session.events, session.output, session.interrupts, Reloads(lambda *line: None)
+        )
     assert session.output.calls == ["close"] and session.watched.closed
 
 

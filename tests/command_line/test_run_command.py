@@ -485,3 +485,43 @@ def test_the_configuration_may_name_the_ops_yaml(robot_health: Start, tmp_path: 
     process = robot_health("run", "--thresholds", file)
     assert process.wait() == 2
     assert process.text == f"err: {tmp_path}/nowhere.yaml: cannot be read: No such file or directory"
+
+
+def test_sighup_reads_the_token_again_and_a_revoked_one_is_refused_at_once(
+    robot_health: Start, calm: Path, tmp_path: Path
+) -> None:
+    token = tmp_path / "token"
+    token.write_text("first-token-of-this-server")
+    token.chmod(0o600)
+    robot = robot_health("run", "--thresholds", calm, "--port", 0, "--token-file", token)
+    url = robot.wait_for_text("serving on ws://").rpartition(" ")[2]
+    watcher = robot_health("connect", url, "--thresholds", calm, "--robot-token-file", token)
+    watcher.wait_for_text("connected to")
+    copy = tmp_path / "copy"
+    copy.write_text("second-token-of-this-server")
+    token.unlink()
+    copy.rename(token)
+    os.kill(robot.pid, signal.SIGHUP)
+    robot.wait_for_text("reloaded: server: the token changed, every client has to present the new one")
+    watcher.wait_for_text("check this computer's settings: wrong token")  # it has not read its file again
+    os.kill(watcher.pid, signal.SIGHUP)
+    watcher.wait_for_text("connecting again")
+    watcher.wait_for_text("link OK: up")
+    token.write_text("two words")
+    os.kill(robot.pid, signal.SIGHUP)
+    assert f"{token}: expected one token" in robot.wait_for_text("[ERROR] alert_system: not reloaded")
+    watcher.signal()
+    robot.signal()
+    assert (watcher.wait(), robot.wait()) == (0, 0)
+
+
+def test_a_token_from_a_pipe_does_not_block_a_reload(robot_health: Start, calm: Path, tmp_path: Path) -> None:
+    fifo = tmp_path / "token"
+    os.mkfifo(fifo)
+    robot = robot_health("run", "--thresholds", calm, "--port", 0, "--token-file", fifo)
+    fifo.write_text("a-token-from-a-pipe")
+    robot.wait_for_text("serving on")
+    for bound in ("30.0", "40.0"):
+        calm.write_text(re.sub(r"warn_below: [0-9.]+", f"warn_below: {bound}", calm.read_text()))
+        os.kill(robot.pid, signal.SIGHUP)
+        robot.wait_for_text("reloaded: battery_level.warn_below: ")

@@ -25,6 +25,7 @@ from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.embedded import EmbeddedMonitor
 from robot_health_monitor.ops.configuration import ServerOptions
+from robot_health_monitor.runtime.tokens import TokenFiles
 from robot_health_monitor.serving import ServerSettings, page_address, serve, server_settings, stop_serving
 
 LOCAL = ServerSettings(port=0)
@@ -158,7 +159,7 @@ def test_the_address_of_the_page_can_be_opened(address: str, shown: str) -> None
 def of_arguments(
     options: Optional[ServerOptions], config: MonitorConfig = NO_PARAMETERS, **given: Any
 ) -> ServerSettings:
-    return server_settings(config, options, Namespace(**given) if given else None, warn=lambda text: None)
+    return server_settings(config, options, Namespace(**given) if given else None, tokens=TokenFiles(lambda text: None))
 
 
 def test_the_command_line_comes_first_then_the_parameters_then_the_ops_yaml() -> None:
@@ -185,7 +186,7 @@ def test_a_short_token_is_a_warning(tmp_path: Path, length: int, lines: int) -> 
     file.write_text("x" * length)
     file.chmod(0o600)
     warnings: List[str] = []
-    server_settings(NO_PARAMETERS, ServerOptions(token_file=str(file)), warn=warnings.append)
+    server_settings(NO_PARAMETERS, ServerOptions(token_file=str(file)), tokens=TokenFiles(warnings.append))
     problem = "the token has fewer than 16 characters and can be guessed; make one: openssl rand -hex 16"
     assert warnings == [problem] * lines
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from pathlib import Path
 from typing import List
 
 import pytest
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.runtime.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, find_token, read_token_file
+from robot_health_monitor.runtime.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, TokenFiles, find_token, read_token_file
 
 
 def write(folder: Path, contents: bytes, mode: int = 0o600) -> str:
@@ -78,3 +80,18 @@ def test_an_unusable_token_in_the_environment_is_not_quoted(monkeypatch: pytest.
     with pytest.raises(ConfigError) as caught:
         find_token("", no_warning)
     assert TOKEN_VARIABLE in str(caught.value) and "s3c" not in str(caught.value)
+
+
+def test_a_file_is_read_again_but_a_pipe_only_once(tmp_path: Path) -> None:
+    tokens = TokenFiles(no_warning)
+    file = write(tmp_path, b"first")
+    assert tokens.find(file) == "first"
+    write(tmp_path, b"second")
+    assert tokens.find(file) == "second"
+    fifo = str(tmp_path / "fifo")
+    os.mkfifo(fifo)
+    writer = threading.Thread(target=Path(fifo).write_text, args=("s3cret\n",))
+    writer.start()
+    assert tokens.find(fifo) == "s3cret"
+    writer.join()
+    assert tokens.find(fifo) == "s3cret"  # nothing writes to it any more: reading it would wait for ever

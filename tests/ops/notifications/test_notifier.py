@@ -324,3 +324,45 @@ def test_a_target_that_raises_anything_is_a_fault_and_stops_no_other(
         assert texts(server, 1) == ["battery WARN"]
         wait_for(faults.current)
         assert faults.current()["notify horn"] == (Level.WARN, "x: internal error: RuntimeError")
+
+
+# Other targets while it runs
+
+
+def test_targets_are_replaced_while_it_runs_and_nothing_is_lost_or_sent_twice(server: HttpServer) -> None:
+    old = TargetSettings("pager", "webhook", url=f"{server.url}/old")
+    kept = TargetSettings("chat", "webhook", url=f"{server.url}/chat")
+    new = TargetSettings("pager", "webhook", url=f"{server.url}/new")
+    late = TargetSettings("late", "webhook", url=f"{server.url}/late")
+    with running([old, kept]) as (notifier, history):
+        record(history, "WARN")
+        assert sorted(server.next().path for _ in range(2)) == ["/chat", "/old"]
+        wait_for(lambda: notifier.waiting == 0)
+        assert notifier.use_targets([old, kept]) == ""
+        assert notifier.use_targets([new, kept, late]) == "added late, changed pager"
+        assert server.next().path == "/late"  # the alert is open, and this target does not know it
+        record(history, "OK")
+        assert sorted(server.next().path for _ in range(3)) == ["/chat", "/late", "/new"]
+        assert notifier.use_targets([kept]) == "removed pager, late"
+        record(history, "WARN", signal="temperature")
+        assert server.next().path == "/chat"
+        wait_for(lambda: notifier.waiting == 0)
+        assert notifier.waiting_by_target() == {"chat": 0}
+
+
+def test_the_fault_of_a_target_ends_when_it_is_removed() -> None:
+    faults = Faults()
+    with running([TargetSettings("pager", "webhook", url="http://127.0.0.1:1")], faults=faults) as (notifier, history):
+        record(history, "WARN")
+        wait_for(faults.current)
+        assert notifier.use_targets([]) == "removed pager"
+        assert faults.current() == {}
+
+
+def test_a_monitor_without_targets_gets_some(server: HttpServer) -> None:
+    with running([]) as (notifier, history):
+        target = TargetSettings("chat", "webhook", url=server.url)
+        heartbeat = TargetSettings("alive", "heartbeat", url=f"{server.url}/alive")
+        assert notifier.use_targets([heartbeat, target]) == "added alive, chat"
+        record(history, "WARN")
+        assert texts(server, 1) == ["battery WARN"]

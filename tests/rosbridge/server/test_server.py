@@ -477,3 +477,25 @@ class TestWhoMayConnect:
         async with aiohttp.ClientSession() as session, session.get(robot.url) as response:
             assert response.status == 426
             assert "rosbridge" in await response.text()
+
+
+@with_robot(Access(token="s3cret"))
+async def test_another_token_disconnects_every_client_and_is_required_from_then_on(robot: Robot) -> None:
+    async with robot.peer(query="?token=s3cret") as peer:
+        await peer.settle()
+        robot.server.use_token("s3cret2")
+        await peer.closed()
+    with pytest.raises(aiohttp.WSServerHandshakeError):
+        async with robot.peer(query="?token=s3cret"):
+            pass
+    async with robot.peer(query="?token=s3cret2") as peer:
+        await peer.settle()
+    robot.server.use_token("")
+    async with robot.peer() as peer:
+        await peer.settle()
+
+
+def test_a_server_that_other_machines_reach_does_not_give_up_its_token() -> None:
+    server = Server(LocalBus().node("rosbridge"), host="0.0.0.0", access=Access(token="s3cret"))
+    with pytest.raises(ConfigError, match="expected a token or TLS client certificates"):
+        server.use_token("")
