@@ -19,6 +19,7 @@ from .field_path import parse_field_path
 from .formatting import bound_text, number_text
 from .middleware import split_type_name
 from .parameters import Parameter, describe, read_parameters, require_mapping
+from .standard_messages import check_field
 from .yaml_file import PathLike, read_yaml
 
 LINK = "link"
@@ -70,7 +71,7 @@ MONITOR_PARAMETERS = (
 )
 """Parameters of alert_system, apart from its signals."""
 
-SIGNAL_PARAMETERS = (
+_SIGNAL_PARAMETERS = (
     Parameter("topic", str, None, "topic of the signal; left out: the signal's name"),
     Parameter("type", str, "", "message type, such as std_msgs/Float32; left out: the type that is published"),
     Parameter("field", str, "data", "path of the number in the message; empty: count arrivals, the value is 1"),
@@ -114,6 +115,14 @@ SIGNAL_PARAMETERS = (
     Parameter("stale_after_s", float, 5.0, "time without a sample after which it is STALE, in s; 0: never", 0.0),
     Parameter("startup_grace_s", float, 10.0, "stale_after_s before the first sample, in s", 0.0),
     Parameter("repeat_s", float, 0.0, "interval of repeated announcements while not OK, in s; 0: none", 0.0),
+)
+
+LONGEST_S = 365.0 * 86_400.0
+"""Longest duration in a configuration, in s: a year. Prometheus refuses much longer ones."""
+
+SIGNAL_PARAMETERS = tuple(
+    replace(parameter, maximum=LONGEST_S) if parameter.name.endswith("_s") else parameter
+    for parameter in _SIGNAL_PARAMETERS
 )
 """Keys of a signal, each with unit and range."""
 
@@ -434,6 +443,7 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
                 problem = f"this name is reserved for {_RESERVED_NAMES[name]}; expected another"
                 raise ConfigError(problem, (*path, name))
             read[name] = read_signal(name, found, (*path, name))
+    _share_types(signals, read, path, problems)
     for name, signal in read.items():
         for key in CONDITIONS:
             condition = getattr(signal, key)
@@ -443,6 +453,42 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
                 problems.add(ConfigError(problem, (*path, name, key, "signal")))
     problems.raise_if_any()
     return read
+
+
+def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:
+    """Gives signals without a type that of another signal of the same topic; two types for one topic are a mistake.
+
+    Args:
+        found: the signals as they were given.
+        signals: those of them that could be read; changed.
+        path: where they are.
+        problems: receives the mistakes, each at both signals.
+    """
+    typed: Dict[str, Tuple[str, str]] = {}
+    for name, given in found.items():
+        topic, type_name = (given.get("topic", name), given.get("type")) if isinstance(given, Mapping) else (name, "")
+        if not isinstance(topic, str) or not isinstance(type_name, str) or split_type_name(type_name) is None:
+            continue
+        first, other = typed.setdefault(topic, (name, type_name))
+        if split_type_name(other) != split_type_name(type_name):
+            for one, its_type, another, another_type in (
+                (first, other, name, type_name),
+                (name, type_name, first, other),
+            ):
+                problem = f"signal {another} of the same topic {topic} has {another_type}, this one {its_type}"
+                problems.add(ConfigError(problem, (*path, one, "type")))
+    for name, signal in signals.items():
+        if signal.type or signal.topic not in typed:
+            continue
+        giver, type_name = typed[signal.topic]
+        signals[name] = replace(signal, type=type_name)
+        try:
+            check_field(signal.topic, type_name, signal.field)
+        except ConfigError as error:
+            problem = f"{error.problem}; the type is that of signal {giver} of the same topic"
+            problems.add(ConfigError(problem, (*path, name, "field")))
+            problem = f"signal {name} of the same topic has no type of its own, and a field that this type has not"
+            problems.add(ConfigError(problem, (*path, giver, "type")))
 
 
 def _names(names: List[str]) -> str:

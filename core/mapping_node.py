@@ -9,6 +9,7 @@ from __future__ import annotations
 import abc
 import collections
 import threading
+from functools import cached_property
 from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
 
 from .errors import ConfigError, MessageError, ServiceError
@@ -18,7 +19,7 @@ from .formatting import printable
 from .middleware import Message, Result, Severity, resolve_name
 from .missing_samples import Answer, Hints
 from .parameters import Parameter, flatten, unflatten
-from .standard_messages import check_field
+from .standard_messages import check_field, complete
 from .timers import ClockTimer, ClockTimers
 
 CLOCK = "/clock"
@@ -88,8 +89,19 @@ class MappingSubscription:
         except (KeyError, TypeError, AttributeError):
             self._log_missing(message)
             return
+        if isinstance(value, bool) and self._is_numeric:
+            value = "true" if value else "false"  # JSON has no types: it is no number, whatever Python says
         if value is not ABSENT:
             self._node.call_back(self, float("nan") if value is None and self._null_is_nan else value)
+
+    @cached_property
+    def _is_numeric(self) -> bool:
+        """Whether the field is known to be a number."""
+        try:
+            default = self._get(complete(self._type_name or self._node.type_of(self.topic), {}))
+        except (ConfigError, MessageError, KeyError, TypeError, AttributeError):
+            return False
+        return isinstance(default, (int, float)) and not isinstance(default, bool)
 
     def _log_missing(self, message: Message) -> None:
         if not self._has_failed:

@@ -96,7 +96,8 @@ class _Bounds:
             raise MarkedYAMLError(None, None, problem, self.peek_event().start_mark)  # type: ignore[attr-defined]
         node = super().compose_node(parent, index)  # type: ignore[misc]
         self._depth -= 1
-        if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+        # YAML 1.1 reads 1:30:00 as 5400, ROS 2 and YAML 1.2 as text.
+        if node.tag in _NUMBERS and (len(node.value) > LONGEST_NUMBER or ":" in node.value):
             node.tag = _TEXT
         return node
 

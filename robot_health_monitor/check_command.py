@@ -143,7 +143,6 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
         return {}
     definitions = known_definitions()
     unknown: Dict[str, None] = {}
-    types: Dict[str, Tuple[str, str]] = {}
     for name, signal in signals.items():
         if not isinstance(signal, Mapping):
             continue
@@ -154,10 +153,6 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
         if not isinstance(type_name, str) or split_type_name(type_name) is None or not isinstance(field, str):
             continue
         spelling = "/".join(split_type_name(type_name) or ())
-        first, other = types.setdefault(str(topic), (str(name), spelling))
-        if other != spelling:
-            problem = f"expected {other}, as in signal {first} of the same topic, got {spelling}"
-            problems.add(ConfigError(problem, (*path, "type")))
         try:
             if not check_field(definitions, str(topic), spelling, field):
                 unknown[spelling] = None

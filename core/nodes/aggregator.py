@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any, Callable, Dict, Mapping, Tuple
 
-from ..config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, SignalConfig, load_config, read_signal
+from ..config import DEFAULT_SIGNALS, LONGEST_S, NODE_PARAMETERS, MonitorConfig, SignalConfig, load_config, read_signal
 from ..diagnostics import ARRAY_TYPE, array_message
 from ..errors import ConfigError
 from ..formatting import number_text
@@ -21,8 +21,10 @@ from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, host_name, refuse_chan
 AGGREGATOR_PARAMETERS = (
     *NODE_PARAMETERS,
     Parameter("publish_rate", float, 1.0, "rate of system_health and /diagnostics in Hz", 0.01, 100.0),
-    Parameter("window_s", float, 60.0, "length of the window of the statistics in s", 0.001),
-    Parameter("stale_after_s", float, 5.0, "an input without a sample for longer than this is missing, in s", 0.001),
+    Parameter("window_s", float, 60.0, "length of the window of the statistics in s", 0.001, LONGEST_S),
+    Parameter(
+        "stale_after_s", float, 5.0, "an input without a sample for longer than this is missing, in s", 0.001, LONGEST_S
+    ),
     Parameter(
         "inputs",
         tuple,

@@ -216,14 +216,15 @@ def test_all_mistakes_of_a_file_are_reported_with_the_lines_of_their_keys(robot_
         f"8: {signals}.arm.type: expected a message type, got std_msgs/Flaot32, which does not exist;"
         " did you mean std_msgs/Float32?",
         f"9: {signals}.battery.field: battery: sensor_msgs/BatteryState has no field percentag;",
+        f"9: {signals}.battery.type: signal current of the same topic battery has nav_msgs/Odometry, this one",
         f"10: {signals}.battery.hysteresis: expected a number of at least 0, got -1",
-        f"11: {signals}.current.type: expected sensor_msgs/BatteryState, as in signal battery of the same topic,"
-        " got nav_msgs/Odometry",
+        f"11: {signals}.current.type: signal battery of the same topic battery has sensor_msgs/BatteryState,"
+        " this one nav_msgs/Odometry",
         f"12: {signals}.link: this name is reserved for the link to the robot; expected another",
         "14: robot2.alert_system: expected one section for alert_system in a file (one file per robot),"
         " got alert_system and robot2.alert_system",
         f"14: robot2.{signals}.leg.scale: expected a number other than 0, got 0",
-        "16: aggregator.ros__parameters.window_s: expected a number of at least 0.001, got 0",
+        "16: aggregator.ros__parameters.window_s: expected a number from 0.001 to 31536000, got 0",
         "16: aggregator.ros__parameters.methd: unknown key; did you mean method? expected one of",
         "19: battery_sensor.ros__parameters.publish_rate: expected a number from 0.01 to 1000, got 0",
         "20: battery_sensor.ros__parameters.battery_level.source: expected one of simulated, host, none, got 'hots'",

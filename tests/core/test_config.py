@@ -263,8 +263,8 @@ def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], proble
         ({"warn_above": math.inf}, "warn_above: expected a number, got inf"),
         ({"warn_below": True}, "warn_below: expected a number, got true"),
         ({"warn_below": None}, "warn_below: expected a number, got nothing"),
-        ({"for_s": -1}, "for_s: expected a number of at least 0, got -1"),
-        ({"window_s": 0}, "window_s: expected a number of at least 0.001, got 0"),
+        ({"for_s": -1}, "for_s: expected a number from 0 to 31536000, got -1"),
+        ({"window_s": 0}, "window_s: expected a number from 0.001 to 31536000, got 0"),
         ({"window_samples": 1.5}, "window_samples: expected a whole number from 1 to 1000000, got 1.5"),
         ({"flap_high": 101}, "flap_high: expected a number from 0 to 100, got 101"),
         ({"latch": "yes"}, "latch: expected true or false, got 'yes'"),
@@ -473,3 +473,36 @@ def test_window_min_s_above_window_s_is_an_error() -> None:
 def test_the_name_of_the_monitors_own_status_is_reserved() -> None:
     with pytest.raises(ConfigError, match="this name is reserved for the status of the monitor itself"):
         load_config({"signals": {"monitor": {"warn_below": 1.0}}})
+
+
+def load_signals(signals: Mapping[str, Any]) -> Any:
+    return load_config({"signals": signals})
+
+
+def test_two_types_for_one_topic_are_a_mistake_at_both_signals() -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_signals(
+            {"a": {"topic": "t", "type": "std_msgs/Float32"}, "b": {"topic": "t", "type": "std_msgs/msg/Float64"}}
+        )
+    assert [str(error) for error in caught.value.all] == [
+        "signals.a.type: signal b of the same topic t has std_msgs/msg/Float64, this one std_msgs/Float32",
+        "signals.b.type: signal a of the same topic t has std_msgs/Float32, this one std_msgs/msg/Float64",
+    ]
+    load_signals({"a": {"topic": "t", "type": "std_msgs/Float32"}, "b": {"topic": "t", "type": "std_msgs/msg/Float32"}})
+
+
+def test_a_signal_without_a_type_has_that_of_another_one_of_its_topic() -> None:
+    signals = {"rate": {"topic": "t", "field": ""}, "a": {"topic": "t", "type": "std_msgs/Float32"}}
+    assert load_signals(signals).signals["rate"].type == "std_msgs/Float32"
+    with pytest.raises(ConfigError) as caught:
+        load_signals({**signals, "b": {"topic": "t", "field": "percentage"}})
+    assert [error.path[1:] for error in caught.value.all] == [("b", "field"), ("a", "type")]
+    assert "t: std_msgs/Float32 has no field percentage" in str(caught.value)
+    assert str(caught.value).endswith("; the type is that of signal a of the same topic")
+
+
+def test_a_duration_is_at_most_a_year() -> None:
+    for parameter in SIGNAL_PARAMETERS:
+        if parameter.name.endswith("_s"):
+            with pytest.raises(ConfigError, match=r"to 31536000, got 10000000000|window_s"):
+                load_signals({"a": {parameter.name: 1e10}})

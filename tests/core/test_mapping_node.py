@@ -153,3 +153,21 @@ def test_a_rejected_parameter_keeps_the_old_value() -> None:
     with pytest.raises(ConfigError, match="rate: too high"):
         node.set_parameter("rate", 7.0)
     assert node.given_parameters() == {}
+
+
+@pytest.mark.parametrize(
+    ("type_name", "value", "expected"),
+    [
+        ("std_msgs/Float32", True, "true"),
+        ("std_msgs/msg/Int8", False, "false"),
+        ("std_msgs/Bool", True, True),
+        ("robot_msgs/Other", True, True),
+        ("std_msgs/Float32", 1, 1),
+    ],
+)
+def test_a_boolean_is_no_number_unless_the_type_has_one(type_name: str, value: Any, expected: Any) -> None:
+    received: List[Any] = []
+    subscription = MappingSubscription(Node(), "/in", type_name, "data", lambda value, now_s: received.append(value))
+    subscription.deliver({"data": value})
+    assert received == [expected]
+    assert type(received[0]) is type(expected)

@@ -99,8 +99,9 @@ def test_a_number_of_thousands_of_digits_is_text(loader: ModuleType, number: str
     assert loader.load(f"a: {number}\n", Problems()).value == {"a": number}
 
 
-def test_a_sexagesimal_number_is_one_as_yaml_1_1_says(loader: ModuleType) -> None:
-    assert loader.load("a: 1:30\n", Problems()).value == {"a": 90}
+@pytest.mark.parametrize("text", ["1:30", "1:30:00", "-1:30.5"])
+def test_a_sexagesimal_number_is_a_text_as_in_ros_2(loader: ModuleType, text: str) -> None:
+    assert loader.load(f"a: {text}\n", Problems()).value == {"a": text}
 
 
 @pytest.mark.parametrize(
