@@ -38,7 +38,7 @@ def test_a_signal_without_a_sample_is_unknown() -> None:
 def test_a_signal_whose_topic_nobody_publishes_has_a_hint() -> None:
     robots = Robots()
     robots.at(101.0)
-    robots.at(108.0)
+    robots.bus.run_until(108.0)
     signal = reader(robots).state(window=False)["signals"]["battery_level"]
     assert signal["hint"].startswith("no publisher on /robot")
 
