@@ -250,7 +250,7 @@ def test_beside_a_running_monitor_a_silence_is_in_force_within_about_a_second(
     ops, thresholds = tmp_path / "ops.yaml", tmp_path / "thresholds.yaml"
     ops.write_text(
         "history: {file: history.db}\n"
-        f"notify: {{hook: {{type: webhook, url: 'http://127.0.0.1:{webhook.server_port}/'}}}}\n"
+        f"notify: {{hook: {{type: webhook, url: 'http://127.0.0.1:{webhook.server_port}/', simulated: true}}}}\n"
         "server: {port: 0}\n"
     )
     thresholds.write_text(
@@ -264,7 +264,7 @@ def test_beside_a_running_monitor_a_silence_is_in_force_within_about_a_second(
     assert added.text == "out: silence 1: robot=r3, until resolved; 1 open alert: r3 battery_level"
     line = monitor.wait_for_text(" [silenced: known (until resolved)]")
     assert " battery_level WARN: " in line  # the alert stays visible
-    monitor.wait_for_text(" [silenced: ")  # a notification that was under way has arrived
+    monitor.wait_for_text(" [silenced: ")  # a request that was under way has arrived
     known = len(webhook.received)
     monitor.wait_for_text(" [silenced: ")
     monitor.wait_for_text(" [silenced: ")
