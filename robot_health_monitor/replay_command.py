@@ -9,7 +9,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.errors import ConfigError, Path
-from robot_health_monitor.core.formatting import count_text, duration_text, list_text
+from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
@@ -291,7 +291,8 @@ def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
 
 
 def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
-    robot = arguments.namespace.strip("/") or os.path.basename(os.path.abspath(arguments.recordings[0]))
+    file_name = os.path.basename(os.path.abspath(arguments.recordings[0]))
+    robot = arguments.namespace.strip("/") or printable(file_name).strip() or "recorded"  # any bytes but / are a name
     if name is None:
         return _Configuration("the defaults", None, (), {"robot_name": robot})
     file = read_yaml(name)

@@ -433,3 +433,34 @@ def test_output_that_cannot_be_written_is_a_failure(
         )
     assert ended.returncode == 3
     assert ended.stderr == "robot-health: the output cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    "name", [b"caf\xe9", b"esc\x1b[31m", b"two\nlines", "r\u202eev".encode(), b" ", b"?#%41&"], ids=repr
+)
+@pytest.mark.parametrize("kind", [".bag", ".mcap", ".db3", ""])
+def test_a_recording_may_have_any_name(
+    tmp_path: Path, thresholds: str, capfd: pytest.CaptureFixture[str], name: bytes, kind: str
+) -> None:
+    messages = values("/battery", [50.0, 15.0, 50.0])
+    folder = tmp_path / "folder"
+    if kind in (".bag", ".mcap"):
+        folder.mkdir()
+        source = (write_bag if kind == ".bag" else write_mcap)(folder / f"a{kind}", messages)
+    else:
+        source = write_folder(folder, messages)
+        source = str(next(folder.glob("*.db3"))) if kind else source
+    path = os.fsdecode(os.path.join(os.fsencode(tmp_path), name + kind.encode()))
+    os.rename(source, path)
+    report = tmp_path / "report.html"
+    assert main(["replay", path, "--thresholds", thresholds, "--report", str(report)]) == 1
+    printed = capfd.readouterr()
+    assert printed.err == ""
+    assert "battery WARN: 15 % is below 20 %" in printed.out
+    assert "battery WARN" in report.read_text(encoding="utf-8")
+    assert main(["replay", path, "--thresholds", thresholds, "--json"]) == 1
+    first = json.loads(capfd.readouterr().out.splitlines()[0])
+    assert first["robot"].isprintable()
+    assert first["robot"]
+    assert main(["suggest", path]) == 0
+    assert capfd.readouterr().out.startswith("# Suggested by")
