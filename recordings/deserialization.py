@@ -52,7 +52,7 @@ class Deserializer:
         self._shapes: Dict[str, _Shape] = {}
         self._readers: Dict[Tuple[str, str], _Read] = {}
         self._elements_left = 0
-        self.classes: Dict[str, Any] = {name: type(name, (), {"type_name": name}) for name in definitions}
+        self.classes: Dict[str, Any] = {name: type("Message", (), {"type_name": name}) for name in definitions}
         """The class of the messages of each type."""
 
     def bind(self, name: str) -> Callable[[bytes], Any]:

@@ -22,7 +22,8 @@ from typing import List, Optional, Sequence, Type
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
-from fuzz.targets import TARGETS, Target  # noqa: E402  # found through the line above
+from fuzz.recorded import RECORDED_TARGETS  # noqa: E402  # found through the line above
+from fuzz.targets import TARGETS, Target  # noqa: E402
 from fuzz.work import TooMuchWork, bounded, limited_time, measured  # noqa: E402
 
 SHOWN_CHARS = 3_000
@@ -31,7 +32,9 @@ _MEASURED = 4
 """The work of every fourth case is measured, which makes it slow."""
 
 
-def main(arguments: Optional[Sequence[str]] = None, targets: Sequence[Type[Target]] = TARGETS) -> int:
+def main(
+    arguments: Optional[Sequence[str]] = None, targets: Sequence[Type[Target]] = (*TARGETS, *RECORDED_TARGETS)
+) -> int:
     """Runs the targets, each for an equal part of the time; returns the exit code."""
     names = [target.name for target in targets]
     parser = argparse.ArgumentParser(prog="make fuzz", description="feeds random input to everything that takes input")

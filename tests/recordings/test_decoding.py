@@ -143,6 +143,7 @@ def test_a_recording_without_definitions_has_the_standard_types(encoding: str) -
     ("text", "form", "problem"),
     [
         ("", "", "no definition of it"),
+        (f"float32 x\n{'=' * 80}\nMSG: a\0b/T\nint8 x\n", "msg", "has no field y"),
         ("float32", "msg", "cannot use the definition of my_robot/Odd"),
         ("Cell cell", "msg", "cannot use the definition of my_robot/Odd"),
         ("module x {", "idl", "cannot use the definition of my_robot/Odd"),
@@ -150,7 +151,7 @@ def test_a_recording_without_definitions_has_the_standard_types(encoding: str) -
 )
 def test_a_definition_that_is_missing_or_wrong_is_one_line(text: str, form: str, problem: str) -> None:
     with pytest.raises(ConfigError) as raised:
-        Types(channel("cdr", "my_robot/Odd", text, form)).field_getter("x")
+        Types(channel("cdr", "my_robot/Odd", text, form)).field_getter("y")
     assert problem in str(raised.value)
     assert "\n" not in str(raised.value)
 
