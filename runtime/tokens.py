@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import stat
-from typing import Callable, Dict
+from typing import Callable, Dict, Set
 
 from robot_health_monitor.core.errors import ConfigError
 
@@ -25,15 +25,21 @@ class TokenFiles:
         """Reads nothing yet; `warn` is called with one line if other users may read a file."""
         self._warn = warn
         self._of_pipes: Dict[str, str] = {}
+        self._of_files: Set[str] = set()
 
     def find(self, file: str) -> str:
-        """Does what `find_token` does."""
-        if file not in self._of_pipes:
-            token = find_token(file, self._warn)
-            if not file or os.path.isfile(os.path.expanduser(file)):
-                return token
+        """Does what `find_token` does. A pipe in place of a file is an error: reading it could take for ever."""
+        if file in self._of_pipes:
+            return self._of_pipes[file]
+        is_pipe = file != "" and _is_pipe(file)
+        if is_pipe and file in self._of_files:
+            raise ConfigError("expected a file, as before, got a pipe", file=file)
+        token = find_token(file, self._warn)
+        if is_pipe:
             self._of_pipes[file] = token
-        return self._of_pipes[file]
+        else:
+            self._of_files.add(file)
+        return token
 
     def find_own(self, file: str) -> str:
         """Does the same for a token that clients of this process must present: a short one is reported."""
@@ -90,6 +96,14 @@ def read_token_file(file: str, warn: Callable[[str], object]) -> str:
     if stat.S_ISREG(mode) and mode & stat.S_IROTH:
         warn(f"{file}: every user of this machine can read this token; protect it with chmod 600")
     return token
+
+
+def _is_pipe(file: str) -> bool:
+    """Returns whether what a file contains can be read only once; False if there is no file."""
+    try:
+        return not stat.S_ISREG(os.stat(os.path.expanduser(file)).st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def _problem(token: str) -> str:

@@ -95,3 +95,13 @@ def test_a_file_is_read_again_but_a_pipe_only_once(tmp_path: Path) -> None:
     assert tokens.find(fifo) == "s3cret"
     writer.join()
     assert tokens.find(fifo) == "s3cret"  # nothing writes to it any more: reading it would wait for ever
+
+
+def test_a_pipe_in_place_of_a_file_is_an_error_and_is_not_waited_for(tmp_path: Path) -> None:
+    tokens = TokenFiles(no_warning)
+    file = write(tmp_path, b"first")
+    assert tokens.find(file) == "first"
+    os.unlink(file)
+    os.mkfifo(file)
+    with pytest.raises(ConfigError, match="expected a file, as before, got a pipe"):
+        tokens.find(file)
