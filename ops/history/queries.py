@@ -14,6 +14,7 @@ from .schema import INDEX_STEP, INDEXED
 
 _PAGE = 500
 _ROUNDING_S = 0.001  # of the times of samples
+_NEWEST = "SELECT max(id) FROM transitions GROUP BY robot, signal"
 
 
 class Gap(NamedTuple):
@@ -39,6 +40,7 @@ def transitions(
     before_id: Optional[int] = None,
     limit: Optional[int] = None,
     newest_first: bool = False,
+    open_only: bool = False,
 ) -> Iterator[StoredTransition]:
     """Yields transitions, by default in the order in which they happened.
 
@@ -53,6 +55,7 @@ def transitions(
         before_id: only those with a smaller id.
         limit: at most so many.
         newest_first: in reverse order; with a `limit`: the newest ones.
+        open_only: the newest of each signal only, if it is not OK.
     """
     # The unary plus keeps SQLite from sorting what an index on the time would find (of files of earlier versions).
     conditions: List[Tuple[str, List[Any]]] = [
@@ -61,6 +64,7 @@ def transitions(
         ("to_level = ?" if level is not None else "1", [int(level)] if level is not None else []),
         pattern_condition(connection, "robot", robot),
         pattern_condition(connection, "signal", signal),
+        (f"id IN ({_NEWEST}) AND to_level != 0" if open_only else "1", []),
     ]
     where = " AND ".join(condition for condition, _ in conditions)
     values = [value for _, values in conditions for value in values]

@@ -22,17 +22,19 @@
 
 const HealthPlot = (() => {
 const SVG = "http://www.w3.org/2000/svg";
-const HEIGHT = {top: 18, plot: 150, gap: 8, strip: 16, axis: 20};
-const LEFT = 54, RIGHT = 10, NARROWEST = 240, PAPER_WIDTH = 680, MARKER_SPACE = 11, CLICK = 5;
+const HEIGHT = {top: 18, plot: 250, gap: 8, strip: 16, axis: 20};
+const LEFT = 62, RIGHT = 10, NARROWEST = 240, PAPER_WIDTH = 680, MARKER_SPACE = 11, CLICK = 5;
 const RANK = {"": -1, OK: 0, WARN: 1, STALE: 2, ERROR: 3};
 const STRIP_SHARE = {OK: 0.3, WARN: 0.8, STALE: 1, ERROR: 1};  // levels differ in height, not in colour alone
 const STEPS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800,
   3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 2592000, 31536000];
+const CHARACTER = 7.4, LINE = 13, NARROW = 480, LONGEST_UNIT = 4;  // of the texts, in pixels
 let plots = 0;
 
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 const pixel = (value) => value.toFixed(1);
 const numberText = (value) => String(Number(value.toPrecision(5)));
+const shortened = (text, most) => (text.length > most ? `${text.slice(0, Math.max(1, most - 1))}…` : text);
 const withUnit = (text, unit) => (unit ? `${text} ${unit}` : text);
 
 /** Returns the local time of `t`, in s since 1970; with fractions of a second where `step` is below 1 s. */
@@ -173,9 +175,9 @@ class Plot {
     return button;
   }
 
-  x(t) { return LEFT + (t - this.view.from) / (this.view.to - this.view.from) * (this.width - LEFT - RIGHT); }
+  x(t) { return LEFT + (t - this.view.from) / (this.view.to - this.view.from) * (this.right - LEFT); }
 
-  t(x) { return this.view.from + (x - LEFT) / (this.width - LEFT - RIGHT) * (this.view.to - this.view.from); }
+  t(x) { return this.view.from + (x - LEFT) / (this.right - LEFT) * (this.view.to - this.view.from); }
 
   y(value) { return HEIGHT.top + (this.highest - value) / (this.highest - this.lowest) * HEIGHT.plot; }
 
@@ -188,6 +190,7 @@ class Plot {
   draw(width = 0) {
     const {svg, signal, view} = this;
     this.width = Math.max(width || this.element.clientWidth || 640, NARROWEST);
+    this.setBoundNames();
     const bottom = HEIGHT.top + HEIGHT.plot;
     const height = bottom + HEIGHT.gap + HEIGHT.strip + HEIGHT.axis;
     svg.replaceChildren();
@@ -197,16 +200,15 @@ class Plot {
       {id: `${this.id}-hatch`, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)"});
     add(hatch, "line", {class: "hatch", x1: 0, y1: 0, x2: 0, y2: 6});
     add(add(defs, "clipPath", {id: `${this.id}-clip`}), "rect",
-      {x: LEFT, y: HEIGHT.top - 1, width: this.width - LEFT - RIGHT, height: HEIGHT.plot + 2});
+      {x: LEFT, y: HEIGHT.top - 1, width: this.right - LEFT, height: HEIGHT.plot + 2});
     this.first = Math.max(0, firstAtLeast(this.times, view.from) - 1);
     this.end = Math.min(this.times.length, firstAtLeast(this.times, view.to) + 1);
     this.setRange();
     this.drawAxes(bottom);
     const inside = add(svg, "g", {"clip-path": `url(#${this.id}-clip)`});
-    const names = document.createElementNS(SVG, "g");
-    this.drawBounds(inside, names);
+    this.drawBounds(inside);
     this.drawValue(inside, bottom);
-    inside.append(names);  // above the line
+    this.drawBoundNames();
     this.drawStrip(bottom + HEIGHT.gap);
     this.drawAlerts(bottom);
     this.overlay = add(svg, "g");
@@ -245,14 +247,14 @@ class Plot {
   }
 
   drawAxes(bottom) {
-    const {svg, view, signal} = this, right = this.width - RIGHT;
-    const step = niceStep(this.highest - this.lowest, 4);
+    const {svg, view, signal, right} = this, unit = signal.unit.length <= LONGEST_UNIT ? signal.unit : "";
+    const step = niceStep(this.highest - this.lowest, 6);
     for (let value = Math.ceil(this.lowest / step) * step; value <= this.highest; value += step) {
       const y = pixel(this.y(value));
       add(svg, "line", {class: "grid", x1: LEFT, x2: right, y1: y, y2: y});
-      add(svg, "text", {x: LEFT - 6, y: Number(y) + 4, "text-anchor": "end"}, numberText(Number(value.toFixed(12))));
+      add(svg, "text", {x: LEFT - 6, y: Number(y) + 4, "text-anchor": "end"}, withUnit(numberText(Number(value.toFixed(12))), unit));
     }
-    add(svg, "text", {x: 0, y: 10}, signal.unit);
+    if (!unit) add(svg, "text", {x: 0, y: 10}, shortened(signal.unit, (right - LEFT) / CHARACTER));
     const span = view.to - view.from;
     const time = STEPS.find((each) => span / each <= Math.max(2, (right - LEFT) / 90)) || STEPS[STEPS.length - 1];
     const axis = bottom + HEIGHT.gap + HEIGHT.strip + 15;
@@ -269,24 +271,48 @@ class Plot {
     }
   }
 
-  drawBounds(parent, names) {
-    const right = this.width - RIGHT, taken = [];
+  /** Makes room for the names of the bounds right of the plot: in one line each, or two where it is narrow. */
+  setBoundNames() {
+    const {signal, width} = this, most = width < NARROW ? 11 : 26;
+    this.boundNames = signal.bounds.map((bound) => {
+      const value = `${bound.side} ${withUnit(numberText(bound.value), signal.unit)}`;
+      const lines = width < NARROW ? [bound.level, value] : [`${bound.level} ${value}`];
+      return {bound, text: `${bound.level} ${value}`, lines: lines.map((line) => shortened(line, most))};
+    });
+    const longest = Math.max(0, ...this.boundNames.flatMap(({lines}) => lines.map((line) => line.length)));
+    this.right = width - RIGHT - (longest ? longest * CHARACTER + 4 : 0);
+  }
+
+  drawBounds(parent) {
     for (const bound of this.signal.bounds) {
       const level = bound.level.toLowerCase(), y = this.y(bound.value), clears = this.y(bound.clears);
       if (y !== clears) {
-        add(parent, "rect", {class: `band ${level}`, x: LEFT, y: pixel(Math.min(y, clears)), width: right - LEFT,
+        add(parent, "rect", {class: `band ${level}`, x: LEFT, y: pixel(Math.min(y, clears)), width: pixel(this.right - LEFT),
           height: pixel(Math.abs(y - clears))});
       }
-      add(parent, "line", {class: `bound ${level}`, x1: LEFT, x2: right, y1: pixel(y), y2: pixel(y)});
-      const text = `${bound.level} ${bound.side} ${withUnit(numberText(bound.value), this.signal.unit)}`;
-      const places = bound.side === "above" ? [y - 4, y + 12] : [y + 12, y - 4];  // first: the side of the alert
-      const fits = (place) => place > HEIGHT.top + 9 && place < HEIGHT.top + HEIGHT.plot - 2 &&
-        taken.every((other) => Math.abs(other - place) >= 12) &&
-        this.signal.bounds.every((other) => other === bound || Math.abs(this.y(other.value) - place + 4) > 6);
-      const place = places.find(fits) || places[0];
-      taken.push(place);
-      add(names, "text", {class: `bound-name ${level}`, x: right - 4, y: pixel(place), "text-anchor": "end"}, text);
+      add(parent, "line", {class: `bound ${level}`, x1: LEFT, x2: pixel(this.right), y1: pixel(y), y2: pixel(y)});
     }
+  }
+
+  /** Writes the names of the bounds at their lines; where lines are close, the names keep their distance. */
+  drawBoundNames() {
+    const names = [...this.boundNames].sort((one, other) => other.bound.value - one.bound.value);
+    const height = LINE * Math.max(1, ...names.map(({lines}) => lines.length)), bottom = HEIGHT.top + HEIGHT.plot;
+    let next = HEIGHT.top;
+    const tops = names.map(({bound, lines}) => {
+      const top = Math.max(next, this.y(bound.value) - lines.length * LINE / 2);
+      next = top + height;
+      return top;
+    });
+    for (let at = names.length - 1, last = bottom; at >= 0; at--) last = tops[at] = Math.min(tops[at], last - height);
+    names.forEach(({bound, text, lines}, at) => {
+      const name = add(this.svg, "text", {class: `bound-name ${bound.level.toLowerCase()}`});
+      lines.forEach((line, row) => {
+        if (row) name.append(" ");
+        add(name, "tspan", {x: pixel(this.right + 6), y: pixel(tops[at] + (row + 0.8) * LINE)}, line);
+      });
+      if (lines.join(" ") !== text) add(name, "title", {}, text);
+    });
   }
 
   /** Draws one minimum and one maximum per column of pixels, so that no extreme is lost. */
@@ -318,11 +344,11 @@ class Plot {
     }
     flush();
     add(parent, "path", {class: "value", d: path || "M0 0"});
-    if (!path) add(parent, "text", {x: (LEFT + this.width - RIGHT) / 2, y: bottom / 2 + 9, "text-anchor": "middle"}, "no samples");
+    if (!path) add(parent, "text", {x: (LEFT + this.right) / 2, y: bottom / 2 + 9, "text-anchor": "middle"}, "no samples");
     let lastX = -Infinity, crosses = "";
     for (const t of signal.bad) {
       const x = this.x(t);
-      if (x < LEFT || x > this.width - RIGHT || x - lastX < 4) continue;
+      if (x < LEFT || x > this.right || x - lastX < 4) continue;
       lastX = x;
       crosses += `M${pixel(x - 3)} ${bottom - 9}l6 6m0 -6l-6 6`;
     }
@@ -330,7 +356,7 @@ class Plot {
   }
 
   drawStrip(top) {
-    const {svg, view, signal} = this, right = this.width - RIGHT;
+    const {svg, view, signal, right} = this;
     const levels = signal.levels.concat([[view.last, ""]]);
     let drawnTo = LEFT, worst = "", began = LEFT;
     const bar = (from, to, level) => {
@@ -430,7 +456,7 @@ class Plot {
 
   /** Returns the begin and the end of what a pointer has selected. */
   selection(pointer) {
-    return [pointer.start, pointer.x].sort((one, other) => one - other).map((x) => clamp(x, LEFT, this.width - RIGHT));
+    return [pointer.start, pointer.x].sort((one, other) => one - other).map((x) => clamp(x, LEFT, this.right));
   }
 
   /** Returns the place of a pointer in the coordinates of the SVG. */
@@ -445,7 +471,7 @@ class Plot {
       // Without focus or Ctrl the wheel scrolls the page.
       if (!event.ctrlKey && document.activeElement !== svg) return;
       event.preventDefault();
-      view.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.t(clamp(this.place(event), LEFT, this.width - RIGHT)));
+      view.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.t(clamp(this.place(event), LEFT, this.right)));
     }, {passive: false});
     svg.addEventListener("keydown", (event) => {
       const actions = {
@@ -468,11 +494,11 @@ class Plot {
       if (this.pointers.size === 2 && pointer) {
         this.pinch(pointer, x);
       } else if (pointer && pointer.pan) {
-        view.move((pointer.x - x) / (this.width - LEFT - RIGHT));
+        view.move((pointer.x - x) / (this.right - LEFT));
         pointer.x = x;
       } else {
         if (pointer) pointer.x = x;
-        this.at = this.t(clamp(x, LEFT, this.width - RIGHT));
+        this.at = this.t(clamp(x, LEFT, this.right));
         this.drawCursor();
         if (pointer && pointer.type === "mouse" && Math.abs(x - pointer.start) > CLICK) this.drawSelection(pointer);
       }
@@ -485,7 +511,7 @@ class Plot {
       if (pointer.type === "mouse" && !pointer.pan && to - from > CLICK) {
         view.show(this.t(from), this.t(to));
       } else if (pointer.type !== "mouse") {
-        this.at = this.t(clamp(pointer.x, LEFT, this.width - RIGHT));
+        this.at = this.t(clamp(pointer.x, LEFT, this.right));
         this.drawCursor();
       }
     };

@@ -46,6 +46,8 @@ class Query(NamedTuple):
     """In s since 1970."""
     before_id: Optional[int]
     limit: int
+    open_only: bool
+    """Only those that are the newest of their signal, and not OK."""
 
 
 def query_of(parameters: Mapping[str, str]) -> Query:
@@ -66,6 +68,7 @@ def query_of(parameters: Mapping[str, str]) -> Query:
         _time(parameters.get("since", "")),
         before,
         _USUAL if limit is None else limit,
+        parameters.get("open", "0") == "1",
     )
 
 
@@ -90,6 +93,7 @@ class PastAlerts:
                     before_id=query.before_id,
                     limit=query.limit + 1,
                     newest_first=True,
+                    open_only=query.open_only,
                 )
             )
             shown = found[: query.limit]

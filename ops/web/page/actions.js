@@ -50,8 +50,11 @@ export class Actions {
     this.confirmDialog = new ActionDialog("confirm-dialog", announce);
   }
 
-  /** Asks for how long and why, then silences. `signal` "*": all; `isAlert`: an alert is open, whose end can be waited for. */
-  silence(robot, signal, isAlert) {
+  /**
+   * Asks for how long and why, then silences. `signal` "*": all; `isAlert`: an alert is open, whose end can be waited for;
+   * `time`: how long, as proposed.
+   */
+  silence(robot, signal, isAlert, time = "3600") {
     const field = (name) => byId(`silence-${name}`);
     field("robot").value = patternOf(robot);
     field("signal").value = signal === "*" ? signal : patternOf(signal);
@@ -59,7 +62,7 @@ export class Actions {
     field("author").value = remembered(AUTHOR);
     const untilResolved = field("time").querySelector("[value=resolved]");
     untilResolved.disabled = !isAlert;
-    field("time").value = "3600";
+    field("time").value = time;
     this.silenceDialog.ask(async () => {
       const time = field("time").value, author = field("author").value.trim();
       remember(AUTHOR, author);
@@ -72,7 +75,7 @@ export class Actions {
       });
       return "silenced";
     });
-    field("time").focus();
+    field(time === "resolved" ? "reason" : "time").focus();
   }
 
   /** Asks, then ends a silence. */

@@ -1,6 +1,6 @@
 /* Tables of past alerts, from the history. */
 import {request} from "./connection.js";
-import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
+import {byId, isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
 import {durationText, fullTimeText, patternOf, timeText, withHint} from "./format.js";
 import {Badge, kindOfLevel} from "./levels.js";
 import {drawEvidence} from "./plots.js";
@@ -10,17 +10,23 @@ let tables = 0;
 
 /** A table of alerts, newest first, each with its evidence on request. */
 export class AlertTable {
-  /** @param {{robot: ?string, signal: ?string}} only - only these alerts; `size`: how many at a time. */
-  constructor(page, only, size = PAGE_SIZE) {
+  /**
+   * @param {Object} only - parameters of /api/history: only these alerts.
+   * @param {number} size - how many at a time; `pages`: whether older ones can be shown.
+   * @param {boolean} ofSignal - whether all are of one signal: neither its robot nor buttons to acknowledge are shown.
+   */
+  constructor(page, {only = {}, size = PAGE_SIZE, pages = true, ofSignal = false} = {}) {
     this.page = page;
     this.only = only;
     this.size = size;
+    this.pages = pages;
+    this.ofSignal = ofSignal;
     this.id = `alerts-${++tables}`;
     this.rows = new Map();
     this.gaps = [];
     this.more = false;
     this.loading = false;
-    const heads = ["Time", "Level", ...(only.robot ? [] : ["Robot"]), "Alert"];
+    const heads = ["Time", "Level", ...(ofSignal ? [] : ["Robot"]), "Alert", ...(ofSignal ? [] : ["Action"])];
     this.columns = heads.length;
     Object.assign(this, makeTable("alerts", "Alerts, newest first", heads));
     this.table.hidden = true;
@@ -29,13 +35,24 @@ export class AlertTable {
     this.element = make("div", {}, this.table, this.note, this.older);
   }
 
+  /** Shows only the alerts of these parameters of /api/history. */
+  filter(only) {
+    this.only = only;
+    this.rows.clear();
+    this.more = false;
+    this.load();
+  }
+
   /** Fetches the newest alerts, or the ones before the oldest that is shown. */
   async load(older = false) {
     this.again = this.loading;
     if (this.loading) return;
     this.loading = true;
+    const {only} = this;
     try {
-      if (this.page.fleet.state.history) this.take(await request(`api/history?${this.query(older)}`), older);
+      const answer = this.page.fleet.state.history ? await request(`api/history?${this.query(older)}`) : null;
+      if (only !== this.only) this.again = true;  // the filter changed meanwhile
+      else if (answer) this.take(answer, older);
       else this.tell("No history: ops.yaml has no section history.");
     } catch (error) {
       this.tell(`The history cannot be read: ${error.message}`);
@@ -45,8 +62,7 @@ export class AlertTable {
   }
 
   query(older) {
-    const query = new URLSearchParams({limit: this.size});
-    for (const [key, value] of Object.entries(this.only)) query.set(key, patternOf(value));
+    const query = new URLSearchParams({...this.only, limit: this.size});
     if (older && this.rows.size) query.set("before", Math.min(...this.rows.keys()));
     return query;
   }
@@ -58,13 +74,30 @@ export class AlertTable {
     if (older || this.rows.size <= alerts.length) this.more = answer.more;
     while (!older && this.rows.size > most) this.more = this.rows.delete(Math.min(...this.rows.keys()));
     for (const gap of answer.gaps || []) if (!this.gaps.some((known) => known.key === gap.from)) this.gaps.push(gapRow(gap, this.columns));
-    this.older.hidden = !this.more;
+    this.older.hidden = !this.more || !this.pages;
     const shown = [...this.rows.values()];
     const oldest = Math.min(...shown.map((row) => row.time));
     const rows = [...shown, ...this.gaps.filter((gap) => gap.time >= oldest || !this.more)].sort((one, other) => other.time - one.time || other.place - one.place);
     setChildren(this.body, rows.flatMap((row) => row.elements));
     this.table.hidden = !rows.length;
-    this.tell(shown.length ? "" : "No alerts.");
+    this.tell(shown.length ? "" : Object.keys(this.only).length ? "No alert matches." : "No alerts.");
+    this.refresh();
+  }
+
+  /** Updates which alerts are open, and can be acknowledged: the newest of a signal that still has this level. */
+  refresh() {
+    const seen = new Set(), {robots} = this.page.fleet;
+    for (const row of [...this.rows.values()].sort((one, other) => other.place - one.place)) {
+      const {robot, signal, to_level: level} = row.alert, key = JSON.stringify([robot, signal]);
+      const of = robots.get(robot), now = of && of.data.signals[signal];
+      row.showOpen(!seen.has(key) && level !== "OK" && now && now.level === level ? now : null);
+      seen.add(key);
+    }
+  }
+
+  /** Returns the id of the element that shows an alert. */
+  idOf(alert) {
+    return this.rows.has(alert.id) ? this.rows.get(alert.id).id : "alerts";
   }
 
   tell(text) {
@@ -87,13 +120,26 @@ class AlertRow {
     this.button = make("button.evidence", {"aria-expanded": "false", title: "show the samples at that moment", onclick: () => this.toggle()},
       shape("open"), isolated(withHint(alert.text, alert.hint)));
     const {now} = this.page.fleet;
+    this.acknowledge = make("button", {
+      hidden: true, "aria-label": `Acknowledge ${alert.signal} of ${alert.robot}`,
+      onclick: () => this.page.actions.silence(alert.robot, alert.signal, true, "resolved"),
+    }, "Acknowledge…");
+    this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
     this.row = makeRow("alert",
       makeCell("time", make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now))),
       makeCell("level", new Badge(kindOfLevel(alert.to_level)).element),
-      table.only.robot ? null : makeCell("robot-cell", this.robotLink(alert.robot)),
-      makeCell("text", this.button));
+      table.ofSignal ? null : makeCell("robot-cell", this.robotLink(alert.robot)),
+      makeCell("text", this.button), table.ofSignal ? null : makeCell("action", make("span", {}, this.acknowledge, this.silenced)));
     this.row.id = this.id;
     this.elements = [this.row, this.more];
+  }
+
+  /** Shows whether the alert is open: `signal` is its signal as in the API, null if it is not. */
+  showOpen(signal) {
+    setAttribute(this.row, "class", `alert${signal ? " open" : ""}`);
+    this.acknowledge.hidden = !signal || Boolean(signal.silenced) || !this.page.fleet.canSilence;
+    this.silenced.hidden = !signal || !signal.silenced;
+    setAttribute(this.silenced, "title", signal && signal.silenced);
   }
 
   robotLink(name) {
@@ -123,4 +169,30 @@ function gapRow(gap, columns) {
   const from = Date.parse(gap.from), time = Date.parse(gap.to);
   const text = `no monitor ran for ${durationText((time - from) / 1000)}, from ${fullTimeText(from)}`;
   return {key: gap.from, time, place: 0, elements: [makeRow("gap", makeCell("", text, columns))]};
+}
+
+const TYPING_MS = 300;
+
+/** All alerts, with a filter. */
+export class AlertView {
+  constructor(page) {
+    this.table = new AlertTable(page);
+    byId("alert-history").append(this.table.element);
+    this.form = byId("alert-filter");
+    this.form.addEventListener("submit", (event) => event.preventDefault());
+    const apply = () => {
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => this.table.filter(this.only), TYPING_MS);
+    };
+    for (const event of ["input", "change"]) this.form.addEventListener(event, apply);
+  }
+
+  /** The filter, as parameters of /api/history. */
+  get only() {
+    const {robot, signal, level, open} = this.form.elements, only = {};
+    for (const {name, value} of [robot, signal]) if (value.trim()) only[name] = `*${patternOf(value.trim(), "*?")}*`;
+    if (level.value) only.level = level.value;
+    if (open.checked) only.open = 1;
+    return only;
+  }
 }

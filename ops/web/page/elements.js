@@ -1,5 +1,5 @@
 /* Building and changing elements. Texts become text nodes: nothing from a robot is ever parsed as HTML. */
-const SVG = "http://www.w3.org/2000/svg";
+export const SVG = "http://www.w3.org/2000/svg";
 
 export const byId = (id) => document.getElementById(id);
 

@@ -12,16 +12,21 @@ export function durationText(seconds) {
   return `${large} ${unit}${small ? ` ${small} ${smallUnit}` : ""}`;
 }
 
+/** Returns a text with °C in place of the unit degC. */
+export function withDegrees(text) {
+  return text.replace(/\bdegC\b/g, "°C");
+}
+
 /** Returns a message or alert line with the hint why there are no samples, as everything shows it. */
 export function withHint(text, hint) {
-  return hint ? `${text} [${hint}]` : text;
+  return withDegrees(hint ? `${text} [${hint}]` : text);
 }
 
 /** Returns a value with its unit, with at most five digits; texts as they are. */
 export function valueText(value, unit) {
   if ((value ?? "") === "") return "";
   const text = typeof value === "number" ? Number(value.toPrecision(5)) : value;
-  return unit ? `${text} ${unit}` : String(text);
+  return withDegrees(unit ? `${text} ${unit}` : String(text));
 }
 
 /** Returns the local time of day, with the date unless it is the day of `now`. */
@@ -64,7 +69,10 @@ export function countText(count, noun) {
   return `${count} ${noun}${count === 1 ? "" : "s"}`;
 }
 
-/** Returns a pattern that matches a name: characters that patterns cannot have as such become `?`, which matches any. */
-export function patternOf(name) {
-  return name.replace(/[*?[\]"]|(?! )[\p{C}\p{Z}]/gu, "?");
+/**
+ * Returns a pattern that matches a name: characters that patterns cannot have as such become `?`, which matches any;
+ * those in `kept` stay.
+ */
+export function patternOf(name, kept = "") {
+  return name.replace(/[*?[\]"]|(?! )[\p{C}\p{Z}]/gu, (character) => (kept.includes(character) ? character : "?"));
 }

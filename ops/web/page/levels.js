@@ -1,14 +1,14 @@
 /* What a signal or robot is shown as: its level, or why the level is unknown. */
 import {make, setShape, setText, shape} from "./elements.js";
 
-/** Every kind with its label, worst first. `nolink`, `unknown` and `waiting` are neither OK nor an alarm. */
+/** Every kind with its label, worst first: levels, and the states of docs/rules.md in which the level is unknown. */
 export const KINDS = new Map([
   ["error", "ERROR"],
   ["nolink", "NO LINK"],
   ["stale", "STALE"],
   ["warn", "WARN"],
-  ["unknown", "UNKNOWN"],
-  ["waiting", "WAITING"],
+  ["unknown", "unreachable"],
+  ["waiting", "waiting"],
   ["ok", "OK"],
 ]);
 

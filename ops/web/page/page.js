@@ -1,6 +1,6 @@
 /* The web page: connects the monitor's events with the views. */
 import {Actions, remember, remembered} from "./actions.js";
-import {AlertTable} from "./alerts.js";
+import {AlertTable, AlertView} from "./alerts.js";
 import {Connection, request} from "./connection.js";
 import {byId, isolated, make, setAttribute, setChildren, setShape, setText} from "./elements.js";
 import {Fleet} from "./fleet.js";
@@ -12,6 +12,7 @@ import {SilenceList} from "./silences.js";
 
 const VIEWS = ["robots", "alerts", "silences"];
 const LOGGED_IN = "robot-health-logged-in";
+const RECENT = 5;
 const MOST_ANNOUNCED = 3;
 const ANNOUNCE_MS = 2000;
 
@@ -36,8 +37,9 @@ class Page {
     this.actions = new Actions((text) => this.announce(text));
     this.robots = new RobotList(this);
     this.silences = new SilenceList(this);
-    this.alerts = new AlertTable(this, {});
-    byId("alert-history").append(this.alerts.element);
+    this.alerts = new AlertView(this).table;
+    this.recent = new AlertTable(this, {size: RECENT, pages: false});
+    byId("recent-alerts").append(this.recent.element);
     this.connection = new Connection(this);
     addEventListener("hashchange", () => this.showView());
     byId("retry").addEventListener("click", () => this.connection.open());
@@ -61,7 +63,7 @@ class Page {
     this.silences.update();
     this.setPhase("live");
     this.robots.follow();
-    if (this.view === "alerts") this.alerts.load();
+    this.loadAlerts();
   }
 
   change(change) {
@@ -69,10 +71,19 @@ class Page {
     const changes = this.fleet.merge(change);
     this.robots.update(changes, false);
     this.silences.update();
+    this.alerts.refresh();
+    this.recent.refresh();
     if (changes.order || change.monitor) this.showSummary();
     if (!changes.alerts.length) return;
     this.collectNews(changes.alerts);
+    this.loadAlerts();
+  }
+
+  /** Loads the alerts that are in view. */
+  loadAlerts() {
+    byId("recent").hidden = !this.fleet.state.history;
     if (this.view === "alerts") this.alerts.load();
+    else if (this.view === "robots" && this.fleet.state.history) this.recent.load();
   }
 
   samples(samples) {
@@ -158,7 +169,7 @@ class Page {
     }
     if (!this.isLive || location.hash === this.shown) return;
     this.shown = location.hash;
-    if (view === "alerts") this.alerts.load();
+    this.loadAlerts();
     if (view === "robots" && name) this.robots.open(name);
   }
 

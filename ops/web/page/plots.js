@@ -1,5 +1,6 @@
 /* Plots of windows and of the evidence of alerts, drawn by plot.js (`HealthPlot`), which the replay report uses too. */
-import {utcOffset, withHint} from "./format.js";
+import {SVG} from "./elements.js";
+import {utcOffset, withDegrees, withHint} from "./format.js";
 
 /* global HealthPlot */
 
@@ -19,6 +20,7 @@ function columns(samples) {
   return {start, width: RESOLUTION_S, steps: places.map((place, at) => place - (at ? places[at - 1] : -1)), low: values, high: values};
 }
 
+const seconds = (time) => Date.parse(time) / 1000;
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
 function boundsOf(signal) {
@@ -37,7 +39,24 @@ export class WindowPlot {
   constructor(element, name) {
     this.element = element;
     this.name = name;
+    /** Levels that were seen here, as [s since 1970, level]. */
     this.levels = [];
+    /** What the history has: levels before that, and alerts. */
+    this.past = {levels: [], alerts: []};
+  }
+
+  /** Takes the alerts of the history, newest first, each with the `element` that shows it, and when no monitor ran. */
+  setPast(alerts, gaps) {
+    const oldestFirst = [...alerts].reverse(), changes = [];
+    if (oldestFirst.length) changes.push([seconds(oldestFirst[0].since), oldestFirst[0].from_level]);
+    for (const {time, to_level: level} of oldestFirst) changes.push([seconds(time), level]);
+    const levelAt = (t) => changes.reduce((found, [begin, level]) => (begin <= t ? level : found), "");
+    const ends = gaps.flatMap(({from, to}) => [[seconds(from), ""], [seconds(to), levelAt(seconds(to))]]);
+    const isKnown = ([t]) => !gaps.some(({from, to}) => seconds(from) <= t && t < seconds(to));
+    this.past = {
+      levels: [...changes.filter(isKnown), ...ends].sort(([one], [other]) => one - other),
+      alerts: oldestFirst.map((alert) => ({id: alert.element, t: seconds(alert.time), level: alert.to_level, text: withHint(alert.text, alert.hint)})),
+    };
   }
 
   /** Shows a signal with these samples, up to `now` in s since 1970. */
@@ -46,9 +65,10 @@ export class WindowPlot {
     const from = samples.length ? samples[0][0] : now - 60;
     const last = samples.length ? samples[samples.length - 1][0] : now;
     const to = clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
+    const seen = this.levels.length ? this.levels[0][0] : Infinity;
     const shown = {
-      name: this.name, unit: signal.judged_unit ?? signal.unit ?? "", ...columns(samples), bad: [], gap: gapOf(samples), bounds: signal.bounds || [],
-      levels: this.levels, alerts: [],
+      name: this.name, unit: withDegrees(signal.judged_unit ?? signal.unit ?? ""), ...columns(samples), bad: [], gap: gapOf(samples),
+      bounds: signal.bounds || [], levels: [...this.past.levels.filter(([t]) => t < seen), ...this.levels], alerts: this.past.alerts,
     };
     if (this.plot) {
       this.view.extend(from, to);
@@ -59,11 +79,11 @@ export class WindowPlot {
     }
   }
 
-  /** Keeps the levels as far as they were seen here; what was before is unknown. */
+  /** Keeps the levels as far as they were seen here; the history has what was before. */
   noteLevel(signal, kind) {
     const level = LEVEL_OF_KIND[kind] || "", last = this.levels[this.levels.length - 1];
     if (last && last[1] === level) return;
-    const since = Date.parse(signal.since) / 1000;
+    const since = seconds(signal.since);
     if (!Number.isNaN(since)) this.levels.push([Math.max(since, last ? last[0] : -Infinity), level]);
     if (this.levels.length > MOST_LEVELS) this.levels.shift();
   }
@@ -76,11 +96,37 @@ export function drawEvidence(element, past, id) {
   const [from, to] = [Math.min(...times), Math.max(...times)];
   const room = Math.max((to - from) * 0.03, 0.5);
   const signal = {
-    name: alert.signal, unit: past.unit || "", ...columns(samples), bad: [], gap: gapOf(samples),
+    name: alert.signal, unit: withDegrees(past.unit || ""), ...columns(samples), bad: [], gap: gapOf(samples),
     bounds: boundsOf({statistic: alert.statistic, bounds: past.bounds}),
     levels: [[Date.parse(alert.since) / 1000 || from, alert.from_level], [time, alert.to_level]],
     alerts: [{id, t: time, level: alert.to_level, text: withHint(alert.text, alert.hint)}],
   };
   const view = new HealthPlot.View(from - room, to + room, utcOffset(time * 1000));
   return new HealthPlot.Plot(element, signal, view);
+}
+
+const SPARK = {width: 104, height: 26, edge: 3};
+
+/** Returns a small line of the samples in a window, with the bounds. */
+export function drawSpark(signal, samples) {
+  const svg = document.createElementNS(SVG, "svg"), {width, height, edge} = SPARK, bounds = signal.bounds || [];
+  svg.setAttribute("class", "spark");
+  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  svg.setAttribute("aria-hidden", "true");
+  const valid = samples.filter(([, value]) => Number.isFinite(value));
+  if (valid.length < 2) return svg;
+  const values = valid.map(([, value]) => value).concat(bounds.map(({value}) => value));
+  const [low, high] = [Math.min(...values), Math.max(...values)], [from, to] = [valid[0][0], valid[valid.length - 1][0]];
+  const y = (value) => (high > low ? edge + (high - value) / (high - low) * (height - 2 * edge) : height / 2).toFixed(1);
+  const x = (t) => ((t - from) / (to - from || 1) * (width - edge)).toFixed(1);
+  const path = (kind, d) => {
+    const element = document.createElementNS(SVG, "path");
+    element.setAttribute("class", kind);
+    element.setAttribute("d", d);
+    svg.append(element);
+  };
+  for (const {level, value} of bounds) path(`spark-bound ${level.toLowerCase()}`, `M0 ${y(value)}H${width}`);
+  path("spark-line", valid.map(([t, value], at) => `${at ? "L" : "M"}${x(t)} ${y(value)}`).join(""));
+  path("spark-end", `M${x(to)} ${y(valid[valid.length - 1][1])}h0`);
+  return svg;
 }

@@ -4,7 +4,7 @@ import {countText, showAge} from "./format.js";
 import {Badge, KINDS} from "./levels.js";
 import {SignalTable} from "./signals.js";
 
-/** Most robots with open plots; the API sends the samples of at most ten. */
+/** Most robots with plots or trends; the API sends the samples of at most ten. */
 const MOST_PLOTTED = 10;
 let rows = 0;
 
@@ -40,11 +40,10 @@ class RobotRow {
   }
 
   updateBody() {
-    const {link} = this.robot.data, {fleet} = this.page;
+    const {fleet} = this.page;
     this.table.update(this.robot);
     this.silence.hidden = !fleet.canSilence;
     this.reset.hidden = !(fleet.state.can_change && Object.values(this.robot.data.signals).some((signal) => signal.latch));
-    setText(this.link, link ? `link ${link}` : "");
   }
 
   /** Updates what changes with time alone. */
@@ -67,10 +66,10 @@ class RobotRow {
   fill() {
     const actions = this.page.actions, name = this.robot.name;
     this.table = new SignalTable(this.robot, this.page);
-    this.link = make("span.fact");
+    this.page.robots.follow(this.table);
     this.silence = make("button", {onclick: () => actions.silence(name, "*", false)}, "Silence robot…");
     this.reset = make("button.reset", {onclick: () => actions.reset(name)}, "Reset latched alerts…");
-    this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset, this.link));
+    this.body.append(this.table.table, make("div.robot-tools", {}, this.silence, this.reset));
     this.updateBody();
   }
 }
@@ -136,14 +135,16 @@ export class RobotList {
     for (const row of this.rows.values()) row.tick();
   }
 
-  /** Asks for the samples of robots with plots. If there are too many, one is closed, but not `latest`. */
+  /** Asks for the samples of open robots, first of those with plots. If these are too many, one is closed, but not `latest`. */
   follow(latest) {
-    const tables = [...this.rows.values()].map((row) => row.table).filter((table) => table && table.opened.length);
+    const open = [...this.rows.values()].map((row) => row.table).filter((table) => table);
+    const tables = open.filter((table) => table.opened.length);
     if (tables.length > MOST_PLOTTED) {
       const closed = tables.find((table) => table !== latest);
       closed.opened.forEach((signal) => signal.toggle());
       tables.splice(tables.indexOf(closed), 1);
     }
+    tables.push(...open.filter((table) => !table.opened.length).slice(0, MOST_PLOTTED - tables.length));
     this.page.connection.follow(tables.map((table) => table.robot.name));
   }
 

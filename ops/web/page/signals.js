@@ -1,10 +1,13 @@
 /* The signals of one robot: a table, and for each opened signal its plot, settings and alerts. */
 import {AlertTable} from "./alerts.js";
 import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
-import {showAge, valueText, withHint} from "./format.js";
-import {Badge, LINK} from "./levels.js";
-import {WindowPlot} from "./plots.js";
+import {request} from "./connection.js";
+import {patternOf, showAge, valueText, withDegrees, withHint} from "./format.js";
+import {Badge, LINK, rankOf} from "./levels.js";
+import {WindowPlot, drawSpark} from "./plots.js";
 
+/** Most alerts of the history in a plot. */
+const MOST_PAST = 300;
 let details = 0;
 
 /** One opened signal. */
@@ -18,19 +21,30 @@ class SignalDetails {
     this.facts = make("p.facts");
     this.silenced = make("p");
     this.silence = make("button", {onclick: () => page.actions.silence(robotName, name, this.isAlert)}, "Silence…");
-    this.alerts = new AlertTable(page, {robot: robotName, signal: name}, 5);
+    this.only = {robot: patternOf(robotName), signal: patternOf(name)};
+    this.alerts = new AlertTable(page, {only: this.only, size: 5, ofSignal: true});
     this.element = make("div.signal-body", {}, this.plotBox, this.facts, this.silenced, make("div.buttons", {}, this.silence),
       make("h4", {}, "Alerts"), this.alerts.element);
   }
 
   update(signal, kind) {
     this.isAlert = !["ok", "waiting", "unknown"].includes(kind);
-    if (signal.since !== this.since) this.alerts.load();
+    if (signal.since !== this.since) {
+      this.alerts.load();
+      this.loadPast();
+    }
     this.since = signal.since;
     this.silence.hidden = !this.page.fleet.canSilence;
     setText(this.facts, factsText(signal));
     this.silenced.hidden = !signal.silenced;
     setText(this.silenced, `Silenced: ${signal.silenced}`);
+  }
+
+  /** Fetches what the plot shows of the time before the page was opened. Without it the plot shows less. */
+  async loadPast() {
+    if (!this.page.fleet.state.history) return;
+    const answer = await request(`api/history?${new URLSearchParams({...this.only, limit: MOST_PAST})}`).catch(() => null);
+    if (answer) this.plot.setPast(answer.alerts.map((alert) => ({...alert, element: this.alerts.idOf(alert)})), answer.gaps || []);
   }
 }
 
@@ -60,14 +74,15 @@ class SignalRow {
     this.message = isolated("");
     this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
     this.since = make("time");
-    this.cell = makeCell("", "", 5);
+    this.spark = makeCell("trend", "");
+    this.cell = makeCell("", "", 6);
     const id = `signal-${++details}`;
     this.more = makeRow("details", this.cell);
     this.more.id = id;
     this.more.hidden = true;
     this.button = make("button.signal-name", {"aria-expanded": "false", "aria-controls": id}, shape("open"), isolated(name));
     this.element = makeRow("signal", makeCell("level", this.badge.element), make("th", {role: "rowheader", scope: "row"}, this.button),
-      makeCell("value", this.value), makeCell("reason", make("span", {}, this.message, this.silenced)), makeCell("since", this.since));
+      makeCell("value", this.value), this.spark, makeCell("reason", make("span", {}, this.message, this.silenced)), makeCell("since", this.since));
     this.element.addEventListener("click", (event) => this.click(event));
   }
 
@@ -95,10 +110,11 @@ class SignalRow {
     this.kind = kind;
     this.badge.show(kind);
     setAttribute(this.element, "class", `signal ${kind}`);
-    const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : (signal.text ?? valueText(signal.value, signal.unit)) || "–";
+    const text = signal.text ?? valueText(signal.value, signal.unit);
+    const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : withDegrees(text) || "–";
     setText(this.value, value);
     // The reason of a healthy signal only repeats its value.
-    setText(this.message, kind === "ok" && signal.message === value ? "" : withHint(signal.message || "", signal.hint));
+    setText(this.message, kind === "ok" && withDegrees(signal.message || "") === value ? "" : withHint(signal.message || "", signal.hint));
     this.silenced.hidden = !signal.silenced;
     setAttribute(this.silenced, "title", signal.silenced);
     if (this.details) this.details.update(signal, kind);
@@ -107,7 +123,9 @@ class SignalRow {
 
   /** Draws the samples of the window. */
   plot() {
-    if (this.details) this.details.plot.show(this.signal, this.kind, this.parent.samples.get(this.name) || [], this.page.fleet.now / 1000);
+    const samples = this.parent.samples.get(this.name) || [];
+    this.spark.replaceChildren(drawSpark(this.signal, samples));
+    if (this.details) this.details.plot.show(this.signal, this.kind, samples, this.page.fleet.now / 1000);
   }
 
   tick() {
@@ -123,12 +141,13 @@ export class SignalTable {
     this.rows = new Map();
     /** Samples in the window of each signal, as [s since 1970, value]. */
     this.samples = new Map();
-    Object.assign(this, makeTable("signals", `Signals of ${robot.name}`, ["Level", "Signal", "Value", "Reason", "For"]));
+    Object.assign(this, makeTable("signals", `Signals of ${robot.name}`, ["Level", "Signal", "Value", "Trend", "Reason", "For"]));
   }
 
   update(robot) {
     this.robot = robot;
-    const names = Object.keys(robot.data.signals);
+    const rank = (name) => rankOf(robot.kinds.get(name));
+    const names = Object.keys(robot.data.signals).sort((one, other) => rank(one) - rank(other));  // worst first
     for (const name of names) {
       if (!this.rows.has(name)) this.rows.set(name, new SignalRow(this, name, this.page));
       this.rows.get(name).update(robot.data.signals[name], robot.kinds.get(name));
@@ -154,6 +173,6 @@ export class SignalTable {
       const end = samples.length ? samples[samples.length - 1][0] : 0;
       this.samples.set(name, samples.filter(([t]) => t >= end - windows[name]));
     }
-    for (const row of this.opened) row.plot();
+    for (const row of this.rows.values()) row.plot();
   }
 }

@@ -60,6 +60,9 @@ def connection() -> sqlite3.Connection:
         ({"limit": 0}, []),
         ({"limit": 3, "newest_first": True}, [5, 4, 3]),
         ({"limit": 1, "level": Level.WARN, "newest_first": True}, [4]),
+        ({"open_only": True}, [2, 4, 5]),
+        ({"open_only": True, "level": Level.WARN}, [4]),
+        ({"open_only": True, "robot": "r1", "newest_first": True}, [5]),
     ],
 )
 @pytest.mark.parametrize("page", [1, 2, 500])

@@ -16,9 +16,12 @@ from robot_health_monitor.ops.web.requests import ApiError
 
 
 def test_parameters_that_are_left_out_or_empty_do_not_limit() -> None:
-    nothing = Query(None, None, None, None, None, 100)
+    nothing = Query(None, None, None, None, None, 100, False)
     assert query_of({}) == nothing
-    assert query_of({"robot": "", "signal": "", "level": "", "since": "", "before": "", "limit": ""}) == nothing
+    assert (
+        query_of({"robot": "", "signal": "", "level": "", "since": "", "before": "", "limit": "", "open": ""})
+        == nothing
+    )
 
 
 def test_every_parameter_is_read() -> None:
@@ -29,8 +32,9 @@ def test_every_parameter_is_read() -> None:
         "since": "1970-01-01T00:01:00Z",
         "before": "7",
         "limit": "5",
+        "open": "1",
     }
-    assert query_of(given) == Query("r1", "b*", Level.WARN, 60.0, 7, 5)
+    assert query_of(given) == Query("r1", "b*", Level.WARN, 60.0, 7, 5, True)
     assert query_of({"since": "1970-01-01T01:00:00+01:00"}).since_s == 0.0
     assert query_of({"since": "1970-01-01T00:01:00.500"}).since_s == 60.5
 

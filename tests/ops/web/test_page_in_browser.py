@@ -64,7 +64,7 @@ def test_the_first_paint_has_every_robot_worst_first_with_cause_and_age(browser:
     assert browser.texts(".robot-name") == ["cronus", "boreas", "atlas"]
     assert browser.texts(".robot-head .badge-text") == ["ERROR", "WARN", "OK"]
     assert browser.texts(".cause bdi")[:2] == [
-        "temperature: 99 degC is above 95 degC",
+        "temperature: 99 °C is above 95 °C",
         "battery_level: 19 % is below 20 %",
     ]
     assert browser.find(ROW.format(1) + ".since").text.endswith(" s")
@@ -163,11 +163,11 @@ def test_unknown_levels_look_like_neither_ok_nor_an_alarm(browser: Browser, serv
     browser.open(site.url)
     browser.wait_for("document.querySelectorAll('.robot').length === 6")
     assert kinds(browser) == {
-        "error": "ERROR", "away": "NO LINK", "stale": "STALE", "warn": "WARN", "waiting": "WAITING", "ok": "OK",
+        "error": "ERROR", "away": "NO LINK", "stale": "STALE", "warn": "WARN", "waiting": "waiting", "ok": "OK",
     }  # fmt: skip
     browser.run("document.querySelector('.robot.nolink button').click()")
     browser.wait_for("document.querySelectorAll('.signal').length === 2")
-    assert browser.texts(".signal .badge-text") == ["UNKNOWN", "NO LINK"]
+    assert browser.texts(".signal .badge-text") == ["NO LINK", "unreachable"]
     shapes = browser.run("return [...document.querySelectorAll('.badge use')].map((use) => use.getAttribute('href'))")
     assert len(set(shapes)) == 7
     colors = browser.run(
@@ -175,8 +175,8 @@ def test_unknown_levels_look_like_neither_ok_nor_an_alarm(browser: Browser, serv
         " const style = getComputedStyle(badge);"
         " return [badge.textContent, [style.color, style.backgroundColor]]; }))"
     )
-    for unknown in ("NO LINK", "UNKNOWN", "WAITING"):
-        assert all(colors[unknown][0] not in colors[level] for level in ("OK", "WARN", "ERROR", "STALE"))
+    for unknown, place in (("NO LINK", 1), ("unreachable", 0), ("waiting", 0)):
+        assert all(colors[unknown][place] not in colors[level] for level in ("OK", "WARN", "ERROR", "STALE"))
 
 
 def test_texts_from_robots_are_never_html(browser: Browser, served: Any) -> None:
@@ -243,6 +243,59 @@ def test_a_plot_grows_with_the_samples(browser: Browser, served: Any) -> None:
     browser.wait_for(f"{low}.startsWith('battery_level: 25 % to 25 %')")
 
 
+def test_a_plot_begins_where_the_history_begins(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", signals={"battery_level": BOUND}, history_file=str(tmp_path / "history.db"))
+    for value in (50.0, 50.0, 19.0, 19.0, 50.0, 50.0, 15.0, 15.0, 40.0):
+        site.observe(value)
+    browser.open(site.url)
+    browser.click(".signal-name")
+    browser.wait_for("document.querySelectorAll('.plot .marker').length === 4")
+    browser.wait_for("document.querySelectorAll('.plot .strip.warn').length === 2")
+    assert browser.run("return document.querySelectorAll('.plot .strip.ok').length") == 3
+    texts = browser.texts(".plot a title")
+    assert [text.split(":")[0] for text in texts] == ["battery_level WARN", "battery_level OK"] * 2
+    site.observe(12.0)
+    browser.wait_for("document.querySelectorAll('.plot .marker').length === 5")
+    links = "[...document.querySelectorAll('.plot a')].map((each) => each.getAttribute('href'))"
+    browser.wait_for(f"{links}.every((link) => document.querySelector(link))")
+
+
+def test_the_names_of_bounds_are_beside_the_plot(browser: Browser, served: Any) -> None:
+    bounds = {"warn_below": 20.0, "error_below": 19.5, "warn_above": 90.0, "error_above": 90.1}
+    site = served("atlas", signals={"voltage": {"unit": "V", **bounds}})
+    for value in (50.0, 51.0):
+        site.observe(value, "voltage")
+    for width in (1280, 390):
+        browser.open(site.url, width)
+        browser.click(".signal-name")
+        browser.wait_for("document.querySelectorAll('.plot .bound-name').length === 4")
+        box = "(({left, right, top, bottom}) => [left, right, top, bottom])(each.getBoundingClientRect())"
+        boxes = f"return [...document.querySelectorAll(arguments[0])].map((each) => {box})"
+        names = browser.run(boxes, ".plot .bound-name")
+        (svg,), (line, *_) = browser.run(boxes, ".plot svg"), browser.run(boxes, ".plot .bound")
+        assert all(line[1] <= left and right <= svg[1] for left, right, _, _ in names)
+        assert all(one[3] <= other[2] + 1.0 for one, other in zip(names, names[1:]))  # none covers another
+        assert browser.run("return document.querySelector('.plot svg').getBoundingClientRect().height") >= 250
+        ticks = browser.texts(".plot svg > text")
+        assert "40 V" in ticks
+
+
+def test_signals_are_sorted_worst_first_and_show_their_trend(browser: Browser, served: Any) -> None:
+    site = served("atlas", signals=SIGNALS)
+    for value in (50.0, 60.0):
+        site.observe(value)
+        site.observe(value, "temperature")
+    browser.open(site.url)
+    browser.wait_for("document.querySelectorAll('.signal.ok .spark-line').length === 2")
+    assert browser.texts(".signal-name bdi") == ["battery_level", "temperature"]
+    bounds = "[...document.querySelectorAll('.signal')].map((row) => row.querySelectorAll('.spark-bound').length)"
+    assert browser.run(f"return {bounds}") == [1, 2]
+    site.observe(99.0, "temperature")
+    browser.wait_for("document.querySelector('.signal').className === 'signal error'")
+    assert browser.texts(".signal-name bdi") == ["temperature", "battery_level"]
+    assert browser.texts(".signal .value")[0] == "99 °C"
+
+
 def test_plots_of_several_robots_are_live_at_once(browser: Browser, served: Any) -> None:
     names = [f"robot{number}" for number in range(11)]
     site = served(*names)
@@ -298,6 +351,61 @@ def test_past_alerts_have_their_evidence(browser: Browser, served: Any, tmp_path
     assert browser.texts("#alerts .badge-text") == ["OK", "WARN"]
     browser.click("#alerts .robot-cell a")
     browser.wait_for("document.querySelector('.robot-head').getAttribute('aria-expanded') === 'true'")
+
+
+def test_the_start_page_has_the_recent_alerts(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", signals={"battery_level": BOUND}, history_file=str(tmp_path / "history.db"))
+    site.observe(19.0)
+    browser.open(site.url)
+    browser.wait_for("document.querySelectorAll('#recent .alert').length === 1")
+    for value in (50.0, 18.0, 50.0, 17.0, 50.0, 16.0):
+        site.observe(value)
+    browser.wait_for_text("#recent .alert .text", "16 is")
+    assert browser.run("return document.querySelectorAll('#recent .alert').length") == 5
+    assert browser.texts("#recent .alert.open .text bdi") == ["battery_level WARN: 16 is below 20 (was OK for 1 s)"]
+    browser.click("#recent [href='#alerts']")
+    browser.wait_for("document.querySelectorAll('#alerts .alert').length === 7")
+
+
+def test_alerts_are_filtered_and_acknowledged(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", "boreas", signals=SIGNALS, history_file=str(tmp_path / "history.db"))
+    site.observe(85.0, "temperature", 0)
+    site.observe(50.0, "temperature", 0)
+    site.observe(99.0, "temperature", 1)
+    site.observe(19.0, robot=1)
+    site.observe(50.0, robot=0)
+    browser.open(site.url + "#alerts")
+    text = "row.querySelector('.robot-cell').textContent + ' ' + row.querySelector('.text').textContent.split(':')[0]"
+    lines = f"[...document.querySelectorAll('#alerts .alert')].map((row) => {text})"
+    everything = ["boreas battery_level WARN", "boreas temperature ERROR"]
+    everything += ["atlas temperature OK", "atlas temperature WARN"]
+    browser.wait_for(f"JSON.stringify({lines}) === JSON.stringify(arguments[0])", everything)
+    assert len(browser.texts("#alerts .alert.open")) == 2
+    for robot, name, wanted in (
+        ("las", " ", everything[2:]),
+        (" ", "temp?ra", everything[1:]),
+        ("*b*r", " ", everything[:2]),
+        ("bor", "none", []),
+    ):
+        browser.type("#alert-robot", robot)
+        browser.type("#alert-signal", name)
+        browser.wait_for(f"JSON.stringify({lines}) === JSON.stringify(arguments[0])", wanted)
+    assert browser.find("#alerts .note").text == "No alert matches."
+    browser.type("#alert-signal", " ")
+    browser.type("#alert-robot", " ")
+    browser.click("#alert-open")
+    browser.wait_for(f"JSON.stringify({lines}) === JSON.stringify(arguments[0])", everything[:2])
+    browser.click("#alert-level option:nth-child(2)")
+    browser.wait_for(f"JSON.stringify({lines}) === JSON.stringify(arguments[0])", everything[1:2])
+    browser.click("#alerts .alert .action button")
+    assert browser.find("#silence-time").get_attribute("value") == "resolved"
+    assert browser.find("#silence-signal").get_attribute("value") == "temperature"
+    browser.type("#silence-reason", "on my way")
+    browser.type("#silence-author", "ana")
+    browser.click("#silence-dialog [type=submit]")
+    browser.wait_for_text("#silence-count", "1")
+    browser.wait_for("!document.querySelector('#alerts .alert .action .silenced-mark').hidden")
+    assert not browser.find("#alerts .alert .action button").is_displayed()
 
 
 def test_a_table_of_alerts_stays_short_and_has_no_hole(browser: Browser, served: Any, tmp_path: Path) -> None:
@@ -421,16 +529,12 @@ def test_screen_readers_get_names_and_levels_without_repetitions(browser: Browse
     headings = [name for role, name, properties in seen if role == "heading" and properties["level"]["value"] == 3]
     assert headings[0].startswith("WARN atlas battery_level: 19 % is below 20 %")
     shown = "[...document.querySelectorAll('h1, h2, h3, h4, h5')].filter((each) => each.getClientRects().length)"
-    assert browser.run(f"return {shown}.map((each) => each.tagName)") == ["H1", "H2", "H3", "H4", "H3"]
+    assert browser.run(f"return {shown}.map((each) => each.tagName)") == ["H1", "H2", "H3", "H4", "H3", "H2"]
     assert [name for role, name, _ in seen if role == "button" and not name] == []
     assert [name for role, name, _ in seen if role == "rowheader"] == ["battery_level"]
-    assert [name for role, name, _ in seen if role == "columnheader"][:5] == [
-        "Level",
-        "Signal",
-        "Value",
-        "Reason",
-        "For",
-    ]
+    heads = [name for role, name, _ in seen if role == "columnheader"]
+    begin = heads.index("Signal") - 1
+    assert heads[begin : begin + 6] == ["Level", "Signal", "Value", "Trend", "Reason", "For"]
     # What is in a live region is read at each change: the time and the countdown are in none.
     assert browser.run(
         "return ['#connection', '#lost-text', '.since'].filter("
