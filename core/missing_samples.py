@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from itertools import islice
-from typing import Callable, Container, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Container, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from .formatting import printable
 from .middleware import split_type_name
@@ -19,6 +19,9 @@ Answer = Callable[[Optional[str]], None]
 """Receives the text, or None; may be called in any thread."""
 
 _PERIOD_S = 10.0
+_BURST_S = 0.5
+_MOST_PER_BURST = 20
+"""Lookups within `_BURST_S`: a tick must not be late because hundreds of signals lack samples."""
 _MOST_KNOWN = 1000
 _MOST_TOPICS = 5000
 """Most topics that are compared: their names come from outside."""
@@ -28,7 +31,7 @@ _SHORTEST_PART = 4
 
 
 class Hints:
-    """Answers of a middleware by topic and type; each is looked up at most every 10 s."""
+    """Answers of a middleware by topic and type; each is looked up at most every 10 s, and 20 at once at most."""
 
     def __init__(self, look_up: Callable[[str, str, Answer], None], clock: Callable[[], float]) -> None:
         """Starts without answers.
@@ -41,6 +44,8 @@ class Hints:
         self._look_up = look_up
         self._clock = clock
         self._known: Dict[Tuple[str, str], _Known] = {}
+        self._burst_s = float("-inf")
+        self._burst = 0
 
     def get(self, topic: str, type_name: str) -> Optional[str]:
         """Returns the latest answer; begins to look it up again if it is older than 10 s."""
@@ -51,10 +56,16 @@ class Hints:
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
             known = self._known[topic, type_name] = _Known()
-        if now_s - known.asked_s >= _PERIOD_S:
+        if now_s - known.asked_s >= _PERIOD_S and self._may_look_up(now_s):
             known.asked_s = now_s
             self._look_up(topic, type_name, known.take)
         return known.text
+
+    def _may_look_up(self, now_s: float) -> bool:
+        if not 0.0 <= now_s - self._burst_s < _BURST_S:
+            self._burst_s, self._burst = now_s, 0
+        self._burst += 1
+        return self._burst <= _MOST_PER_BURST
 
 
 class _Known:
@@ -109,45 +120,43 @@ def similar_topics(topic: str, type_name: str, topics: Mapping[str, str], own: C
         topics: type of each topic that there is; empty where it is not known.
         own: topics that the node itself uses.
     """
-    wanted = _Name.of(topic)
+    namespace, base = topic.rpartition("/")[0], _base(topic)
     wanted_type = _canonical(type_name)
-    tells_by_type = bool(wanted_type) and not wanted_type.startswith("std_msgs/")
+    spellings = {wanted_type, wanted_type.replace("/", "/msg/")} - {""}
+    tells_by_type = not wanted_type.startswith("std_msgs/")
     found: List[Tuple[int, bool, bool, str]] = []
     for other, other_type in islice(topics.items(), _MOST_TOPICS):
-        name = _Name.of(other)
-        has_type = bool(wanted_type) and _canonical(other_type) == wanted_type
-        distance = wanted.distance(name)
+        distance = _distance(base, _base(other))
+        has_type = other_type in spellings
         if (distance < _FAR or (tells_by_type and has_type)) and other != topic and other not in own:
-            found.append((distance, not has_type, name.namespace != wanted.namespace, other))
+            found.append((distance, not has_type, other.rpartition("/")[0] != namespace, other))
     return [other for _, _, _, other in sorted(found)]
 
 
 _FAR = 3
 
 
-class _Name(NamedTuple):
-    namespace: str
-    base: str
-    """The last part, without what is often written differently."""
+def _base(topic: str) -> str:
+    """Returns the last part of a name, without what is often written differently."""
+    return topic[topic.rfind("/") + 1 :].replace("_", "").lower()
 
-    @classmethod
-    def of(cls, topic: str) -> _Name:
-        namespace, _, base = topic.rpartition("/")
-        return cls(namespace, base.replace("_", "").lower())
 
-    def distance(self, other: _Name) -> int:
-        """Returns 0 for the same last part, 1 for a typing mistake, 2 if one is part of the other, else 3."""
-        mine, theirs = self.base, other.base
-        if mine == theirs:
-            return 0
-        if abs(len(mine) - len(theirs)) <= 1 and len(mine) >= _SHORTEST_PART and _differ_in_one_letter(mine, theirs):
-            return 1
-        shorter, longer = (mine, theirs) if len(mine) < len(theirs) else (theirs, mine)
-        return 2 if len(shorter) >= _SHORTEST_PART and shorter in longer else _FAR
+def _distance(mine: str, theirs: str) -> int:
+    """Returns 0 for the same last part, 1 for a typing mistake, 2 if one is part of the other, else `_FAR`."""
+    if mine == theirs:
+        return 0
+    shorter, longer = (mine, theirs) if len(mine) < len(theirs) else (theirs, mine)
+    if len(shorter) < _SHORTEST_PART:
+        return _FAR
+    if len(longer) - len(shorter) <= 1 and _differ_in_one_letter(mine, theirs):
+        return 1
+    return 2 if shorter in longer else _FAR
 
 
 def _differ_in_one_letter(a: str, b: str) -> bool:
     """Whether one letter was replaced, left out, added, or exchanged with its neighbour."""
+    if a[:2] != b[:2] and a[-2:] != b[-2:] and len(a) > _SHORTEST_PART:  # most names, quickly
+        return False
     begin = 0
     while begin < min(len(a), len(b)) and a[begin] == b[begin]:
         begin += 1

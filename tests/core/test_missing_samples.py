@@ -78,6 +78,17 @@ def test_an_answer_may_come_after_the_next_question() -> None:
     assert hints.get("/a", FLOAT32) == "no publisher on /a"
 
 
+def test_many_topics_are_looked_up_a_few_at_a_time() -> None:
+    lookup = Lookup()
+    hints = Hints(lookup, lookup.clock)
+    for tick in range(1, 11):
+        lookup.now_s += 1.0
+        for number in range(100):
+            hints.get(f"/topic_{number}", FLOAT32)
+        assert len(lookup.asked) == min(20 * tick, 100)
+    assert len(set(lookup.asked)) == 100
+
+
 def test_the_number_of_topics_that_are_remembered_is_bounded() -> None:
     lookup = Lookup()
     hints = Hints(lookup, lookup.clock)
