@@ -62,7 +62,8 @@ def check_web(answers: Mapping[str, Tuple[int, str]]) -> None:
     assert abs(battery["window"][-1][0] - time.time()) < 60.0
     assert answers["healthz"] == (200, '{"ok":true,"faults":[]}')
     assert answers["api/reset"] == (200, '{"message":"reset: nothing was latched"}')
-    assert answers["without a token"] == (401, '{"error":"a token is required"}')
+    status, refusal = answers["without a token"]
+    assert (status, json.loads(refusal)) == (401, {"error": "a token is required"})
     if importlib.util.find_spec("prometheus_client"):
         assert f'robot_health_level{{robot="{platform.node()}",signal="battery_level"}} 0.0' in answers["metrics"][1]
     else:
