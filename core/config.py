@@ -365,6 +365,9 @@ def find_section(tree: Mapping[str, Any], node: str) -> Section:
     if of_node:
         refuse_second_section(of_node)
         return of_node[0]
+    if "signals" in tree:
+        nesting = f"{node}: {{ros__parameters: {{signals: ...}}}}"
+        raise ConfigError(f"expected below the name of a node: {nesting}", ("signals",))
     refuse_missing_parameters(tree, node)
     with_signals = [section for section in found if "signals" in section.tree]
     if len(with_signals) == 1:

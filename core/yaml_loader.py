@@ -64,7 +64,7 @@ def load(text: str, problems: Problems) -> Document:
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
-        raise ConfigError(f"is not valid YAML: {_short(error.problem)}", line=line) from None
+        raise ConfigError(f"is not valid YAML: {_short(error.problem)}{_hint(text, mark)}", line=line) from None
     except yaml.reader.ReaderError as error:
         character = error.character if isinstance(error.character, int) else ord(error.character)
         line = text.count("\n", 0, error.position) + 1
@@ -228,6 +228,18 @@ def _key_text(key: Any) -> str:
     if key.tag == f"{_PREFIX}bool":
         return "true" if key.value.lower() in ("yes", "true", "on") else "false"
     return str(key.value)
+
+
+def _hint(text: str, mark: Any) -> str:
+    """Returns how to correct a mistake at a place, as far as that is known."""
+    lines = text.splitlines()
+    if mark is None or mark.line >= len(lines):
+        return ""
+    line = lines[mark.line]
+    if "\t" in line[: len(line) - len(line.lstrip())] or line[mark.column : mark.column + 1] == "\t":
+        return "; use spaces, not tabs"
+    first = line[mark.column : mark.column + 1]
+    return f'; quote it, such as "{first}"' if first and first in "%@`" else ""
 
 
 def _short(problem: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from typing import Any, Callable, Dict, List, Mapping, Sequence
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -41,6 +42,16 @@ class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
         ]
         declared: List[Any] = super().declare_parameters(namespace, parameters, ignore_override)
         return declared
+
+    def set_parameters_atomically(self, parameter_list: List[Any]) -> SetParametersResult:
+        """Refuses an unknown parameter by its name, which is missing in rclpy's reason."""
+        names = self.get_parameters_by_prefix("")
+        for parameter in parameter_list:
+            if parameter.name not in names:
+                close = difflib.get_close_matches(parameter.name, names, n=1)
+                hint = f"; did you mean {close[0]}?" if close else ""
+                return SetParametersResult(successful=False, reason=f"{parameter.name}: unknown parameter{hint}")
+        return super().set_parameters_atomically(parameter_list)
 
 
 class NodeParameters:

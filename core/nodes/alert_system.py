@@ -455,4 +455,5 @@ def _changeable(config: MonitorConfig, tree: Mapping[str, Any]) -> Sections:
 
 def _summary(signal: SignalConfig) -> str:
     bounds = bounds_text(signal)
-    return f"{signal.name} on {signal.topic}" + (f": {bounds}" if bounds else "")
+    statistic = "" if signal.statistic == "last" else f"{signal.statistic} "
+    return f"{signal.name} on {signal.topic}" + (f": {statistic}{bounds}" if bounds else "")

@@ -68,7 +68,7 @@ def test_every_configuration_that_is_installed_is_right(robot_health: Start, fil
             ":1: notfy: unknown key; did you mean notify? expected one of history, notify, server",
             id="ops.yaml whose only section is misspelt",
         ),
-        pytest.param(b"signals: {arm: {}}\n", ": expected one node with ros__parameters.signals", id="no node"),
+        pytest.param(b"signals: {arm: {}}\n", ":1: signals: expected below the name of a node: ", id="no node"),
         pytest.param(b"", ": is empty; expected a mapping of keys to values", id="empty"),
         pytest.param(b"a:\n  b: [1\nc: 2\n", ":3: is not valid YAML: ", id="syntax"),
         pytest.param(b"# 80 \xb0C\n", ": is not UTF-8 text: byte 5 is 0xb0", id="latin-1"),

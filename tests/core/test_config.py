@@ -506,3 +506,12 @@ def test_a_duration_is_at_most_a_year() -> None:
         if parameter.name.endswith("_s"):
             with pytest.raises(ConfigError, match=r"to 31536000, got 10000000000|window_s"):
                 load_signals({"a": {parameter.name: 1e10}})
+
+
+def test_signals_at_the_top_of_a_file_show_the_nesting(tmp_path: Path) -> None:
+    file = tmp_path / "thresholds.yaml"
+    file.write_text("signals:\n  battery_level: {warn_below: 20.0}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(file)
+    nesting = "alert_system: {ros__parameters: {signals: ...}}"
+    assert str(caught.value) == f"{file}:1: signals: expected below the name of a node: {nesting}"

@@ -159,3 +159,19 @@ def test_keys_given_twice_are_reported_once_each_with_both_lines(loader: ModuleT
         (5, ("c",), "is given twice, first in line 4"),
         (3, ("a", "b"), "is given twice, first in line 2"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("unit: %", '; quote it, such as "%"'),
+        ("a: {unit: %}", '; quote it, such as "%"'),
+        ("name: @home", '; quote it, such as "@"'),
+        ("a:\n\tb: 1", "; use spaces, not tabs"),
+        ("a:\n  b: 1\n\tc: 2", "; use spaces, not tabs"),
+    ],
+)
+def test_common_mistakes_say_how_to_correct_them(loader: ModuleType, text: str, hint: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        loader.load(text, Problems())
+    assert str(caught.value).endswith(hint)

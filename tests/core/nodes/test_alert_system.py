@@ -643,3 +643,9 @@ def test_a_history_that_raises_prevents_no_reset_and_no_change_of_thresholds() -
     alert_system.observe(Sample("battery_level", 50.0, 2.0))
     assert alert_system.monitor.report(2.0).statuses["battery_level"].level is Level.WARN
     assert {"storing the reset", "storing the configuration"} <= set(node.faults.current())
+
+
+def test_what_is_watched_is_logged_with_unit_and_statistic(stage: Stage) -> None:
+    signals = {"camera": {"topic": "image", "field": "", "statistic": "frequency_hz", "warn_below": 27.0}}
+    stage.alert_system({"signals": signals})
+    assert "watching camera on image: frequency_hz WARN below 27 Hz" in stage.log(Severity.INFO)
