@@ -52,7 +52,7 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         ca=arguments.ca,
     )
     read_settings = partial(server_settings, arguments, TokenFiles(warn))
-    with open_operations(arguments.ops) as operations:
+    with open_operations(arguments.ops, always_history=True) as operations:
         settings = read_settings(operations.server)
         events.silence_of = operations.silence_text
         fleet = Fleet(

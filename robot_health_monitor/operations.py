@@ -74,6 +74,7 @@ class Operations:
         config: OpsConfig,
         wall_time_s: Callable[[], float] = time.time,
         clock: Callable[[], float] = time.monotonic,
+        always_history: bool = False,
     ) -> None:
         """Opens what is configured; `close` ends it.
 
@@ -81,13 +82,14 @@ class Operations:
             config: the contents of an ops.yaml.
             wall_time_s: seconds since 1970.
             clock: monotonic seconds.
+            always_history: keep a history in memory if no file is configured, for the web page.
         """
         self._clock = clock
         self.config = config
         self.faults = SharedFaults()
         """Faults of its parts. Add the faults of the node that shows them."""
         self.history: Optional[History] = None
-        """None: neither a history nor notifications are configured."""
+        """None: neither a history nor notifications are configured, nor is one always kept."""
         self.silences: Optional[Silences] = None
         """None: as `history`."""
         self.notifier: Optional[Notifier] = None
@@ -95,11 +97,11 @@ class Operations:
         self._alert_systems: Dict[str, AlertSystem] = {}
         self._histories: Dict[str, RobotHistory] = {}
         self._fed_s = float("-inf")
-        if config.history is not None or config.notify:
+        if config.history is not None or config.notify or always_history:
             from robot_health_monitor.ops.active_silences import Silences
             from robot_health_monitor.ops.history.history import History
 
-            # Without a file, the history is in memory, where the notifications have their queue.
+            # Without a file, the history is in memory.
             self.history = History(config.history, wall_time_s)
             self.silences = Silences(self.history, self.faults, wall_time_s)
         if self.history is not None:
@@ -226,6 +228,8 @@ class Operations:
         """Logs in one line what is in use."""
         if self.config.summary:
             log(Severity.INFO, f"operations: {self.config.summary}")
+        if self.history is not None and self.history.file is None:
+            log(Severity.INFO, "the history is in memory: it ends with this process (an ops.yaml keeps it in a file)")
 
     def __enter__(self) -> Operations:
         """Returns itself."""
@@ -263,17 +267,21 @@ class Operations:
             self.history.close()
 
 
-def open_operations(file: str, wall_time_s: Callable[[], float] = time.time) -> Operations:
+def open_operations(
+    file: str, wall_time_s: Callable[[], float] = time.time, *, always_history: bool = False
+) -> Operations:
     """Reads an ops.yaml and opens what it configures.
 
     Args:
-        file: its path; a relative one is relative to the working directory. Empty: none, nothing is opened.
+        file: its path; a relative one is relative to the working directory. Empty: none.
         wall_time_s: seconds since 1970.
+        always_history: as for `Operations`.
 
     Raises:
         ConfigError: it cannot be used; nothing has been opened.
     """
-    return Operations(read_ops(read_yaml(file)) if file else OpsConfig(), wall_time_s)
+    config = read_ops(read_yaml(file)) if file else OpsConfig()
+    return Operations(config, wall_time_s, always_history=always_history)
 
 
 def configured_ops(parameters: Mapping[str, object]) -> str:

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     thresholds = read_yaml(file) if file else None
     parameters = {} if thresholds is None else sections_of_nodes(thresholds)["alert_system"].tree
     ops_file = arguments.ops or configured_ops(parameters)
-    with open_operations(ops_file) as operations:
+    with open_operations(ops_file, always_history=True) as operations:
         events.silence_of = operations.silence_text
         monitor = EmbeddedMonitor(
             thresholds,

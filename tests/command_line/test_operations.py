@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
 import pytest
+from harness.histories import texts
 from harness.line_process import LineProcess
 from harness.waiting import wait_for
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.operations import Operations, SharedFaults, configured_ops, open_operations
@@ -78,6 +80,19 @@ def test_without_an_ops_yaml_nothing_is_opened() -> None:
         assert (operations.history, operations.silences, operations.server) == (None, None, None)
         assert operations.silence_text("r3", "battery_level") is None
         assert not [line for line in robot.lines if line.text.startswith("operations")]
+
+
+def test_a_history_that_is_always_kept_is_in_memory_without_a_file() -> None:
+    with open_operations("", always_history=True) as operations:
+        robot = Robot(operations, only=True)
+        robot.publish(10.0)
+        assert operations.history is not None and operations.silences is not None
+        assert operations.history.file is None
+        [alert] = [event for event in robot.events if isinstance(event, Transition)]
+        assert texts(operations.history) == [alert.text]
+        [line] = [line for line in robot.lines if "history" in line.text]
+        assert line.severity is Severity.INFO
+        assert "in memory" in line.text
 
 
 def test_a_restarted_monitor_does_not_announce_an_open_alert_again(config: OpsConfig) -> None:
