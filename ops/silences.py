@@ -18,6 +18,8 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import duration_text, printable
 from robot_health_monitor.core.model import Level
 
+from .history.checked_rows import checked, is_count, is_text, is_time, optional, skip
+from .history.queries import number_range
 from .matchers import Matcher, matchers_text, matches_pattern, parse_matchers
 
 __all__ = [
@@ -47,6 +49,11 @@ LONGEST_S = 366 * 86_400.0
 _MOST_KEPT = 10_000
 _RESOLVED = "its alerts are resolved"
 _CLOCK_WAS_WRONG = "it was made by a clock that was wrong"
+
+_CHECKS = (
+    is_count, is_text, is_text, is_text, is_time, optional(is_time), is_count, optional(is_time), optional(is_time),
+    is_text, is_text,
+)  # fmt: skip
 
 _DURATION = re.compile(r"(?:(\d{1,6})w)?(?:(\d{1,6})d)?(?:(\d{1,6})h)?(?:(\d{1,8})m)?(?:(\d{1,9})s)?\Z", re.ASCII)
 _UNITS_S = (604_800, 86_400, 3600, 60, 1)
@@ -287,12 +294,18 @@ def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] =
         for number, robot, signal in connection.execute(
             "SELECT silence_id, robot, signal FROM silenced_alerts WHERE resolved_s IS NULL"
         ):
-            alerts.setdefault(number, set()).add((robot, signal))
+            if is_text(robot) and is_text(signal):
+                alerts.setdefault(number, set()).add((robot, signal))
+            else:
+                skip(connection, "silenced_alerts", number)
     silences = []
-    for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why in rows:
+    for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why in checked(
+        connection, "silences", rows, _CHECKS
+    ):
         try:
             matchers = parse_matchers(text)
         except ConfigError:  # of a newer version, or edited by hand
+            skip(connection, "silences", number)
             continue
         of_silence = frozenset(alerts.get(number, ())) if until_resolved else None
         silences.append(
@@ -351,9 +364,10 @@ def open_alerts(connection: sqlite3.Connection) -> Dict[Alert, Level]:
     ):
         try:
             level = Level[json.loads(state)["announced"]["level"]]
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
+            skip(connection, "signal_states", f"{robot}: {signal}")
             continue
-        if level is not Level.OK:
+        if level is not Level.OK and is_text(robot) and is_text(signal):
             found[robot, signal] = level
     return found
 
@@ -403,16 +417,16 @@ def _names(connection: sqlite3.Connection, label: str, given: str) -> List[str]:
     if "*" not in given and "?" not in given:
         return [given]
     known = connection.execute(f"SELECT DISTINCT {label} FROM signal_states").fetchall()
-    return [name for (name,) in known if matches_pattern(name, given)]
+    return [name for (name,) in known if is_text(name) and matches_pattern(name, given)]
 
 
 def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s: float) -> int:
     """Returns how many changes to a level other than OK a silence has applied to so far."""
     silence = silence.seen_at(now_s)
     counts = connection.execute(
-        "SELECT robot, signal, count(*) FROM transitions WHERE wall_s >= ? AND wall_s < ? AND to_level <> 0 "
-        "AND NOT repeated GROUP BY robot, signal",
-        (silence.created_s, silence.end_s(now_s)),
+        "SELECT robot, signal, count(*) FROM transitions WHERE id BETWEEN ? AND ? AND +wall_s >= ? AND +wall_s < ? "
+        "AND to_level <> 0 AND NOT repeated GROUP BY robot, signal",
+        (*number_range(connection, silence.created_s), silence.created_s, silence.end_s(now_s)),
     ).fetchall()
     alerts: Optional[Set[Alert]] = None
     if silence.until_resolved:
@@ -421,5 +435,8 @@ def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s
     return sum(
         count
         for robot, signal, count in counts
-        if silence.matches(robot, signal) and (alerts is None or (robot, signal) in alerts)
+        if is_text(robot)
+        and is_text(signal)
+        and silence.matches(robot, signal)
+        and (alerts is None or (robot, signal) in alerts)
     )

@@ -66,7 +66,9 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
         except sqlite3.Error as error:
             stream.flush()
             raise ConfigError(f"cannot be read: {error}", file=file) from None
-    stream.flush()
+        stream.flush()
+        if reader.connection.skipped:
+            sys.stderr.write(f"{printable(file)}: {reader.connection.skipped_text}\n")
 
 
 def time_text(wall_s: float) -> str:

@@ -15,6 +15,7 @@ from urllib.parse import quote
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.history.checked_rows import CheckedConnection
 from robot_health_monitor.ops.history.reader import HistoryReader
 from robot_health_monitor.ops.matchers import matchers_text, parse_matchers
 from robot_health_monitor.ops.silences import (
@@ -74,9 +75,12 @@ def _read(file: str, function: Callable[[sqlite3.Connection], Result]) -> Result
     """
     with HistoryReader(file) as reader:
         try:
-            return function(reader.connection)
+            result = function(reader.connection)
         except sqlite3.Error as error:
             raise ConfigError(f"cannot be read: {error}", file=file) from None
+        if reader.connection.skipped:
+            sys.stderr.write(f"{printable(file)}: {reader.connection.skipped_text}\n")
+        return result
 
 
 def _in_transaction(file: str, function: Callable[[sqlite3.Connection], Result]) -> Result:
@@ -88,7 +92,7 @@ def _in_transaction(file: str, function: Callable[[sqlite3.Connection], Result])
     try:
         Path(file).stat()
         uri = f"file:{quote(str(Path(file).absolute()))}?mode=rw"
-        connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None)
+        connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None, factory=CheckedConnection)
     except OSError as error:
         raise ConfigError(error.strerror or str(error), file=file) from None
     except sqlite3.Error as error:

@@ -54,6 +54,6 @@ def number_from(connection: sqlite3.Connection, number: int, tables: Tuple[str, 
     """Makes the numbers of rows continue after `number` where they are below it; no tables: all."""
     for table in tables or schema.numbered_tables(connection):
         found = connection.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = ?", (table,)).fetchone()[0]
-        if found is None or found < number:
+        if not isinstance(found, int) or found < number:
             connection.execute("DELETE FROM sqlite_sequence WHERE name = ?", (table,))
             connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES (?, ?)", (table, number))

@@ -23,6 +23,7 @@ from typing import Optional
 from urllib.parse import quote
 
 from . import schema
+from .checked_rows import CheckedConnection
 
 SYNC_PERIOD_S = 1.0
 """A power cut loses at most what was written in this time, in s."""
@@ -64,7 +65,9 @@ class DatabaseFile:
         with contextlib.ExitStack() as on_error:
             self._lock: Optional[int] = _lock(lock_path(self.path))
             on_error.callback(os.close, self._lock)
-            self.connection = sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+            self.connection = sqlite3.connect(
+                self.path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False, factory=CheckedConnection
+            )
             """In autocommit mode."""
             on_error.callback(self.connection.close)
             schema.version_of(self.connection)  # what follows would change a file that must not be touched

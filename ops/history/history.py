@@ -20,7 +20,7 @@ from .database_errors import is_file_error
 from .fault_reports import FaultReports
 from .reader import HistoryReader
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
-from .storage import PART, SLOW_S, Storage
+from .storage import PART, SLOW_S, Storage, report_skipped
 from .writer import Job, Writer
 
 Result = TypeVar("Result")
@@ -103,7 +103,9 @@ class History:
         if self.file is None or self._storage.is_in_memory:
             return self.run(function, timeout_s)
         with HistoryReader(self.file) as reader:
-            return function(reader.connection)
+            result = function(reader.connection)
+            report_skipped(self._faults, reader.connection)
+            return result
 
     def close(self) -> None:
         """Stores the end of the run and closes the file; waits at most 2 s."""

@@ -9,7 +9,15 @@ from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 from robot_health_monitor.core.model import Level
 
 from ..matchers import matches_pattern
-from .rows import MAX_EVIDENCE, TRANSITION_COLUMNS, StoredTransition, stored_transition, unpack_samples
+from .checked_rows import checked, is_count, is_text, is_time, optional
+from .rows import (
+    MAX_EVIDENCE,
+    TRANSITION_CHECKS,
+    TRANSITION_COLUMNS,
+    StoredTransition,
+    stored_transition,
+    unpack_samples,
+)
 from .schema import INDEX_STEP, INDEXED
 
 _PAGE = 500
@@ -71,14 +79,14 @@ def transitions(
     order = "DESC" if newest_first else "ASC"
     where = f"id BETWEEN ? AND ? AND {where} ORDER BY id {order} LIMIT ?"
     query = f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE {where}"
-    first, last = _number_range(connection, since_s)
+    first, last = number_range(connection, since_s)
     first = max(first, after_id + 1)
     last = last if before_id is None else min(last, before_id - 1)
     # Page by page: an open query would keep the writer's log from being shortened.
     while limit is None or limit > 0:
         page = _PAGE if limit is None else min(_PAGE, limit)
         rows = connection.execute(query, [first, last, *values, page]).fetchall()
-        for row in rows:
+        for row in checked(connection, "transitions", rows, TRANSITION_CHECKS):
             yield stored_transition(row)
         if len(rows) < page:
             break
@@ -89,7 +97,7 @@ def transitions(
             first = rows[-1][0] + 1
 
 
-def _number_range(connection: sqlite3.Connection, since_s: Optional[float]) -> Tuple[int, int]:
+def number_range(connection: sqlite3.Connection, since_s: Optional[float]) -> Tuple[int, int]:
     """Returns the first number that may be as new as `since_s`, and the last number."""
     first, last = connection.execute("SELECT min(id), max(id) FROM transitions").fetchone()
     if first is None:
@@ -103,8 +111,9 @@ def _number_range(connection: sqlite3.Connection, since_s: Optional[float]) -> T
 
 def transition(connection: sqlite3.Connection, number: int) -> Optional[StoredTransition]:
     """Returns one transition by its id; None if there is none."""
-    row = connection.execute(f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE id = ?", (number,)).fetchone()
-    return None if row is None else stored_transition(row)
+    rows = connection.execute(f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE id = ?", (number,)).fetchall()
+    found = [stored_transition(row) for row in checked(connection, "transitions", rows, TRANSITION_CHECKS)]
+    return found[0] if found else None
 
 
 def evidence(connection: sqlite3.Connection, transition_id: int) -> Sequence[Tuple[float, float]]:
@@ -143,13 +152,20 @@ def gaps(connection: sqlite3.Connection, since_s: float = 0.0) -> List[Gap]:
         connection: the database.
         since_s: gaps that ended before are left out, in s since 1970.
     """
-    runs = connection.execute("SELECT started_s, alive_s, stopped_s FROM runs ORDER BY id").fetchall()
+    runs = _runs(connection)
     found = [
-        Gap(stopped_s or alive_s, next_run[0], stopped_s is None)
-        for (_, alive_s, stopped_s), next_run in zip(runs, runs[1:])
+        Gap(stopped_s or alive_s, next_run[1], stopped_s is None)
+        for (_, _, alive_s, stopped_s, _), next_run in zip(runs, runs[1:])
     ]
     # The wall clock may have been set back in the meantime.
     return [gap for gap in found if gap.to_s > gap.from_s and gap.to_s >= since_s]
+
+
+def _runs(connection: sqlite3.Connection) -> List[Tuple[int, float, float, Optional[float], str]]:
+    """Returns id, begin, last sign of life, end and version of each run."""
+    rows = connection.execute("SELECT id, started_s, alive_s, stopped_s, version FROM runs ORDER BY id").fetchall()
+    checks = (is_count, is_time, is_time, optional(is_time), is_text)
+    return [*checked(connection, "runs", rows, checks)]
 
 
 class MonitorEvent(NamedTuple):
@@ -176,18 +192,23 @@ def monitor_events(
         robot: resets and configurations of this robot only; `*` and `?` work as in file names.
     """
     events = []
-    runs = connection.execute("SELECT started_s, alive_s, stopped_s, version FROM runs ORDER BY id").fetchall()
-    for number, (started_s, alive_s, stopped_s, version) in enumerate(runs, 1):
+    runs = _runs(connection)
+    for number, (_, started_s, alive_s, stopped_s, version) in enumerate(runs, 1):
         events.append(MonitorEvent(started_s, "started", "", version))
         if stopped_s is not None:
             events.append(MonitorEvent(stopped_s, "stopped", "", ""))
         elif number < len(runs):
             events.append(MonitorEvent(alive_s, "killed", "", ""))
     condition, values = pattern_condition(connection, "robot", robot)
-    for wall_s, name in connection.execute(f"SELECT wall_s, robot FROM resets WHERE {condition} ORDER BY id", values):
+    query = f"SELECT id, wall_s, robot FROM resets WHERE {condition} ORDER BY id"
+    rows = connection.execute(query, values).fetchall()
+    for _, wall_s, name in checked(connection, "resets", rows, (is_count, is_time, is_text)):
         events.append(MonitorEvent(wall_s, "reset", name, ""))
-    query = f"SELECT wall_s, robot, hash FROM configuration_changes WHERE {condition} ORDER BY id"
-    for wall_s, name, key in connection.execute(query, values):
+    query = f"SELECT id, wall_s, robot, hash FROM configuration_changes WHERE {condition} ORDER BY id"
+    rows = connection.execute(query, values).fetchall()
+    for _, wall_s, name, key in checked(
+        connection, "configuration_changes", rows, (is_count, is_time, is_text, is_text)
+    ):
         events.append(MonitorEvent(wall_s, "configuration", name, key))
     return sorted((event for event in events if event.wall_s >= since_s), key=lambda event: event.wall_s)
 

@@ -13,6 +13,7 @@ from urllib.parse import quote
 from robot_health_monitor.core.errors import ConfigError
 
 from . import queries, schema
+from .checked_rows import CheckedConnection
 from .database_file import require_regular_file
 from .rows import StoredTransition
 
@@ -65,7 +66,7 @@ class HistoryReader:
         return queries.gaps(self.connection, since_s)
 
 
-def open_read_only(path: str) -> sqlite3.Connection:
+def open_read_only(path: str) -> CheckedConnection:
     """Opens a history file that another process may be writing.
 
     Raises:
@@ -86,9 +87,11 @@ def open_read_only(path: str) -> sqlite3.Connection:
     return _connected(path, "immutable=1")
 
 
-def _connected(path: str, options: str) -> sqlite3.Connection:
+def _connected(path: str, options: str) -> CheckedConnection:
     uri = f"file:{quote(os.path.abspath(path))}?{options}"
-    connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+    connection = sqlite3.connect(
+        uri, uri=True, timeout=_BUSY_S, isolation_level=None, check_same_thread=False, factory=CheckedConnection
+    )
     try:
         schema.require_known(connection)
     except BaseException:

@@ -11,6 +11,8 @@ from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 from robot_health_monitor.core.formatting import datum_text, printable
 from robot_health_monitor.core.model import Level, Transition
 
+from .checked_rows import is_count, is_datum, is_json_object, is_level, is_number, is_text, is_time, optional
+
 MAX_EVIDENCE = 300
 """Most samples that are stored with a transition."""
 
@@ -19,6 +21,12 @@ TRANSITION_COLUMNS = (
     "statistics, repeated, hint"
 )
 """The columns of a transition except its id, in the order of `transition_row`."""
+
+TRANSITION_CHECKS = (
+    is_count, is_time, is_text, is_text, is_level, is_level, is_datum, is_text, optional(is_number), is_number,
+    is_number, is_text, is_text, is_json_object, is_count, is_text,
+)  # fmt: skip
+"""The checks of the id and the `TRANSITION_COLUMNS`."""
 
 INSERT_TRANSITION = (
     f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' for _ in TRANSITION_COLUMNS.split(','))})"

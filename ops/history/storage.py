@@ -16,9 +16,11 @@ import sqlite3
 import time
 from typing import Callable, Dict, Optional, Tuple
 
+from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.version import package_version
 
 from . import schema
+from .checked_rows import CheckedConnection, is_text, is_time
 from .copying import copy_state, copy_table, number_from, write_states
 from .database_errors import is_damage, is_file_error, reason
 from .database_file import DatabaseFile, InUseError, NotAHistoryError, set_aside
@@ -30,6 +32,9 @@ PART = "history"
 """The part whose fault says that the history is not written to its file."""
 REPLACED_PART = "history file"
 """The part whose fault says that an earlier history was lost or put aside; it lasts until the monitor is restarted."""
+
+ROWS_PART = "history rows"
+"""The part whose fault says that rows were skipped, because something else has changed them."""
 
 SLOW_S = 3.0
 """A disk that takes longer is reported, in s."""
@@ -175,6 +180,7 @@ class Storage:
         if self._file is not None:
             self._check_file(self._file)
         connection = self.connection
+        report_skipped(self._faults, connection)
         if now_s >= self._alive_at_s + _ALIVE_PERIOD_S:
             self._alive_at_s = now_s
             connection.execute("UPDATE runs SET alive_s = ? WHERE id = ?", (self._wall_s(), self._run[0]))
@@ -262,11 +268,12 @@ class Storage:
     def _begin_run(self, connection: sqlite3.Connection) -> None:
         now_s = self._wall_s()
         last = connection.execute("SELECT alive_s FROM runs ORDER BY id DESC LIMIT 1").fetchone()
-        self._age_clock = AgeClock(now_s if last is None else min(last[0], now_s), _boot_s())
+        self._age_clock = AgeClock(min(last[0], now_s) if last and is_time(last[0]) else now_s, _boot_s())
         insert = "INSERT INTO runs (started_s, alive_s, version) VALUES (?, ?, ?)"
         self._run = (connection.execute(insert, (now_s, now_s, package_version())).lastrowid or 0, now_s)
         for robot, signal, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
-            self._states.setdefault((robot, signal), state)
+            if is_text(robot) and is_text(signal) and is_text(state):
+                self._states.setdefault((robot, signal), state)
 
     def _check_file(self, file: DatabaseFile) -> None:
         """Looks whether the file was deleted or replaced, or its disk fails."""
@@ -304,7 +311,7 @@ class Storage:
             source: the database that was used until now.
             error: why it cannot be written.
         """
-        memory = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
+        memory = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=CheckedConnection)
         schema.prepare(memory)
         memory.execute("BEGIN IMMEDIATE")
         self._is_copy = source is not None and copy_state(source, memory)
@@ -394,6 +401,12 @@ class Storage:
 
     def _report_replaced(self, text: str) -> None:
         self._faults.report(REPLACED_PART, text)
+
+
+def report_skipped(faults: FaultReports, connection: sqlite3.Connection) -> None:
+    """Reports the first row that was skipped because of its values; the fault lasts until the monitor is restarted."""
+    if isinstance(connection, CheckedConnection) and connection.skipped and not faults.has(ROWS_PART):
+        faults.report(ROWS_PART, connection.skipped_text, Level.WARN)
 
 
 def roll_back(connection: sqlite3.Connection) -> None:

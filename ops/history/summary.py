@@ -21,9 +21,11 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.saved_state import known_s
 
 from ..matchers import matches_pattern
+from .checked_rows import checked, is_count, is_level, is_number, is_text, is_time
 from .queries import pattern_condition
 
 _PAGE = 5_000
+_CHECKS = (is_count, is_time, is_text, is_text, is_level, is_level, is_number, is_count)
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def summarize(
     }
     lasting_s: Dict[Tuple[str, str], float] = {}
     for name, signal_name, state in connection.execute("SELECT robot, signal, state FROM signal_states"):
-        if name in robots:
+        if name in robots and is_text(signal_name):
             robots[name].signals[signal_name] = _Signal(robots[name].begin_s)
             lasting_s[name, signal_name] = _known_s(state, now_s)
     for row in _transitions(connection, robot):
@@ -217,11 +219,12 @@ def _watched(connection: sqlite3.Connection, robot: Optional[str]) -> Dict[str, 
     """Returns the times in which each robot was watched, merged and sorted."""
     condition, values = pattern_condition(connection, "robot", robot)
     query = f"""
-        SELECT robot, watches.started_s, coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s)
+        SELECT watches.id, robot, watches.started_s, coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s)
         FROM watches JOIN runs ON runs.id = run_id WHERE {condition} ORDER BY watches.started_s, watches.id
     """
     merged: Dict[str, List[Tuple[float, float]]] = {}
-    for name, begin_s, end_s in connection.execute(query, values):
+    rows = connection.execute(query, values).fetchall()
+    for _, name, begin_s, end_s in checked(connection, "watches", rows, (is_count, is_text, is_time, is_time)):
         spans = merged.setdefault(name, [])
         if spans and begin_s <= spans[-1][1]:
             begin_s, earlier_end_s = spans.pop()
@@ -239,7 +242,9 @@ def _transitions(connection: sqlite3.Connection, robot: Optional[str]) -> Iterat
     number = 0
     while True:
         rows = connection.execute(query, [number, *values]).fetchall()
-        for _, wall_s, name, signal, from_level, to_level, lasted_s, repeated in rows:
+        for _, wall_s, name, signal, from_level, to_level, lasted_s, repeated in checked(
+            connection, "transitions", rows, _CHECKS
+        ):
             yield _Row(wall_s, name, signal, Level(from_level), Level(to_level), lasted_s, repeated)
         if len(rows) < _PAGE:
             return

@@ -1,0 +1,131 @@
+"""Values that nobody expects in a history file: each reader gives the rest, and nothing of it stops the monitor."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import Any, Iterator, List, Tuple
+
+import pytest
+from harness.histories import fault_texts, opened, texts, transition
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.ops.active_silences import Silences
+from robot_health_monitor.ops.history import queries, schema
+from robot_health_monitor.ops.history.checked_rows import CheckedConnection, checked, is_count, is_time, skip
+from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history.summary import summarize
+from robot_health_monitor.ops.matchers import parse_matchers
+from robot_health_monitor.ops.silences import open_alerts, read_silences, silence_events, silenced_transitions
+
+NOW_S = 1_700_000_000.0
+ODD = ("'text'", "9e999", "9223372036854775807", "x'ff00'", "CAST(x'ff' AS TEXT)")
+"""SQL values."""
+_WITHOUT_ROWID = ("configurations", "silenced_alerts")
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Returns a history with rows in every table."""
+    path = tmp_path / "history.db"
+    history = opened(path, keep_days=30_000.0)
+    for number in range(4):
+        robot = history.of_robot(f"r{number % 2}", Faults())
+        level = (Level.WARN, Level.OK)[number // 2]
+        state = {"announced": {"level": level.name}}
+        robot.record(transition(number, level, robot=f"r{number % 2}"), state, [(NOW_S, 1.0)])
+        robot.record_reset()
+        robot.record_configuration({"a": {"number": number}})
+    silences = Silences(history)
+    history.of_robot("r5", Faults()).record(transition(9, robot="r5"), {"announced": {"level": "WARN"}}, [(NOW_S, 1.0)])
+    silences.add(parse_matchers("robot=r5"), until_resolved=True)
+    silences.add(parse_matchers("robot=r1"), for_s=60.0)
+    silences.close()
+    history.close()
+    opened(path).close()  # a second run
+    return path
+
+
+def columns() -> Iterator[Tuple[str, str]]:
+    """Yields every column of every table."""
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    schema.prepare(connection)
+    for table in schema.tables(connection):
+        for row in connection.execute(f"PRAGMA table_info({table})"):
+            yield table, row[1]
+
+
+def read_everything(connection: sqlite3.Connection) -> List[str]:
+    """Calls every reader; returns the texts of the transitions."""
+    found = [*queries.transitions(connection), *queries.transitions(connection, since_s=NOW_S, newest_first=True)]
+    for each in found:
+        queries.transition(connection, each.id)
+        queries.evidence(connection, each.id)
+    queries.gaps(connection)
+    queries.monitor_events(connection)
+    summarize(connection, NOW_S * 2.0)
+    open_alerts(connection)
+    silence_events(connection, NOW_S, robot="r*")
+    for silence in read_silences(connection):
+        assert silence.text
+        silenced_transitions(connection, silence, NOW_S)
+    return [each.text for each in queries.transitions(connection)]
+
+
+@pytest.mark.newest_python
+@pytest.mark.parametrize(("table", "column"), columns(), ids=lambda name: str(name))
+def test_an_odd_value_anywhere_stops_no_reader_and_no_monitor(file: Path, table: str, column: str) -> None:
+    for odd in ODD:
+        connection = sqlite3.connect(str(file), isolation_level=None)
+        connection.execute("BEGIN")
+        where = "1" if table in _WITHOUT_ROWID else f"rowid = (SELECT min(rowid) FROM {table})"
+        try:
+            connection.execute(f"UPDATE {table} SET {column} = {odd} WHERE {where}")
+        except sqlite3.Error:  # the key is an integer
+            connection.execute("ROLLBACK")
+            continue
+        finally:
+            if connection.in_transaction:
+                connection.execute("COMMIT")
+            connection.close()
+        with HistoryReader(file) as reader:
+            assert len(read_everything(reader.connection)) >= 4
+        faults = Faults()
+        history = opened(file, keep_days=30_000.0)
+        robot = history.of_robot("r9", faults)
+        silences = Silences(history, faults)
+        robot.restore()
+        robot.watched_until_s()
+        robot.record(transition(77, robot="r9"), {"level": 1}, [])
+        assert "battery_level WARN: number 77" in texts(history)
+        silences.silence_of("r9", "battery_level")
+        silences.close()
+        history.close()
+        assert not [text for part, text in fault_texts(faults) if part not in ("history rows", "silence list")]
+
+
+def database() -> CheckedConnection:
+    return sqlite3.connect(":memory:", isolation_level=None, factory=CheckedConnection)
+
+
+def test_skipped_rows_are_noted_in_one_line() -> None:
+    connection = database()
+    assert connection.skipped_text == ""
+    rows: List[Tuple[Any, ...]] = [(1, 1.0), (2, "x"), (3, 9e999), (4, 4.0)]
+    assert [*checked(connection, "resets", rows, (is_count, is_time))] == [(1, 1.0), (4, 4.0)]
+    assert connection.skipped_text == "2 rows have unexpected values and are skipped (resets 2)"
+    assert [*checked(connection, "resets", rows, (is_count, is_time))] == [(1, 1.0), (4, 4.0)]
+    assert len(connection.skipped) == 2
+
+
+def test_the_notes_are_bounded() -> None:
+    connection = database()
+    for number in range(5000):
+        skip(connection, "resets", "x" * number)
+    assert len(connection.skipped) <= 1000
+    assert max(map(len, connection.skipped)) < 100
+
+
+def test_text_that_is_not_utf_8_is_read() -> None:
+    assert database().execute("SELECT CAST(x'41ff' AS TEXT)").fetchone() == ("A\ufffd",)
