@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+import urllib.request
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
@@ -17,6 +18,7 @@ import cbor2
 import pytest
 from harness.chaos import DEADLINE_S, Robot, check_stderr, end, kill, trial_of
 from harness.unread import fill
+from harness.waiting import wait_for
 
 ROUNDS = 4
 HANDSHAKE = (
@@ -103,6 +105,69 @@ def test_hostile_clients_cost_no_alert(robot_health: Any, robot: Any, thresholds
     with Hostile(port, seed):
         for _ in range(ROUNDS * 3):
             trial.change(trial.pause)
+    trial.finish()
+    end(process)
+
+
+class HalfOpen:
+    """Clients without the token that hold half a request each, more than there is room for, and open lost ones anew."""
+
+    REQUESTS = (
+        b"POST /api/login HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        b"Content-Length: 30\r\n\r\n{}",
+        HANDSHAKE + b"\x81",
+        b"GET /api/events HTTP/1.1\r\nHost: localhost\r\nCookie: robot_health=1.2.3\r\n\r\n",
+    )
+    COUNT = 520
+
+    def __init__(self, port: int, seed: int) -> None:
+        self._port = port
+        self._chance = random.Random(seed)
+        self._ended = threading.Event()
+        self._held: List[socket.socket] = []
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> HalfOpen:
+        self._thread.start()
+        wait_for(lambda: len(self._held) >= self.COUNT)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        self._thread.join(20.0)
+        for connection in self._held:
+            connection.close()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            if len(self._held) > self.COUNT:
+                self._held.pop(self._chance.randrange(self.COUNT)).close()
+            request = self._chance.choice(self.REQUESTS)
+            try:
+                connection = socket.create_connection(("127.0.0.1", self._port), 2.0)
+                self._held.append(connection)
+                connection.sendall(request[: self._chance.randrange(len(request) + 1)])
+            except OSError:
+                self._ended.wait(0.01)
+
+
+def test_half_open_connections_cost_no_alert_and_no_request(
+    robot_health: Any, robot: Any, thresholds: Path, port: int, seed: int, tmp_path: Path
+) -> None:
+    token = "0123456789abcdef"
+    (tmp_path / "token").write_text(token, encoding="ascii")
+    (tmp_path / "token").chmod(0o600)
+    process = robot_health(*options(port, thresholds), "--token-file", tmp_path / "token")
+    process.wait_for_text("serving on")
+    trial = trial_of(robot("rosbridge_peer", f"http://127.0.0.1:{port}/?token={token}"), seed)
+    with HalfOpen(port, seed):
+        for _ in range(ROUNDS * 3):
+            trial.change(trial.pause)
+            for path in ("api/state", "healthz"):
+                headers = {"Authorization": f"Bearer {token}"} if path == "api/state" else {}
+                request = urllib.request.Request(f"http://127.0.0.1:{port}/{path}", headers=headers)
+                with urllib.request.urlopen(request, timeout=DEADLINE_S) as response:
+                    assert response.status == 200
     trial.finish()
     end(process)
 

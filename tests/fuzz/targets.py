@@ -351,7 +351,7 @@ class Sessions(Target):
     async def _talk(self, data: List[Wire]) -> None:
         session = Session(self._server._parts, _Transport(), cbor=size_of(data) % 2 == 0)
         with contextlib.suppress(AuthenticationError):
-            session.authenticate(data[0])
+            session.read_auth(data[0])
         for wire in data:
             await session.receive(wire)
         for call in tuple(session._calls):
