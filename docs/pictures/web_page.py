@@ -27,7 +27,7 @@ alert_system:
 
 
 def one_robot(folder: Path, variables: Dict[str, str], picture: Path) -> None:
-    """`robot-health run` after the battery's first alert, with the plot of its window."""
+    """`robot-health run` after the first alert, with the plot of the signal's window."""
     (folder / "ops.yaml").write_text(f"history: {{file: {folder / 'history.db'}}}\n", encoding="utf-8")
     port = _free_port()
     arguments = ["run", "--robot", "robot1", "--port", str(port), "--ops", str(folder / "ops.yaml")]

@@ -11,7 +11,7 @@ from robot_health_monitor.core.config import SignalConfig
 
 def plot_script() -> str:
     """Returns the script, which defines `HealthPlot`; plot.js describes it."""
-    return _read("plot.js")
+    return _read("view.js") + _read("plot.js")
 
 
 def plot_style() -> str:

@@ -23,7 +23,7 @@
 const HealthPlot = (() => {
 const SVG = "http://www.w3.org/2000/svg";
 const HEIGHT = {top: 18, plot: 250, gap: 8, strip: 16, axis: 20};
-const LEFT = 62, RIGHT = 10, NARROWEST = 240, PAPER_WIDTH = 680, MARKER_SPACE = 11, CLICK = 5;
+const LEFT = 62, RIGHT = 10, NARROWEST = 240, PAPER_WIDTH = 680, MARKER_SPACE = 11;
 const RANK = {"": -1, OK: 0, WARN: 1, STALE: 2, ERROR: 3};
 const STRIP_SHARE = {OK: 0.3, WARN: 0.8, STALE: 1, ERROR: 1};  // levels differ in height, not in colour alone
 const STEPS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800,
@@ -69,62 +69,13 @@ function niceStep(span, most) {
   return power * ([1, 2, 5].find((factor) => factor * power >= rough) || 10);
 }
 
-/** The span of time that plots show. */
-class View {
-  constructor(from, to, utcOffset) {
-    this.first = from;
-    this.last = Math.max(to, from + 1e-3);
-    this.from = this.first;
-    this.to = this.last;
-    this.utcOffset = utcOffset || 0;
-    this.onChange = [];
-    this.pending = false;
-  }
-
-  get isWhole() { return this.from <= this.first && this.to >= this.last; }
-
-  show(from, to) {
-    const whole = this.last - this.first;
-    const span = clamp(to - from, Math.min(whole, 0.01), whole);
-    const start = clamp((from + to - span) / 2, this.first, this.last - span);
-    this.from = start;
-    this.to = start + span;
-    if (!this.pending) {
-      this.pending = true;
-      requestAnimationFrame(() => { this.pending = false; this.onChange.forEach((draw) => draw()); });
-    }
-  }
-
-  showAll() { this.show(this.first, this.last); }
-
-  /** Changes the span of the data. A part that was zoomed to stays. Draws nothing: update the plots afterwards. */
-  extend(first, last) {
-    const {isWhole} = this;
-    this.first = first;
-    this.last = Math.max(last, first + 1e-3);
-    if (isWhole) [this.from, this.to] = [this.first, this.last];
-    else this.from = clamp(this.from, this.first, Math.max(this.first, this.last - (this.to - this.from)));
-  }
-
-  zoom(factor, around) {
-    const center = around === undefined ? (this.from + this.to) / 2 : around;
-    this.show(center - (center - this.from) * factor, center + (this.to - center) * factor);
-  }
-
-  move(share) {
-    const span = this.to - this.from;
-    const from = clamp(this.from + share * span, this.first, this.last - span);
-    this.show(from, from + span);
-  }
-}
-
-class Plot {
+class Plot extends HealthPlotViews.Gestures {
   constructor(element, signal, view) {
+    super();
     this.element = element;
     this.view = view;
     this.picked = "";
     this.at = null;
-    this.pointers = new Map();
     this.id = `health-plot-${++plots}`;
     element.classList.add("health-plot");
     element.plot = this;
@@ -454,87 +405,14 @@ class Plot {
     if (this.output.textContent !== text) this.output.textContent = text;
   }
 
-  /** Returns the begin and the end of what a pointer has selected. */
-  selection(pointer) {
-    return [pointer.start, pointer.x].sort((one, other) => one - other).map((x) => clamp(x, LEFT, this.right));
-  }
-
-  /** Returns the place of a pointer in the coordinates of the SVG. */
-  place(event) {
-    const box = this.svg.getBoundingClientRect();
-    return (event.clientX - box.left) / box.width * this.width;
-  }
-
-  listen() {
-    const {svg, view} = this;
-    svg.addEventListener("wheel", (event) => {
-      // Without focus or Ctrl the wheel scrolls the page.
-      if (!event.ctrlKey && document.activeElement !== svg) return;
-      event.preventDefault();
-      view.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.t(clamp(this.place(event), LEFT, this.right)));
-    }, {passive: false});
-    svg.addEventListener("keydown", (event) => {
-      const actions = {
-        "+": () => view.zoom(0.5), "=": () => view.zoom(0.5), "-": () => view.zoom(2), "0": () => view.showAll(),
-        ArrowLeft: () => view.move(-0.2), ArrowRight: () => view.move(0.2), Escape: () => { this.at = null; this.draw(); },
-      };
-      if (event.target !== svg || event.ctrlKey || event.altKey || event.metaKey || !actions[event.key]) return;
-      event.preventDefault();
-      actions[event.key]();
-    });
-    svg.addEventListener("pointerdown", (event) => {
-      if (event.pointerType === "mouse" && event.button !== 0) return;
-      if (event.target.closest("a")) return;
-      const x = this.place(event);
-      this.pointers.set(event.pointerId, {type: event.pointerType, start: x, x, pan: event.shiftKey});
-      svg.setPointerCapture(event.pointerId);
-    });
-    svg.addEventListener("pointermove", (event) => {
-      const pointer = this.pointers.get(event.pointerId), x = this.place(event);
-      if (this.pointers.size === 2 && pointer) {
-        this.pinch(pointer, x);
-      } else if (pointer && pointer.pan) {
-        view.move((pointer.x - x) / (this.right - LEFT));
-        pointer.x = x;
-      } else {
-        if (pointer) pointer.x = x;
-        this.at = this.t(clamp(x, LEFT, this.right));
-        this.drawCursor();
-        if (pointer && pointer.type === "mouse" && Math.abs(x - pointer.start) > CLICK) this.drawSelection(pointer);
-      }
-    });
-    const release = (event) => {
-      const pointer = this.pointers.get(event.pointerId);
-      this.pointers.delete(event.pointerId);
-      if (!pointer || event.type === "pointercancel") return;
-      const [from, to] = this.selection(pointer);
-      if (pointer.type === "mouse" && !pointer.pan && to - from > CLICK) {
-        view.show(this.t(from), this.t(to));
-      } else if (pointer.type !== "mouse") {
-        this.at = this.t(clamp(pointer.x, LEFT, this.right));
-        this.drawCursor();
-      }
-    };
-    svg.addEventListener("pointerup", release);
-    svg.addEventListener("pointercancel", release);
-    svg.addEventListener("pointerleave", (event) => {
-      if (event.pointerType === "mouse" && !this.pointers.size) { this.at = null; this.drawCursor(); }
-    });
-    svg.addEventListener("dblclick", () => view.showAll());
-  }
-
   drawSelection(pointer) {
     const [from, to] = this.selection(pointer);
     add(this.overlay, "rect",
       {class: "selection", x: pixel(from), y: HEIGHT.top, width: pixel(to - from), height: HEIGHT.plot});
   }
 
-  pinch(moved, x) {
-    const [other] = [...this.pointers.values()].filter((pointer) => pointer !== moved);
-    const before = Math.abs(moved.x - other.x), after = Math.abs(x - other.x);
-    if (before > 5 && after > 5) this.view.zoom(before / after, this.t((x + other.x) / 2));
-    moved.x = x;
-  }
+  /** Returns a place within the plot. */
+  inside(x) { return clamp(x, LEFT, this.right); }
 }
 
 // On paper, texts would shrink with the width of the plot.
@@ -542,5 +420,5 @@ for (const [event, width] of [["beforeprint", PAPER_WIDTH], ["afterprint", 0]]) 
   addEventListener(event, () => document.querySelectorAll(".health-plot").forEach(({plot}) => plot.draw(width)));
 }
 
-return {Plot, View, timeText};
+return {Plot, View: HealthPlotViews.View, timeText};
 })();
