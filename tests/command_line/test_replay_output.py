@@ -20,7 +20,7 @@ def replay(folder: Path, numbers: List[float]) -> List[str]:
     """Returns the arguments that replay a recording of a battery."""
     (folder / "thresholds.yaml").write_text(THRESHOLDS, encoding="utf-8")
     recording = write_bag(folder / "test.bag", values("/battery", numbers, period_s=0.1))
-    return ["replay", recording, "--thresholds", str(folder / "thresholds.yaml")]
+    return ["replay", recording, "--thresholds", str(folder / "thresholds.yaml"), "--allow-missing"]
 
 
 def test_a_terminal_shows_progress_alerts_and_the_table(tmp_path: Path, on_terminal: Callable[..., Any]) -> None:
@@ -32,11 +32,12 @@ def test_a_terminal_shows_progress_alerts_and_the_table(tmp_path: Path, on_termi
     assert f"\x1b[33m{alert}".encode() in program.bytes
     first, *rest = program.rows
     assert first == alert
-    assert [" ".join(line.split()) for line in rest if line][:2] == [
+    assert [" ".join(line.split()) for line in rest if line][:3] == [
+        "WARN: not judged: gps (/gps is not recorded)",
         "signal samples bad OK WARN ERROR STALE unknown alerts min mean max longest gap",
         "battery 20000 0 50.0 % 50.0 % 0 % 0 % 0 % 1 10 % 30 % 50 % 0.1 s",
     ]
-    assert rest[-2:] == ["gps      not recorded", "1 alert"]
+    assert rest[-2:] == ["gps      not recorded", "1 alert; 1 signal not judged"]
     assert b"\x1b[?25h" in program.bytes  # the cursor is visible again
 
 
@@ -44,7 +45,7 @@ def test_a_simple_terminal_gets_plain_lines(tmp_path: Path, on_terminal: Callabl
     program = on_terminal(*replay(tmp_path, [50.0] * 20), columns=110, TERM="dumb")
     assert program.wait() == 0
     assert b"\x1b" not in program.bytes
-    assert program.rows[-1] == "no alerts"
+    assert program.rows[-1] == "no alerts; 1 signal not judged"
 
 
 def test_json_on_a_terminal_is_one_line_per_object(tmp_path: Path, on_terminal: Callable[..., Any]) -> None:
@@ -65,7 +66,7 @@ def test_alerts_go_to_the_file_of_stdout_while_the_progress_bar_is_on_the_termin
         "2023-11-14 22:13:22 battery WARN: 10 % is below 20 % (was OK for 2 s)"
     )
     assert b"judging" in program.bytes
-    assert b"WARN" not in program.bytes
+    assert b"battery WARN" not in program.bytes
 
 
 def test_a_narrow_terminal_gets_the_table_in_parts(tmp_path: Path, on_terminal: Callable[..., Any]) -> None:
@@ -78,5 +79,5 @@ def test_a_narrow_terminal_gets_the_table_in_parts(tmp_path: Path, on_terminal: 
         "",
         "signal   unknown  alerts   min  mean   max  longest gap",
         "battery      0 %       1  10 %  30 %  50 %        0.1 s",
-        "1 alert",
+        "1 alert; 1 signal not judged",
     ]
