@@ -1,4 +1,4 @@
-"""Parameters as tables: one table serves validation, ROS 2 parameter descriptions and `docs/parameters.md`.
+"""Parameters as tables: one table serves validation, ROS 2 parameter descriptions and `docs/reference/parameters.md`.
 
 A node's configuration is a nested mapping, as in the file under `ros__parameters`. `read_parameters` checks one level
 of it against a table and returns plain values. Every mistake is a ConfigError with the key's path.

@@ -1,4 +1,4 @@
-"""Writes docs/parameters.md from the tables of parameters in the code.
+"""Writes docs/reference/parameters.md from the tables of parameters in the code.
 
     python docs/write_parameters.py
 
@@ -24,13 +24,13 @@ from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors import configuration as sensing
 
-PAGE = Path(__file__).resolve().parent / "parameters.md"
+PAGE = Path(__file__).resolve().parent / "reference" / "parameters.md"
 
 INTRODUCTION = """# Parameters
 
 All parameters of the three nodes, for `thresholds.yaml` on every middleware, for `rosparam` and for `ros2 param`.
 Values in the column *default* apply to keys that are left out; an empty default means that the feature is disabled or
-the text is empty. `robot-health check FILE` reports every mistake in a file. The files in [config](../config) are
+the text is empty. `robot-health check FILE` reports every mistake in a file. The files in [config](../../config) are
 complete examples.
 
 This page is made by `python docs/write_parameters.py`.
@@ -46,8 +46,8 @@ def _sections() -> Iterator[str]:
     yield from _section(
         "## Signals of alert_system",
         "Under `alert_system: ros__parameters: signals: NAME:`. A name consists of letters, digits and `_`; `link` and"
-        " `monitor` are reserved.\n[signals.md](signals.md) explains how to watch any signal, [rules.md](rules.md) how"
-        " levels are determined.",
+        " `monitor` are reserved.\n[signals.md](../signals.md) explains how to watch any signal,"
+        " [rules.md](../rules.md) how levels are determined.",
         SIGNAL_PARAMETERS,
     )
     yield from _section(
@@ -64,7 +64,7 @@ def _sections() -> Iterator[str]:
         for parameter in parameters
     ]
     yield from _section("## battery_sensor", "", [*_own(SENSOR_PARAMETERS), *metrics])
-    yield "Its section `host` adds metrics of the computer (memory, disks, single cores): [signals.md](signals.md).\n"
+    yield "Its section `host` adds metrics of the computer (memory, disks, cores): [signals.md](../signals.md).\n"
 
 
 def _own(parameters: Iterable[Parameter]) -> Iterator[Parameter]:

@@ -1,4 +1,4 @@
-"""Metrics for Prometheus, in prometheus_client's exposition. docs/api.md lists them.
+"""Metrics for Prometheus, in prometheus_client's exposition. docs/reference/api.md lists them.
 
 The library is imported at the first scrape: on small robots it takes memory.
 """

@@ -51,7 +51,7 @@ def help_text(executable: str, ros: str) -> str:
         "health_monitor": [],
     }
     lines = [*_wrapped(f"usage: {_USAGE[ros].format(executable)}", 7), "", *_wrapped(_PURPOSE[executable], 0)]
-    lines += ["", "parameters (docs/parameters.md has all of them):"]
+    lines += ["", "parameters (docs/reference/parameters.md has all of them):"]
     for name, meaning in [*own[executable], *_rows(NODE_PARAMETERS, common=True)]:
         lines += _wrapped(f"  {name:<{_COLUMN}} {meaning}", _COLUMN + 3)
     lines += ["", "exit codes: 0 ended by a signal or by ROS, 2 unusable configuration, 3 failed"]

@@ -1,4 +1,4 @@
-"""What a browser sees of the monitor: the web page, the HTTP API behind it (docs/api.md), metrics and health check.
+"""The web page, the HTTP API behind it (docs/reference/api.md), metrics and health check.
 
 Only `aiohttp` routes: the caller serves them.
 """

@@ -146,7 +146,7 @@ class WebInterface:
     # Checks
 
     def _route(self, handler: Handler) -> Handler:
-        """Answers errors as docs/api.md says."""
+        """Answers errors as docs/reference/api.md says."""
 
         async def handle(request: web.Request) -> web.StreamResponse:
             try:

@@ -1,4 +1,4 @@
-"""Checks and reads requests, and writes answers, as docs/api.md describes them."""
+"""Checks and reads requests, and writes answers, as docs/reference/api.md describes them."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class SilenceSource(Protocol):
 
 
 def silence_json(silence: Silence) -> Dict[str, Any]:
-    """Returns a silence as docs/api.md describes it."""
+    """Returns a silence as docs/reference/api.md describes it."""
     return {
         "id": str(silence.id),
         "matchers": matchers_text(silence.matchers),

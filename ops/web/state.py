@@ -1,4 +1,4 @@
-"""The state of robots as JSON values: the part of docs/api.md that describes robots and signals."""
+"""The state of robots as JSON values: the part of docs/reference/api.md that describes robots and signals."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ class HttpConnection(web.RequestHandler):
         exc: Optional[BaseException] = None,
         message: Optional[str] = None,
     ) -> web.StreamResponse:
-        """Answers a request that is malformed, or whose handler failed, in the form of docs/api.md."""
+        """Answers a request that is malformed, or whose handler failed, in the form of docs/reference/api.md."""
         super().handle_error(request, status, exc, message)
         text = "malformed request" if status < 500 else "internal error"
         response = json_error(status, "address or header too long" if isinstance(exc, LineTooLong) else text)
@@ -139,7 +139,7 @@ class HttpConnection(web.RequestHandler):
 
 
 def json_error(status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> web.Response:
-    """Returns a refusal in the form of docs/api.md: an HTTP status, the reason for the client, further headers."""
+    """Returns a refusal as docs/reference/api.md describes it: HTTP status, reason, further headers."""
     return web.json_response({"error": text}, status=status, headers={"Cache-Control": "no-store", **(headers or {})})
 
 

@@ -22,7 +22,7 @@ class Refusal(NamedTuple):
     """One line for the log."""
 
     def response(self) -> web.Response:
-        """Returns the HTTP response, in the form of docs/api.md."""
+        """Returns the HTTP response, in the form of docs/reference/api.md."""
         return json_error(403, self.text)
 
 

@@ -1,4 +1,4 @@
-"""docs/operations.md: its configurations are valid, its commands exist, its links lead somewhere."""
+"""docs/operations.md: its configurations are valid, its commands exist."""
 
 from __future__ import annotations
 
@@ -31,14 +31,3 @@ def test_a_configuration_is_valid(text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", re.findall(r"^\$ robot-health (.*)$", PAGE, re.MULTILINE))
 def test_a_command_exists(line: str) -> None:
     assert parse(shlex.split(line)).command == line.split()[0]
-
-
-def test_every_link_leads_somewhere() -> None:
-    for file, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", PAGE):
-        target = ROOT / "docs" / (file or "operations.md")
-        assert target.exists(), file
-        headings = [
-            re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
-            for heading in re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
-        ]
-        assert not anchor or anchor in headings, (file, anchor)

@@ -14,9 +14,3 @@ def test_the_page_shows_the_test_of_its_picture() -> None:
     page = (ROOT / "docs" / "recordings.md").read_text()
     (shown,) = re.findall(r"```yaml\n(thresholds:.*?)```", page, re.S)
     assert yaml.safe_load(shown) == yaml.safe_load((ROOT / "docs" / "pictures" / "thresholds.test.yaml").read_text())
-
-
-def test_every_file_that_the_pages_link_to_exists() -> None:
-    for name in ("recordings.md", "statistics.md"):
-        for target in re.findall(r"\]\(([^)#]+)", (ROOT / "docs" / name).read_text()):
-            assert (ROOT / "docs" / target).exists(), target

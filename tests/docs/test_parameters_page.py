@@ -1,4 +1,4 @@
-"""docs/parameters.md lists every parameter as the code defines it."""
+"""docs/reference/parameters.md lists every parameter as the code defines it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 @pytest.fixture(scope="module")
 def page() -> str:
-    return (DOCS / "parameters.md").read_text(encoding="utf-8")
+    return (DOCS / "reference" / "parameters.md").read_text(encoding="utf-8")
 
 
 def test_the_page_is_the_one_that_the_script_writes(page: str) -> None:

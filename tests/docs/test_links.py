@@ -1,0 +1,68 @@
+"""Every link of every page leads somewhere, and the README stays short."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import List, Set
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = (".", "docs", "docs/reference", "tests", "examples", "benchmarks", "config")
+PAGES = [page for folder in FOLDERS for page in sorted((ROOT / folder).glob("*.md"))]
+
+
+def without_code(page: Path) -> str:
+    return re.sub(r"^( *)```.*?^\1```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> Set[str]:
+    """Returns the anchors of a page's headings, as GitHub makes them."""
+    found: Set[str] = set()
+    for heading in re.findall(r"^#+ (.*)$", without_code(page), re.MULTILINE):
+        anchor = re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+        number = 0
+        while (f"{anchor}-{number}" if number else anchor) in found:
+            number += 1
+        found.add(f"{anchor}-{number}" if number else anchor)
+    return found
+
+
+def links(page: Path) -> List[str]:
+    return [link for link in re.findall(r"\]\(([^)\s]+)\)", without_code(page)) if "://" not in link]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_no_relative_link_is_dead(page: Path) -> None:
+    for link in links(page):
+        file, _, anchor = link.partition("#")
+        target = page.parent / file if file else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+def test_every_page_of_the_shelves_can_be_reached_from_the_readme() -> None:
+    reached, waiting = {ROOT / "README.md"}, [ROOT / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        for link in links(page):
+            target = (page.parent / link.partition("#")[0]).resolve()
+            if target.suffix == ".md" and target not in reached:
+                reached.add(target)
+                waiting.append(target)
+    assert [page for page in PAGES if page not in reached] == []
+
+
+def test_text_that_names_a_page_names_one_that_exists() -> None:
+    """Comments, messages and scripts name pages by their path from the root."""
+    suffixes = {".py", ".md", ".rst", ".yaml", ".toml", ".js", ".html", ".launch", ".service", ".txt"}
+    files = [file for file in ROOT.rglob("*") if file.suffix in suffixes and file.is_file()]
+    own = [file for file in files if not {".venv", ".git", "build", "data"} & set(file.relative_to(ROOT).parts)]
+    named = {name for file in own for name in re.findall(r"\bdocs/[\w/]+\.md\b", file.read_text(errors="replace"))}
+    assert len(named) > 5
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
+
+
+def test_the_readme_has_at_most_120_lines() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
