@@ -6,12 +6,12 @@ import math
 from typing import Any, Dict, Optional, Sequence
 
 from . import explanation
-from .config import SignalConfig
 from .explanation import Judgement
 from .flapping import FlapDetector
 from .model import Level, Transition
 from .rule import TIME_TOLERANCE_S, Rule
 from .saved_state import Downtime, Saved, age_s
+from .signal_config import SignalConfig
 from .storm import StormDetector
 
 

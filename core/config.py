@@ -1,36 +1,25 @@
 """Configuration of the monitor: a mapping or a `thresholds.yaml` becomes frozen values.
 
-`SIGNAL_PARAMETERS` lists the keys of a signal; `SignalConfig` holds their values. Every error names the key's path and,
-for a file, file and line.
+Here: the parameters of nodes, the sections of a file, and what several signals must agree on. `signal_config` has the
+keys of a signal. Every error names the key's path and, for a file, file and line.
 """
 
 from __future__ import annotations
 
-import math
 import os
-import re
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .errors import ConfigError, Path, Problems
-from .field_path import parse_field_path
-from .formatting import bound_text, number_text
 from .middleware import split_type_name
 from .parameters import Parameter, describe, read_parameters, require_mapping
+from .signal_config import CONDITION_PARAMETERS, CONDITIONS, LINK, SIGNAL_PARAMETERS, SignalConfig, read_signal
 from .standard_messages import check_field
 from .yaml_file import PathLike, read_yaml
 
-LINK = "link"
-"""Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
-
 _RESERVED_NAMES = {LINK: "the link to the robot", "monitor": "the status of the monitor itself"}
-
-STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
-"""Statistics to which bounds can apply."""
-
-BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
 
 NODE_PARAMETERS = (
     Parameter("robot_name", str, "", "name of the robot: hardware_id of all messages; empty: the host name"),
@@ -71,76 +60,6 @@ MONITOR_PARAMETERS = (
 )
 """Parameters of alert_system, apart from its signals."""
 
-_SIGNAL_PARAMETERS = (
-    Parameter("topic", str, None, "topic of the signal; left out: the signal's name"),
-    Parameter("type", str, "", "message type, such as std_msgs/Float32; left out: the type that is published"),
-    Parameter("field", str, "data", "path of the number in the message; empty: count arrivals, the value is 1"),
-    Parameter("scale", float, 1.0, "factor that converts the number to the unit"),
-    Parameter("unit", str, "", "unit of the value, for display and plausibility checks"),
-    Parameter("placeholders", list, (), "numbers that mean 'not measured', before scaling: invalid data"),
-    Parameter("valid_min", float, None, "smallest valid value, in the unit; below it the data is invalid"),
-    Parameter("valid_max", float, None, "largest valid value, in the unit; above it the data is invalid"),
-    Parameter("invalid_for_s", float, 0.0, "time for which data must be invalid before it is an ERROR, in s", 0.0),
-    Parameter("window_s", float, 60.0, "length of the window for statistics, in s", 0.001),
-    Parameter(
-        "window_min_s",
-        float,
-        None,
-        "time for which samples must come before statistics other than last are defined, in s; left out: window_s / 2",
-        0.0,
-    ),
-    Parameter("window_samples", int, 6000, "maximum number of samples in the window", 1, 1_000_000),
-    Parameter("statistic", str, "last", "statistic of the window to which the bounds apply", choices=STATISTICS),
-    Parameter("warn_below", float, None, "WARN below this value, in the unit of the statistic"),
-    Parameter("warn_above", float, None, "WARN above this value, in the unit of the statistic"),
-    Parameter("error_below", float, None, "ERROR below this value, in the unit of the statistic"),
-    Parameter("error_above", float, None, "ERROR above this value, in the unit of the statistic"),
-    Parameter(
-        "hysteresis", float, 0.0, "distance from a bound at which its alert clears, in the unit of the statistic", 0.0
-    ),
-    Parameter("for_s", float, 0.0, "time for which a bound must be crossed before the alert fires, in s", 0.0),
-    Parameter("keep_firing_for_s", float, 0.0, "time after the bound is no longer crossed until it clears, in s", 0.0),
-    Parameter("error_for_s", float, None, "for_s of the ERROR bounds, in s; left out: for_s", 0.0),
-    Parameter(
-        "error_keep_firing_for_s",
-        float,
-        None,
-        "keep_firing_for_s of the ERROR bounds, in s; left out: keep_firing_for_s",
-        0.0,
-    ),
-    Parameter("latch", bool, False, "keep the worst level that fired until reset"),
-    Parameter("flap_detection", bool, False, "announce a signal that changes too often once, not at each change"),
-    Parameter("flap_high", float, 50.0, "state change at which flapping begins, in %", 0.0, 100.0),
-    Parameter("flap_low", float, 25.0, "state change below which flapping ends, in %", 0.0, 100.0),
-    Parameter("stale_after_s", float, 5.0, "time without a sample after which it is STALE, in s; 0: never", 0.0),
-    Parameter("startup_grace_s", float, 10.0, "stale_after_s before the first sample, in s", 0.0),
-    Parameter("repeat_s", float, 0.0, "interval of repeated announcements while not OK, in s; 0: none", 0.0),
-)
-
-LONGEST_S = 365.0 * 86_400.0
-"""Longest duration in a configuration, in s: a year. Prometheus refuses much longer ones."""
-
-SIGNAL_PARAMETERS = tuple(
-    replace(parameter, maximum=LONGEST_S) if parameter.name.endswith("_s") else parameter
-    for parameter in _SIGNAL_PARAMETERS
-)
-"""Keys of a signal, each with unit and range."""
-
-CONDITION_PARAMETERS = (
-    Parameter("signal", str, None, "name of the other signal"),
-    Parameter("is", float, None, "true while the other signal equals this value, in its unit"),
-    Parameter("is_not", float, None, "true while the other signal differs from this value, in its unit"),
-    Parameter("below", float, None, "true while the other signal is below this value, in its unit"),
-    Parameter("above", float, None, "true while the other signal is above this value, in its unit"),
-)
-"""Keys of a condition on another signal: the signal and one comparison."""
-
-CONDITIONS: Mapping[str, str] = {
-    "only_if": "the bounds apply only while this holds or the other signal is unknown",
-    "latch_release_if": "a latch is released while this holds, as by `reset`",
-}
-"""Keys of a signal that hold a condition on another signal."""
-
 DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
     "battery_level": {
         "type": "std_msgs/Float32", "unit": "%", "valid_min": 0.0, "valid_max": 100.0,
@@ -163,86 +82,8 @@ _CONDITION_PARAMETERS = tuple(
     for parameter in CONDITION_PARAMETERS
 )
 
-_UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
-    "%": (0.0, 100.0),
-    "degC": (-273.15, None),
-    "°C": (-273.15, None),
-    "C": (-273.15, None),
-    "K": (0.0, None),
-    "Hz": (0.0, None),
-}
-"""Smallest and largest possible value per unit."""
-
 _DEEPEST_SECTION = 8
 """Deepest namespace above a `ros__parameters`."""
-
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
-
-
-@dataclass(frozen=True)
-class Condition:
-    """A condition on the latest value of another signal."""
-
-    signal: str
-    """The other signal's name."""
-    comparison: str
-    """`is`, `is_not`, `below` or `above`."""
-    number: float
-    """Number with which its value is compared, in its unit."""
-
-    def __str__(self) -> str:
-        comparison = {"is": "is", "is_not": "is not"}.get(self.comparison, f"is {self.comparison}")
-        return f"{self.signal} {comparison} {bound_text(self.number)}"
-
-    def holds(self, value: float) -> bool:
-        """Returns whether the condition is true for this value of the other signal."""
-        if self.comparison in ("is", "is_not"):
-            # 0.1 as a Float32 is 0.1000000015
-            return math.isclose(value, self.number, rel_tol=1e-6) is (self.comparison == "is")
-        return value < self.number if self.comparison == "below" else value > self.number
-
-
-@dataclass(frozen=True)
-class SignalConfig:
-    """One signal: its source and its rules. `SIGNAL_PARAMETERS` describes each field."""
-
-    name: str
-    topic: str
-    type: str
-    field: str
-    scale: float
-    unit: str
-    placeholders: Tuple[float, ...]
-    valid_min: Optional[float]
-    valid_max: Optional[float]
-    invalid_for_s: float
-    window_s: float
-    window_min_s: float
-    window_samples: int
-    statistic: str
-    warn_below: Optional[float]
-    warn_above: Optional[float]
-    error_below: Optional[float]
-    error_above: Optional[float]
-    hysteresis: float
-    for_s: float
-    keep_firing_for_s: float
-    error_for_s: float
-    error_keep_firing_for_s: float
-    latch: bool
-    flap_detection: bool
-    flap_high: float
-    flap_low: float
-    stale_after_s: float
-    startup_grace_s: float
-    repeat_s: float
-    only_if: Optional[Condition] = None
-    latch_release_if: Optional[Condition] = None
-
-    @property
-    def bounds(self) -> Mapping[str, float]:
-        """The bounds that are set, by their configuration names."""
-        return {name: getattr(self, name) for name in BOUNDS if getattr(self, name) is not None}
 
 
 @dataclass(frozen=True)
@@ -496,147 +337,6 @@ def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], pat
 
 def _names(names: List[str]) -> str:
     return ", ".join(names if len(names) <= 20 else [*names[:20], "..."])
-
-
-def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
-    """Reads the configuration of one signal.
-
-    Raises:
-        ConfigError: as `load_config` does.
-    """
-    problems = Problems()
-    if not _NAME.match(name):
-        problem = "expected a signal name of letters, digits and _, not beginning with a digit"
-        problems.add(ConfigError(problem, path))
-    values: Dict[str, Any] = {}
-    with problems:
-        tree = require_mapping(found, path)
-        for key in CONDITIONS:
-            if key in tree:
-                with problems:
-                    values[key] = _read_condition(tree[key], (*path, key))
-        values.update(read_parameters(tree, SIGNAL_PARAMETERS, path, tuple(CONDITIONS)))
-    problems.raise_if_any()
-    if values["topic"] is None:
-        values["topic"] = name
-    if values["window_min_s"] is None:
-        values["window_min_s"] = values["window_s"] / 2.0
-    for key in ("for_s", "keep_firing_for_s"):
-        if values[f"error_{key}"] is None:
-            values[f"error_{key}"] = values[key]
-    signal = SignalConfig(name=name, **values)
-    with problems:
-        _check_source(signal, path)
-    if signal.flap_low > signal.flap_high:
-        low, high = bound_text(signal.flap_low), bound_text(signal.flap_high)
-        key, problem = "flap_low", f"expected at most flap_high ({high}), got {low}"
-        if "flap_low" not in tree:
-            key, problem = "flap_high", f"expected at least flap_low ({low}), got {high}"
-        problems.add(ConfigError(problem, (*path, key)))
-    if signal.window_min_s > signal.window_s:
-        most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
-        problems.add(ConfigError(f"expected at most window_s ({most}), got {got}", (*path, "window_min_s")))
-    _check_order(signal, path, problems)
-    _check_unit(signal, path, problems)
-    problems.raise_if_any()
-    return signal
-
-
-def _read_condition(found: object, path: Path) -> Condition:
-    values = read_parameters(require_mapping(found, path), CONDITION_PARAMETERS, path)
-    signal = values.pop("signal")
-    if signal is None:
-        raise ConfigError("is missing; expected the name of another signal", (*path, "signal"))
-    comparisons = {name: number for name, number in values.items() if number is not None}
-    if len(comparisons) != 1:
-        found_text = " and ".join(comparisons) or "none"
-        raise ConfigError(f"expected one of {', '.join(values)}, got {found_text}", path)
-    ((comparison, number),) = comparisons.items()
-    return Condition(signal, comparison, number)
-
-
-def _check_source(signal: SignalConfig, path: Path) -> None:
-    problems = Problems()
-    if not signal.topic:
-        problems.add(ConfigError("expected the name of a topic, got ''", (*path, "topic")))
-    if signal.type and split_type_name(signal.type) is None:
-        got = describe(signal.type)
-        problems.add(ConfigError(f"expected a type such as std_msgs/Float32, got {got}", (*path, "type")))
-    try:
-        parse_field_path(signal.field)
-    except ValueError as error:
-        problems.add(
-            ConfigError(f"expected the path of a field, got {describe(signal.field)}: {error}", (*path, "field"))
-        )
-    if signal.scale == 0.0:
-        problems.add(ConfigError("expected a number other than 0, got 0", (*path, "scale")))
-    problems.raise_if_any()
-
-
-def _check_order(signal: SignalConfig, path: Path, problems: Problems) -> None:
-    def refuse_above(low: str, high: str, why: str) -> None:
-        low_value, high_value = getattr(signal, low), getattr(signal, high)
-        if low_value is not None and high_value is not None and low_value > high_value:
-            expected = f"expected at most {high} ({bound_text(high_value)})"
-            problems.add(ConfigError(f"{expected}, got {bound_text(low_value)}: {why}", (*path, low)))
-
-    def refuse_hysteresis(expected: str, why: str) -> None:
-        got = bound_text(signal.hysteresis)
-        problems.add(ConfigError(f"expected {expected}, got {got}: {why}", (*path, "hysteresis")))
-
-    refuse_above("valid_min", "valid_max", "no value would be valid")
-    refuse_above("error_below", "warn_below", "a falling value crosses the WARN bound first")
-    refuse_above("warn_above", "error_above", "a rising value crosses the WARN bound first")
-    lows = [name for name in ("warn_below", "error_below") if getattr(signal, name) is not None]
-    highs = [name for name in ("warn_above", "error_above") if getattr(signal, name) is not None]
-    for low in lows:
-        for high in highs:
-            refuse_above(low, high, "no value would be OK")
-            room = getattr(signal, high) - getattr(signal, low)
-            if 0.0 <= room < signal.hysteresis:
-                refuse_hysteresis(f"at most {number_text(room)}", f"{low} would clear above {high}")
-    if signal.statistic not in ("last", "mean", "min", "max"):
-        return
-    for name, bound in signal.bounds.items():
-        with problems:
-            _check_range(name, bound, signal.valid_min, signal.valid_max, "valid_min", "valid_max", path)
-        clears_at = bound + signal.hysteresis if name in lows else bound - signal.hysteresis
-        too_high = name in lows and signal.valid_max is not None and bound <= signal.valid_max < clears_at
-        too_low = name in highs and signal.valid_min is not None and clears_at < signal.valid_min <= bound
-        if too_high or too_low:
-            refuse_hysteresis("less", f"{name} would clear at {number_text(clears_at)}, which is not a valid value")
-
-
-def _check_range(
-    name: str, found: float, low: Optional[float], high: Optional[float], low_name: str, high_name: str, path: Path
-) -> None:
-    expected = ""
-    if low is not None and found < low:
-        expected = f"at least {bound_text(low)} ({low_name})"
-    elif high is not None and found > high:
-        expected = f"at most {bound_text(high)} ({high_name})"
-    if expected:
-        raise ConfigError(f"expected {expected}, got {bound_text(found)}", (*path, name))
-
-
-def _check_unit(signal: SignalConfig, path: Path, problems: Problems) -> None:
-    low, high = _UNIT_RANGES.get(signal.unit, (None, None))
-    limits = {name: getattr(signal, name) for name in ("valid_min", "valid_max")}
-    if signal.statistic in ("last", "mean", "min", "max"):
-        limits.update(signal.bounds)
-    for name, value in limits.items():
-        if value is not None:
-            unit = f"the minimum of {signal.unit}", f"the maximum of {signal.unit}"
-            with problems:
-                _check_range(name, value, low, high, *unit, path)
-    if signal.unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
-        problems.add(
-            ConfigError(
-                f"expected valid_max 100 for the unit '%', got {bound_text(signal.valid_max)};"
-                " a fraction from 0 to 1 has the unit ''",
-                (*path, "unit"),
-            )
-        )
 
 
 def described_parameters(config: MonitorConfig, *, are_default: bool = False) -> Tuple[Parameter, ...]:

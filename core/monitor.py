@@ -10,12 +10,13 @@ import sys
 from typing import Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
 
 from . import explanation
-from .config import CONDITIONS, LINK, MonitorConfig, SignalConfig, read_signal
+from .config import MonitorConfig
 from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status, Transition
 from .saved_state import Downtime, SavedSignal, UnusableStateError, without_latch
+from .signal_config import CONDITIONS, LINK, SignalConfig, read_signal
 from .signal_monitor import SignalMonitor
 
 _LARGEST = sys.float_info.max

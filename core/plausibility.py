@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import Mapping, NamedTuple
 
-from .config import SignalConfig
 from .formatting import bound_text, number_text
+from .signal_config import SignalConfig
 
 RUN = 20
 """Consecutive samples after which a run of values is suspicious."""

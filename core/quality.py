@@ -6,8 +6,8 @@ import math
 import numbers
 import sys
 
-from .config import SignalConfig
 from .plausibility import Suspicion
+from .signal_config import SignalConfig
 
 _LARGEST = sys.float_info.max
 

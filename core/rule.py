@@ -27,10 +27,10 @@ from __future__ import annotations
 import enum
 from typing import Any, Dict, NamedTuple, Optional
 
-from .config import SignalConfig
 from .formatting import datum_text
 from .model import Level
 from .saved_state import Saved, UnusableStateError
+from .signal_config import SignalConfig
 
 TIME_TOLERANCE_S = 1e-6
 """Two times closer than this are the same: a double of seconds since 1970 resolves 0.24 microseconds."""

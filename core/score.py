@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import List, Optional, Tuple
 
-from .config import SignalConfig
+from .signal_config import SignalConfig
 
 
 def health_score(value: float, signal: SignalConfig) -> float:

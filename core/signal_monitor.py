@@ -18,12 +18,12 @@ import sys
 from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 
 from .announcement import Announcer
-from .config import SignalConfig
 from .explanation import Judgement
 from .model import Level, Transition
 from .quality import Quality
 from .rule import Rule, RuleConfig, State
 from .saved_state import Downtime, Saved, SavedSignal, age_s
+from .signal_config import SignalConfig
 from .staleness import Staleness
 from .window import Window
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Optional
 
-from .config import SignalConfig
 from .rule import TIME_TOLERANCE_S
+from .signal_config import SignalConfig
 
 
 class Staleness:

@@ -13,16 +13,12 @@ from pathlib import Path
 from typing import Any, Iterable, Iterator
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from robot_health_monitor.core.config import (
-    CONDITION_PARAMETERS,
-    MONITOR_PARAMETERS,
-    NODE_PARAMETERS,
-    SIGNAL_PARAMETERS,
-)
+from robot_health_monitor.core.config import MONITOR_PARAMETERS, NODE_PARAMETERS
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors import configuration as sensing
+from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
 
 PAGE = Path(__file__).resolve().parent / "reference" / "parameters.md"
 

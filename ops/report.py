@@ -16,10 +16,10 @@ from html import escape
 from itertools import islice
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
-from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.explanation import bounds_text, judged_unit
 from robot_health_monitor.core.formatting import bound_text, duration_text, printable, with_hint, with_unit
 from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.signal_config import SignalConfig
 
 from .envelope import Envelope
 from .plot import plot_bounds, plot_script, plot_style

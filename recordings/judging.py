@@ -11,11 +11,12 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tup
 
 import numpy as np
 
-from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, SignalConfig, read_monitor
+from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, read_monitor
 from robot_health_monitor.core.middleware import resolve_name
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.signal_config import SignalConfig
 
 from .middleware import Player, RecordedMiddleware, Subscription
 from .signal_statistics import SignalStatistics, as_numbers

@@ -9,8 +9,8 @@ from typing import Any, List, Optional, Sequence
 
 import numpy as np
 
-from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.quality import as_float
+from robot_health_monitor.core.signal_config import SignalConfig
 
 _LARGEST = sys.float_info.max
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Set, Tuple
 
-from robot_health_monitor.core.config import LINK
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import list_text
+from robot_health_monitor.core.signal_config import LINK
 
 from .decoding import types_of
 from .recording import Channel

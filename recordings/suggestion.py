@@ -11,8 +11,8 @@ from typing import Any, Dict, List, NamedTuple, Optional, Set, Tuple
 
 import numpy as np
 
-from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.formatting import bound_text, count_text, duration_text, number_text, with_unit
+from robot_health_monitor.core.signal_config import SignalConfig
 
 from .quantiles import Quantiles
 

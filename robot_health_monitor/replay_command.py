@@ -7,12 +7,12 @@ import os
 import time
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.errors import ConfigError, Path
 from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.signal_config import SignalConfig
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.report import MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render

@@ -10,11 +10,12 @@ import sys
 from collections import Counter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.config import BOUNDS, MonitorConfig, Section, read_monitor, read_signal
+from robot_health_monitor.core.config import MonitorConfig, Section, read_monitor
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
 from robot_health_monitor.core.middleware import resolve_name
 from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.signal_config import BOUNDS, read_signal
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.recordings.judging import Judge, JudgedEvent
 from robot_health_monitor.recordings.middleware import Player

@@ -10,13 +10,14 @@ import os
 from dataclasses import replace
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.config import LINK, MonitorConfig, load_config
+from robot_health_monitor.core.config import MonitorConfig, load_config
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
 from robot_health_monitor.core.formatting import number_text
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping
+from robot_health_monitor.core.signal_config import LINK
 from robot_health_monitor.core.yaml_file import read_yaml
 
 from .series import parse_series

@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any, Callable, Dict, Mapping, Tuple
 
-from ..config import DEFAULT_SIGNALS, LONGEST_S, NODE_PARAMETERS, MonitorConfig, SignalConfig, load_config, read_signal
+from ..config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, load_config
 from ..diagnostics import ARRAY_TYPE, array_message
 from ..errors import ConfigError
 from ..formatting import number_text
@@ -15,6 +15,7 @@ from ..model import Level, Sample, Status
 from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
 from ..score import health_score
+from ..signal_config import LONGEST_S, SignalConfig, read_signal
 from .changes import describe_changes
 from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, host_name, refuse_changes
 

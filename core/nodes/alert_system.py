@@ -7,7 +7,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
 
-from ..config import DEFAULT_SIGNALS, LINK, MonitorConfig, SignalConfig, described_parameters, load_config
+from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, load_config
 from ..continuity import Continuity, SignalHistory
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
@@ -18,6 +18,7 @@ from ..middleware import Message, Middleware, Result, Severity, Subscription, re
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets, event_text
+from ..signal_config import LINK, SignalConfig
 from .changes import Sections, describe_changes
 from .identity import (
     DIAGNOSTICS,

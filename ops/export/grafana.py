@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
-from robot_health_monitor.core.config import LINK, MonitorConfig, SignalConfig
+from robot_health_monitor.core.config import MonitorConfig
+from robot_health_monitor.core.signal_config import LINK, SignalConfig
 
 from ..notifications.alertmanager import ALERT
 

@@ -16,10 +16,11 @@ from __future__ import annotations
 import json
 from typing import List, NamedTuple, Optional, Sequence
 
-from robot_health_monitor.core.config import LINK, Condition, MonitorConfig, SignalConfig
+from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.monitor import LINK_CONFIG
+from robot_health_monitor.core.signal_config import LINK, Condition, SignalConfig
 
 from ..notifications.alertmanager import ALERT, SEVERITIES
 

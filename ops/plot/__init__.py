@@ -6,7 +6,7 @@ import pkgutil
 import sys
 from typing import Any, Dict, List
 
-from robot_health_monitor.core.config import SignalConfig
+from robot_health_monitor.core.signal_config import SignalConfig
 
 
 def plot_script() -> str:

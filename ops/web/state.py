@@ -9,12 +9,12 @@ from datetime import datetime, timezone
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core import explanation
-from robot_health_monitor.core.config import SignalConfig
 from robot_health_monitor.core.explanation import Judgement
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.quality import as_float, converted
+from robot_health_monitor.core.signal_config import SignalConfig
 
 from ..plot import plot_bounds
 from .own_state import OwnState

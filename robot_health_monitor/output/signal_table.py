@@ -10,9 +10,9 @@ from typing import Callable, Iterable, List, NamedTuple, Sequence
 from rich.cells import cell_len
 from rich.text import Text
 
-from robot_health_monitor.core.config import LINK, SignalConfig
 from robot_health_monitor.core.formatting import bound_text
 from robot_health_monitor.core.model import Status
+from robot_health_monitor.core.signal_config import LINK, SignalConfig
 
 from .status_text import level_text, rank, rank_counts, reason_text
 from .text_cells import GAP, INDENT, cells_line, wrapped

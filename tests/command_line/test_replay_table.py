@@ -6,8 +6,8 @@ from typing import Mapping, Optional
 
 import numpy as np
 
-from robot_health_monitor.core.config import read_signal
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.recordings.judging import SignalSummary
 from robot_health_monitor.recordings.signal_statistics import SignalStatistics
 from robot_health_monitor.replay_table import header, plain_table, row, sentence, worst_first

@@ -8,7 +8,7 @@ import pytest
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.announcement import Announcer
-from robot_health_monitor.core.config import read_signal
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.core.signal_monitor import SignalMonitor
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE

@@ -2,39 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from pathlib import Path
-from typing import Any, Dict, Mapping
+from typing import Any, Mapping
 
 import pytest
 import yaml
 
 from robot_health_monitor.core import ConfigError, load_config
-from robot_health_monitor.core.config import (
-    CONDITIONS,
-    DEFAULT_SIGNALS,
-    SIGNAL_PARAMETERS,
-    MonitorConfig,
-    SignalConfig,
-    described_parameters,
-    read_signal,
-)
+from robot_health_monitor.core.config import DEFAULT_SIGNALS, MonitorConfig, described_parameters
+from robot_health_monitor.core.signal_config import read_signal
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
-
-
-def signal(**settings: Any) -> SignalConfig:
-    return read_signal("battery_level", settings)
-
-
-def refusal(**settings: Any) -> str:
-    with pytest.raises(ConfigError) as raised:
-        load_config({"signals": {"battery_level": settings}})
-    text = str(raised.value)
-    prefix = "signals.battery_level."
-    assert text.startswith(prefix) and len(text.splitlines()) == 1
-    return text[len(prefix) :]
 
 
 # --- what loads -----------------------------------------------------------------------------------------------------
@@ -51,65 +29,12 @@ def test_the_defaults_are_those_of_the_exercise() -> None:
     assert (signals["battery_level"].warn_below, signals["temperature"].warn_above) == (20.0, 80.0)
 
 
-def test_a_signal_needs_nothing() -> None:
-    assert signal() == SignalConfig(
-        name="battery_level",
-        topic="battery_level",
-        type="",
-        field="data",
-        scale=1.0,
-        unit="",
-        placeholders=(),
-        valid_min=None,
-        valid_max=None,
-        invalid_for_s=0.0,
-        window_s=60.0,
-        window_min_s=30.0,
-        window_samples=6000,
-        statistic="last",
-        warn_below=None,
-        warn_above=None,
-        error_below=None,
-        error_above=None,
-        hysteresis=0.0,
-        for_s=0.0,
-        keep_firing_for_s=0.0,
-        error_for_s=0.0,
-        error_keep_firing_for_s=0.0,
-        latch=False,
-        flap_detection=False,
-        flap_high=50.0,
-        flap_low=25.0,
-        stale_after_s=5.0,
-        startup_grace_s=10.0,
-        repeat_s=0.0,
-        only_if=None,
-        latch_release_if=None,
-    )
-
-
-def test_every_parameter_of_a_signal_has_a_field_and_every_field_a_parameter() -> None:
-    fields = {field.name for field in dataclasses.fields(SignalConfig)}
-    assert fields == {"name", *(parameter.name for parameter in SIGNAL_PARAMETERS), *CONDITIONS}
-
-
-def test_durations_of_error_are_those_of_warn_unless_they_are_given() -> None:
-    both = signal(for_s=3.0, keep_firing_for_s=4.0)
-    assert (both.error_for_s, both.error_keep_firing_for_s) == (3.0, 4.0)
-    own = signal(for_s=3.0, keep_firing_for_s=4.0, error_for_s=0.0, error_keep_firing_for_s=1.0)
-    assert (own.error_for_s, own.error_keep_firing_for_s) == (0.0, 1.0)
-
-
 def test_a_configuration_cannot_be_changed() -> None:
     config = load_config({"signals": {"a": {}}})
     with pytest.raises(AttributeError):
         config.signals["a"].warn_below = 5.0  # type: ignore[misc]
     with pytest.raises(TypeError):
         config.signals["b"] = config.signals["a"]  # type: ignore[index]
-
-
-def test_bounds_are_those_that_are_set() -> None:
-    assert signal(warn_below=20, error_below=0.0).bounds == {"warn_below": 20.0, "error_below": 0.0}
 
 
 TREE = {"signals": {"a": {"warn_below": 5.0}}, "robot_name": "atlas", "publish_rate": 2}
@@ -144,27 +69,6 @@ def test_the_nodes_own_section_wins_over_others_with_signals() -> None:
     assert list(load_config(sections, node="b").signals) == ["b"]
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"warn_below": 20, "error_below": 20},
-        {"warn_above": 80, "error_above": 80},
-        {"warn_below": 20.0, "warn_above": 20.0},
-        {"warn_below": 20.0, "warn_above": 22.0, "hysteresis": 2.0},
-        {"valid_min": 5.0, "valid_max": 5.0},
-        {"valid_min": 0.0, "warn_below": 0.0, "valid_max": 100.0, "warn_above": 100.0, "unit": "%"},
-        {"valid_max": 100.0, "warn_below": 98.0, "hysteresis": 2.0},
-        {"flap_high": 30.0, "flap_low": 30.0},
-        {"unit": "degC", "valid_min": -273.15},
-        {"unit": "%", "statistic": "rate", "warn_below": -200.0, "warn_above": 200.0},
-        {"unit": "furlong", "warn_below": -1e300},
-        {"valid_max": 10.0, "statistic": "stddev", "warn_above": 50.0},
-    ],
-)
-def test_what_is_just_possible_loads(settings: Dict[str, Any]) -> None:
-    signal(**settings)
-
-
 def test_every_parameter_is_declared_under_its_dotted_name_with_its_description() -> None:
     described = {each.name: each for each in described_parameters(load_config({"signals": {"a": {}, "b": {}}}))}
     assert {"publish_rate", "signals.a.warn_below", "signals.b.only_if.signal", "log_level"} <= described.keys()
@@ -182,128 +86,6 @@ def test_the_defaults_of_the_default_signals_are_those_that_are_watched() -> Non
 
 
 # --- what does not --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("settings", "problem"),
-    [
-        (
-            {"warn_below": 20, "error_below": 30},
-            "error_below: expected at most warn_below (20), got 30: a falling value crosses the WARN bound first",
-        ),
-        (
-            {"warn_above": 80, "error_above": 70},
-            "warn_above: expected at most error_above (70), got 80: a rising value crosses the WARN bound first",
-        ),
-        (
-            {"warn_below": 80, "warn_above": 20},
-            "warn_below: expected at most warn_above (20), got 80: no value would be OK",
-        ),
-        (
-            {"error_below": 80, "warn_above": 20},
-            "error_below: expected at most warn_above (20), got 80: no value would be OK",
-        ),
-        (
-            {"valid_min": 5, "valid_max": 4},
-            "valid_min: expected at most valid_max (4), got 5: no value would be valid",
-        ),
-        (
-            {"warn_below": 20, "warn_above": 21, "hysteresis": 2},
-            "hysteresis: expected at most 1, got 2: warn_below would clear above warn_above",
-        ),
-        ({"flap_low": 60}, "flap_low: expected at most flap_high (50), got 60"),
-        ({"flap_high": 10}, "flap_high: expected at least flap_low (25), got 10"),
-        ({"valid_max": 100, "warn_above": 120}, "warn_above: expected at most 100 (valid_max), got 120"),
-        (
-            {"valid_max": 100, "warn_above": 100.0000001},
-            "warn_above: expected at most 100 (valid_max), got 100.0000001",
-        ),
-        ({"valid_min": 0, "error_below": -5}, "error_below: expected at least 0 (valid_min), got -5"),
-        (
-            {"valid_max": 100, "warn_below": 99, "hysteresis": 2},
-            "hysteresis: expected less, got 2: warn_below would clear at 101, which is not a valid value",
-        ),
-        (
-            {"valid_min": 0, "warn_above": 1, "hysteresis": 2},
-            "hysteresis: expected less, got 2: warn_above would clear at -1, which is not a valid value",
-        ),
-        ({"scale": 0}, "scale: expected a number other than 0, got 0"),
-    ],
-)
-def test_bounds_that_contradict_each_other_are_refused(settings: Dict[str, Any], problem: str) -> None:
-    assert refusal(**settings) == problem
-
-
-@pytest.mark.parametrize(
-    ("settings", "problem"),
-    [
-        ({"unit": "%", "warn_below": 120}, "warn_below: expected at most 100 (the maximum of %), got 120"),
-        ({"unit": "%", "valid_min": -1}, "valid_min: expected at least 0 (the minimum of %), got -1"),
-        (
-            {"unit": "%", "valid_max": 1.0},
-            "unit: expected valid_max 100 for the unit '%', got 1; a fraction from 0 to 1 has the unit ''",
-        ),
-        (
-            {"unit": "degC", "warn_below": -300},
-            "warn_below: expected at least -273.15 (the minimum of degC), got -300",
-        ),
-        ({"unit": "K", "valid_min": -40}, "valid_min: expected at least 0 (the minimum of K), got -40"),
-        ({"unit": "Hz", "warn_below": -1}, "warn_below: expected at least 0 (the minimum of Hz), got -1"),
-    ],
-)
-def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], problem: str) -> None:
-    assert refusal(**settings) == problem
-
-
-@pytest.mark.parametrize(
-    ("settings", "problem"),
-    [
-        ({"warn_below": "low"}, "warn_below: expected a number, got 'low'"),
-        ({"warn_below": math.nan}, "warn_below: expected a number, got nan"),
-        ({"warn_above": math.inf}, "warn_above: expected a number, got inf"),
-        ({"warn_below": True}, "warn_below: expected a number, got true"),
-        ({"warn_below": None}, "warn_below: expected a number, got nothing"),
-        ({"for_s": -1}, "for_s: expected a number from 0 to 31536000, got -1"),
-        ({"window_s": 0}, "window_s: expected a number from 0.001 to 31536000, got 0"),
-        ({"window_samples": 1.5}, "window_samples: expected a whole number from 1 to 1000000, got 1.5"),
-        ({"flap_high": 101}, "flap_high: expected a number from 0 to 100, got 101"),
-        ({"latch": "yes"}, "latch: expected true or false, got 'yes'"),
-        ({"unit": 5}, "unit: expected printable text, got 5; quote it"),
-        (
-            {"statistic": "median"},
-            "statistic: expected one of last, mean, min, max, stddev, rate, frequency_hz, got 'median'",
-        ),
-    ],
-)
-def test_wrong_kinds_and_ranges_are_refused(settings: Dict[str, Any], problem: str) -> None:
-    assert refusal(**settings) == problem
-
-
-def test_an_unknown_key_is_refused_with_a_hint() -> None:
-    assert refusal(warn_bellow=20).startswith(
-        "warn_bellow: unknown key; did you mean warn_below? expected one of topic, "
-    )
-
-
-@pytest.mark.parametrize(
-    ("condition", "problem"),
-    [
-        ({"is": 0}, "only_if.signal: is missing; expected the name of another signal"),
-        ({"signal": "link"}, "only_if: expected one of is, is_not, below, above, got none"),
-        (
-            {"signal": "link", "is": 1, "above": 2},
-            "only_if: expected one of is, is_not, below, above, got is and above",
-        ),
-        (
-            {"signal": "battery_level", "is": 1},
-            "only_if.signal: expected the name of another signal (link), got 'battery_level'",
-        ),
-        ({"signal": "charging", "is": 1}, "only_if.signal: expected the name of another signal (link), got 'charging'"),
-        ("charging", "only_if: expected a mapping of keys to values, got 'charging'"),
-    ],
-)
-def test_conditions_that_cannot_be_looked_at_are_refused(condition: object, problem: str) -> None:
-    assert refusal(only_if=condition) == problem
 
 
 @pytest.mark.parametrize(
@@ -457,19 +239,6 @@ def test_the_paths_of_other_files_are_read() -> None:
     assert (config.rosbridge_token_file, config.ops) == ("/etc/token", "ops.yaml")
 
 
-@pytest.mark.parametrize(
-    ("tree", "expected"),
-    [({}, 30.0), ({"window_s": 4.0}, 2.0), ({"window_min_s": 0.0}, 0.0), ({"window_min_s": 60.0}, 60.0)],
-)
-def test_window_min_s_is_half_of_window_s_unless_it_is_given(tree: Dict[str, float], expected: float) -> None:
-    assert load_config({"signals": {"a": tree}}).signals["a"].window_min_s == expected
-
-
-def test_window_min_s_above_window_s_is_an_error() -> None:
-    with pytest.raises(ConfigError, match=r"^signals\.a\.window_min_s: expected at most window_s \(10\), got 11$"):
-        load_config({"signals": {"a": {"window_s": 10.0, "window_min_s": 11.0}}})
-
-
 def test_the_name_of_the_monitors_own_status_is_reserved() -> None:
     with pytest.raises(ConfigError, match="this name is reserved for the status of the monitor itself"):
         load_config({"signals": {"monitor": {"warn_below": 1.0}}})
@@ -499,13 +268,6 @@ def test_a_signal_without_a_type_has_that_of_another_one_of_its_topic() -> None:
     assert [error.path[1:] for error in caught.value.all] == [("b", "field"), ("a", "type")]
     assert "t: std_msgs/Float32 has no field percentage" in str(caught.value)
     assert str(caught.value).endswith("; the type is that of signal a of the same topic")
-
-
-def test_a_duration_is_at_most_a_year() -> None:
-    for parameter in SIGNAL_PARAMETERS:
-        if parameter.name.endswith("_s"):
-            with pytest.raises(ConfigError, match=r"to 31536000, got 10000000000|window_s"):
-                load_signals({"a": {parameter.name: 1e10}})
 
 
 def test_signals_at_the_top_of_a_file_show_the_nesting(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import ConfigError, Level, Monitor, MonitorConfig, Sample, Transition, load_config
-from robot_health_monitor.core.config import CONDITIONS, SIGNAL_PARAMETERS, STATISTICS
 from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.signal_config import CONDITIONS, SIGNAL_PARAMETERS, STATISTICS
 
 Call = Tuple[Any, ...]
 

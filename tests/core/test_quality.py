@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from robot_health_monitor.core.config import read_signal
 from robot_health_monitor.core.quality import Quality, as_float
+from robot_health_monitor.core.signal_config import read_signal
 
 
 def quality(**settings: Any) -> Quality:

@@ -6,8 +6,9 @@ from typing import Any, Mapping
 
 import pytest
 
-from robot_health_monitor.core.config import DEFAULT_SIGNALS, read_signal
+from robot_health_monitor.core.config import DEFAULT_SIGNALS
 from robot_health_monitor.core.score import health_score
+from robot_health_monitor.core.signal_config import read_signal
 
 BATTERY = DEFAULT_SIGNALS["battery_level"]  # valid 0..100, WARN below 20, ERROR below 10
 TEMPERATURE = DEFAULT_SIGNALS["temperature"]  # valid -40..150, WARN above 80, ERROR above 95

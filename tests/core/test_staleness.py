@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robot_health_monitor.core.config import read_signal
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.core.staleness import Staleness
 
 

@@ -7,7 +7,7 @@ from typing import Iterable, Tuple
 
 import pytest
 
-from robot_health_monitor.core.config import STATISTICS
+from robot_health_monitor.core.signal_config import STATISTICS
 from robot_health_monitor.core.window import STATISTIC_OF_WINDOW, Window
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from robot_health_monitor.core.config import CONDITION_PARAMETERS, MONITOR_PARAMETERS, SIGNAL_PARAMETERS
+from robot_health_monitor.core.config import MONITOR_PARAMETERS
+from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

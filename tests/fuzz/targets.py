@@ -20,10 +20,10 @@ from harness.rosbridge_operations import EXAMPLES
 
 from robot_health_monitor.check_command import _check_file
 from robot_health_monitor.core import Level, Monitor, MonitorConfig, Sample, Transition, load_config
-from robot_health_monitor.core.config import SIGNAL_PARAMETERS
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.signal_config import SIGNAL_PARAMETERS
 from robot_health_monitor.core.transition_json import json_line
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.fleet_configuration import read_addresses

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from harness.browser import show
 
-from robot_health_monitor.core.config import read_signal
 from robot_health_monitor.core.model import Level, Status, Transition
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.ops.plot import plot_script, plot_style
 from robot_health_monitor.ops.report import PlottedSignal, Report, ReportedAlert, render
 

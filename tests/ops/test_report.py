@@ -11,8 +11,8 @@ from typing import Any, Dict, Sequence
 import numpy as np
 import pytest
 
-from robot_health_monitor.core.config import read_signal
 from robot_health_monitor.core.model import Level, Status, Transition
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.ops.report import (
     MOST_ALERTS,
     MOST_LEVELS,

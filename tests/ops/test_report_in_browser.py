@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from harness.driven_browser import open_browser
 
-from robot_health_monitor.core.config import read_signal
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.ops.report import PlottedSignal, Report, render
 
 HEADER = [

@@ -8,8 +8,8 @@ from typing import Any, Dict, List, Sequence
 import numpy as np
 import pytest
 
-from robot_health_monitor.core.config import read_signal
 from robot_health_monitor.core.quality import Quality
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.recordings.signal_statistics import SignalStatistics, as_numbers
 
 

@@ -12,7 +12,7 @@ pytest.importorskip("numpy")
 
 import numpy as np
 
-from robot_health_monitor.core.config import read_signal
+from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.recordings.suggestion import Measured, suggest
 
 

@@ -10,9 +10,9 @@ pytest.importorskip("rich", reason="rich, which draws the table, is not installe
 
 from rich.cells import cell_len
 
-from robot_health_monitor.core.config import LINK, read_signal
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.model import Level, Status
+from robot_health_monitor.core.signal_config import LINK, read_signal
 from robot_health_monitor.output.signal_table import SignalRow, short_bounds, signal_lines
 
 BATTERY = "WARN < 20, ERROR < 10"
