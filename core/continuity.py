@@ -47,7 +47,8 @@ class SignalHistory(Protocol):
         Args:
             transition: the transition.
             saved: state of its signal from now on; empty: the signal is no longer watched, its state is deleted.
-            evidence: samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`.
+            evidence: samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`; of
+                `frequency_hz` the rates.
         """
 
     def save(self, states: Mapping[str, SavedSignal]) -> None:
@@ -100,7 +101,12 @@ class Continuity:
         wall_s = self._history.wall_s()
         offset_s = wall_s - now_s
         saved = self._monitor.snapshot(name, now_s, wall_s)
-        evidence = [(time_s + offset_s, value) for time_s, value in self._monitor.window_samples(name, MAX_EVIDENCE)]
+        samples = self._monitor.window_samples(name, MAX_EVIDENCE)
+        if transition.statistic == "frequency_hz":  # the values of arrivals say nothing: their rate is the evidence
+            samples = self._monitor.shown_samples(name, MAX_EVIDENCE - 1)
+            if isinstance(transition.value, float):
+                samples = [*samples, (now_s, transition.value)]
+        evidence = [(time_s + offset_s, value) for time_s, value in samples]
         self._note(name, saved)
         self._history.record(transition, saved, evidence)
 

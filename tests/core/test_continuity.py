@@ -9,6 +9,7 @@ from harness.kept_history import KeptHistory, Robot
 from harness.stage import Stage
 
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.model import Sample
 from robot_health_monitor.core.nodes import AlertSystem
 
 BATTERY = {"warn_below": 20.0}
@@ -44,6 +45,16 @@ def test_evidence_is_the_window_in_wall_time() -> None:
     robot.run_for(2, battery=50.0)
     robot.run_for(1, battery=15.0)
     assert robot.history.evidence == [[(1e9, 50.0), (1e9 + 1.0, 50.0), (1e9 + 2.0, 15.0)]]
+
+
+def test_the_evidence_of_a_rate_is_the_rate_and_not_the_constant_1_of_arrivals() -> None:
+    robot = Robot(scan={"statistic": "frequency_hz", "warn_below": 0.8, "window_s": 4.0, "window_min_s": 2.0})
+    robot.run_for(10, scan=7.0)  # one arrival per second: 1 Hz
+    robot.run_for(2)
+    robot.run_for(1, scan=7.0)  # at 12 s: the arrivals of the window are at 8, 9 and 12 s, 2 intervals in 4 s
+    (evidence,) = robot.history.evidence
+    assert evidence[-1] == (1e9 + 12.0, 0.5)
+    assert {value for _, value in evidence[:-1]} == {1.0}
 
 
 def test_evidence_is_at_most_300_samples() -> None:
