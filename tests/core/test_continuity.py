@@ -9,7 +9,6 @@ from harness.kept_history import KeptHistory, Robot
 from harness.stage import Stage
 
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.model import Sample
 from robot_health_monitor.core.nodes import AlertSystem
 
 BATTERY = {"warn_below": 20.0}
