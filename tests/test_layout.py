@@ -15,7 +15,6 @@ ROOT = Path(__file__).resolve().parents[1]
 TESTED_ELSEWHERE = {
     "core/middleware.py": "an interface: harness/port_conformance.py tests each implementation",
     "core/sensors/source.py": "an interface: tests/core/sensors tests each implementation",
-    "ops/notifications/database.py": "an interface: tests/ops/notifications use the real history",
     "ops/notifications/sender.py": "an interface: tests/ops/notifications tests each implementation",
     "robot_health_monitor/output/display.py": "an interface: tests/command_line/output tests each implementation",
     "robot_health_monitor/ros1_executables.py": "needs ROS 1: tests/ros1/test_executables.py",

@@ -143,9 +143,10 @@ CREATE TABLE notifications (
 CREATE INDEX notifications_by_alert ON notifications(target, fingerprint, id);
 """
 
-LIVE_TABLES = (
-    "signal_states", "silences", "silenced_alerts", "noted_transitions", "open_alerts", "notified", "notifications",
-)  # fmt: skip
+QUEUE_TABLES = ("noted_transitions", "open_alerts", "notified", "notifications")
+"""Tables of the notifications."""
+
+LIVE_TABLES = ("signal_states", "silences", "silenced_alerts", *QUEUE_TABLES)
 """Tables whose rows are the present state, not the past: retention leaves them alone, and while the file cannot be
 written the monitor goes on with a copy of them in memory."""
 

@@ -27,6 +27,7 @@ from robot_health_monitor.core.transition_json import json_line
 from ..configuration import TargetSettings
 from ..matchers import matches_pattern
 from .notification import Notification, Notified, alert_line
+from .queue_rows import delete_odd_rows, is_transition
 
 MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
@@ -85,7 +86,7 @@ class NotificationQueue:
         self,
         targets: Sequence[TargetSettings],
         is_silenced: Callable[[str, str], bool],
-        look: Callable[[sqlite3.Connection], None],
+        look: Callable[[], None],
         is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
     ) -> None:
         """Reads nothing yet; see `prepare`.
@@ -129,6 +130,7 @@ class NotificationQueue:
 
     def prepare(self, connection: sqlite3.Connection) -> None:
         """Forgets targets that are no longer configured, and queues what the others do not know yet."""
+        delete_odd_rows(connection)
         for table in ("notifications", "notified"):
             known = [name for (name,) in connection.execute(f"SELECT DISTINCT target FROM {table}")]
             unknown = [(name,) for name in known if name not in self._targets]
@@ -136,6 +138,14 @@ class NotificationQueue:
         while self.distribute(connection):
             pass
         self.reconcile(connection)
+
+    def assume_sent(self, connection: sqlite3.Connection) -> None:
+        """Takes every open alert as one that may have been sent: it is sent again, and its end in any case."""
+        rows = connection.execute("SELECT fingerprint, level, at_s, transition_json FROM open_alerts").fetchall()
+        for key, level, at_s, line in rows:
+            for name, target in self._targets.items():
+                if is_transition(line) and self._wants(target, json.loads(line), Level(level)):
+                    connection.execute(_STORE_NOTIFIED, (name, key, _UNCONFIRMED, at_s, line))
 
     def note(self, connection: sqlite3.Connection, transition: Transition, wall_s: float) -> None:
         """Notes a transition for `distribute`. The alert waits for this, so it is one insertion.
@@ -184,7 +194,7 @@ class NotificationQueue:
 
     def take(self, connection: sqlite3.Connection, target: str) -> Optional[Taken]:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
-        self._look(connection)
+        self._look()
         found = None
         if target not in self._targets:  # it has just been removed
             return None
@@ -233,7 +243,7 @@ class NotificationQueue:
 
     def reconcile(self, connection: sqlite3.Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence has expired."""
-        self._look(connection)
+        self._look()
         with self._lock:
             self._held.clear()
         for name, target in self._targets.items():

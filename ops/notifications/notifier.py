@@ -13,7 +13,7 @@ from robot_health_monitor.core.model import Transition
 from robot_health_monitor.runtime.threads import StepThread
 
 from ..configuration import TargetSettings
-from .database import Database
+from .database import Database, QueueDatabase
 from .delivery import Delivery
 from .heartbeat import Heartbeat
 from .notification_queue import NotificationQueue
@@ -64,9 +64,9 @@ class Notifier:
             wall_time_s: seconds since 1970.
             is_simulated: whether the values of a robot's signal are simulated. Cheap, from any thread.
         """
-        self._history = history
-        self._wall_time_s = wall_time_s
         faults = Faults() if faults is None else faults
+        self._database = QueueDatabase(history, faults, self._prepare_again)
+        self._wall_time_s = wall_time_s
         self._faults = faults
         self._is_prepared = False
         self._has_news = False
@@ -84,9 +84,9 @@ class Notifier:
         def is_silenced(robot: str, signal: str) -> bool:
             return silences is not None and silences.silence_of(robot, signal) is not None
 
-        def look(connection: sqlite3.Connection) -> None:
+        def look() -> None:
             if silences is not None:
-                silences.look(connection)
+                silences.look(self._database.history_connection)
 
         self._queue = NotificationQueue(_alerted(targets), is_silenced, look, is_simulated)
         self._start(targets)
@@ -106,7 +106,7 @@ class Notifier:
             added = [target for name, target in wanted.items() if self._targets.get(name) != target]
             if ended or added:
                 alerted = _alerted(targets)
-                self._history.run(lambda connection: self._queue.use_targets(connection, alerted), _TIMEOUT_S)
+                self._database.run(lambda connection: self._queue.use_targets(connection, alerted), _TIMEOUT_S)
             for name in ended:
                 self._end(name)
             self._start(added)
@@ -163,13 +163,13 @@ class Notifier:
                 step = heartbeat.step
             else:
                 sender = make_sender(target, self._wall_time_s)
-                delivery = self._deliveries[name] = Delivery(name, sender, self._queue, self._history, self._faults)
+                delivery = self._deliveries[name] = Delivery(name, sender, self._queue, self._database, self._faults)
                 step = delivery.step
             thread = self._threads[name] = self._thread(name, step)
             thread.start()
         if self._deliveries and not self._is_noting:
             self._is_noting = True
-            self._history.on_record(self._note)
+            self._database.on_record(self._note)
             self._queue_thread.start()
 
     def _end(self, name: str) -> None:
@@ -200,6 +200,12 @@ class Notifier:
         self._queue.note(connection, transition, wall_s)
         self._has_news = True
 
+    def _prepare_again(self, connection: sqlite3.Connection, is_unknown: bool) -> None:
+        """Another database is in use."""
+        if is_unknown:
+            self._queue.assume_sent(connection)
+        self._is_prepared = False
+
     def _wake(self) -> None:
         for name, delivery in tuple(self._deliveries.items()):
             thread = self._threads.get(name)
@@ -211,22 +217,26 @@ class Notifier:
         """Queues new transitions, and each second what a change of silences or robots causes."""
         try:
             if not self._is_prepared:
-                self._history.run(self._queue.prepare, _TIMEOUT_S)
-                self._is_prepared = True
+                self._is_prepared = True  # first: a queue in memory may take the place of this one at any moment
+                try:
+                    self._database.run(self._queue.prepare, _TIMEOUT_S)
+                except ServiceError:
+                    self._is_prepared = False
+                    raise
                 self._wake()
             has_more = self._has_news and self._distribute()
             if time.monotonic() >= self._checked_s + CHECK_PERIOD_S:
                 self._checked_s = time.monotonic()
                 self._check()
         except ServiceError:
-            return CHECK_PERIOD_S  # the history reports its own fault
+            return CHECK_PERIOD_S  # the history reports its own fault, and that of these tables has been reported
         return 0.0 if has_more else DISTRIBUTION_PERIOD_S
 
     def _distribute(self) -> bool:
         """Queues a bounded number of new transitions; returns whether there are more."""
         self._has_news = False  # first: a transition may be noted at any moment
         try:
-            has_more = self._history.run(self._queue.distribute, _TIMEOUT_S)
+            has_more = self._database.run(self._queue.distribute, _TIMEOUT_S)
         except ServiceError:
             self._has_news = True
             raise
@@ -239,12 +249,12 @@ class Notifier:
         watched = self._watched
         if watched is not None:
             now_s = self._wall_time_s()
-            self._history.run(lambda connection: self._queue.end_unwatched(connection, watched, now_s), _TIMEOUT_S)
+            self._database.run(lambda connection: self._queue.end_unwatched(connection, watched, now_s), _TIMEOUT_S)
             if self._watched is watched:
                 self._watched = None
             self._wake()
         if self._queue.has_expired_silence():
-            self._history.run(self._queue.reconcile, _TIMEOUT_S)
+            self._database.run(self._queue.reconcile, _TIMEOUT_S)
             self._wake()
 
 

@@ -50,7 +50,7 @@ class Bench:
 
     def restart(self) -> None:
         """Starts again with the same database, as after kill -9."""
-        self.queue = NotificationQueue([self.settings], lambda robot, signal: False, lambda _: None)
+        self.queue = NotificationQueue([self.settings], lambda robot, signal: False, lambda: None)
         self.queue.prepare(self.database.connection)
         self.delivery = Delivery(
             "chat", make_sender(self.settings), self.queue, self.database, self.faults, lambda: self.now_s, lambda: 1.0
