@@ -59,6 +59,7 @@ class DatabaseFile:
             NotAHistoryError, UnknownSchemaError: it must not be touched.
             OSError, sqlite3.Error: it cannot be written, or is damaged (`database_errors.is_damage`).
         """
+        self._given_path = path
         self.path = os.path.realpath(path)
         _require_history_or_nothing(self.path)
         os.makedirs(os.path.dirname(self.path), exist_ok=True)
@@ -116,8 +117,8 @@ class DatabaseFile:
                 self._sync.copying.release()
 
     def is_in_place(self) -> bool:
-        """Whether the path still leads to the open file, and the log is still beside it."""
-        return _identity(self.path) == self._identity
+        """Whether the path still leads to the open file, also through links, and the log is still beside it."""
+        return os.path.realpath(self._given_path) == self.path and _identity(self.path) == self._identity
 
     def close(self) -> None:
         """Closes the file and releases its lock; the last connection copies the log into the file."""
@@ -183,12 +184,22 @@ def _require_history_or_nothing(path: str) -> None:
     require_regular_file(path)
     try:
         with open(path, "rb") as file:
-            begin = file.read(len(_SQLITE_MAGIC))
+            begin = file.read(4096)
     except FileNotFoundError:
         return
-    # The lock beside it shows that a monitor has written it; the begin of the file may be damaged.
-    if begin and begin != _SQLITE_MAGIC and not os.path.exists(lock_path(path)):
+    if not begin or begin.startswith(_SQLITE_MAGIC):
+        return
+    # The lock beside it shows that a monitor has written it; the begin of the file may be damaged, but it is no text.
+    if _is_text(begin) or not os.path.exists(lock_path(path)):
         raise NotAHistoryError("it is not a history file")
+
+
+def _is_text(begin: bytes) -> bool:
+    try:
+        begin[:-4].decode("utf-8")  # the last character may be cut
+    except UnicodeDecodeError:
+        return False
+    return b"\0" not in begin
 
 
 def _lock(path: str) -> int:

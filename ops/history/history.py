@@ -18,6 +18,7 @@ from robot_health_monitor.core.model import Transition
 from ..configuration import HistorySettings
 from .database_errors import is_file_error
 from .fault_reports import FaultReports
+from .queries import read_states
 from .reader import HistoryReader
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
 from .storage import PART, SLOW_S, Storage, report_skipped
@@ -212,15 +213,11 @@ class RobotHistory:
 
     def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last stored state of each signal, by name; empty if the history cannot be read."""
-        query = "SELECT signal, state FROM signal_states WHERE robot = ?"
         try:
-            rows = self._history.run(
-                lambda connection: connection.execute(query, (self._robot,)).fetchall(), _RESTORE_TIMEOUT_S
-            )
+            return self._history.run(lambda connection: read_states(connection, self._robot), _RESTORE_TIMEOUT_S)
         except ServiceError as error:
             self._faults.report(PART, str(error))
             return {}
-        return {signal: _decoded(state) for signal, state in rows if isinstance(signal, str)}
 
     def watched_until_s(self) -> Optional[float]:
         """Returns when the robot was last watched before this run, in s since 1970; None if that is unknown."""
@@ -290,11 +287,3 @@ class RobotHistory:
     def close(self) -> None:
         """Stores that the robot is no longer watched. Not needed at the end of the process."""
         self._history.remove(self._robot, self._faults)
-
-
-def _decoded(state: object) -> Any:
-    """Returns a state from the file; None if it is not JSON."""
-    try:
-        return json.loads(state)  # type: ignore[arg-type]
-    except (TypeError, ValueError, RecursionError):
-        return None

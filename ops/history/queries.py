@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sqlite3
-from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
 
 from ..matchers import matches_pattern
-from .checked_rows import checked, is_count, is_text, is_time, optional
+from .checked_rows import checked, is_count, is_json_object, is_level, is_text, is_time, optional, skip
 from .rows import (
     MAX_EVIDENCE,
     TRANSITION_CHECKS,
@@ -19,6 +20,11 @@ from .rows import (
     unpack_samples,
 )
 from .schema import INDEX_STEP, INDEXED
+
+LATEST_CHANGE = """
+SELECT id, to_level FROM transitions WHERE robot = ? AND signal = ? AND repeated = 0 ORDER BY id DESC LIMIT 1
+"""
+"""The latest change of a signal's level. If it is not to OK, it began an alert that is still open."""
 
 _PAGE = 500
 _ROUNDING_S = 0.001  # of the times of samples
@@ -114,6 +120,25 @@ def transition(connection: sqlite3.Connection, number: int) -> Optional[StoredTr
     rows = connection.execute(f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE id = ?", (number,)).fetchall()
     found = [stored_transition(row) for row in checked(connection, "transitions", rows, TRANSITION_CHECKS)]
     return found[0] if found else None
+
+
+def read_states(connection: sqlite3.Connection, robot: str) -> Dict[str, Any]:
+    """Returns the last state of each signal of a robot.
+
+    One that is not a JSON object is the level that was announced last; None if that is unknown, too.
+    """
+    states: Dict[str, Any] = {}
+    rows = connection.execute("SELECT signal, state FROM signal_states WHERE robot = ?", (robot,)).fetchall()
+    for signal, state in rows:
+        if is_json_object(state) and is_text(signal):
+            states[signal] = json.loads(state)
+            continue
+        skip(connection, "signal_states", signal)
+        found = connection.execute(LATEST_CHANGE, (robot, signal)).fetchone()
+        if is_text(signal):
+            is_known = found is not None and is_level(found[1])
+            states[signal] = {"announced": {"level": Level(found[1]).name}} if is_known else None
+    return states
 
 
 def evidence(connection: sqlite3.Connection, transition_id: int) -> Sequence[Tuple[float, float]]:

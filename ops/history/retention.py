@@ -9,6 +9,7 @@ from __future__ import annotations
 import sqlite3
 from typing import Dict, List, Optional, Tuple
 
+from .queries import LATEST_CHANGE
 from .schema import INDEX_STEP, INDEXED
 
 _MAX_ROWS = 200  # per call and table
@@ -28,11 +29,6 @@ WHERE id < :before_id AND wall_s < :before_s AND NOT (to_level <> 0 AND id = (
 ORDER BY id LIMIT :limit
 """
 """The oldest transitions without those that began an alert that is still open."""
-
-_LATEST = """
-SELECT id, to_level FROM transitions WHERE robot = ? AND signal = ? AND repeated = 0 ORDER BY id DESC LIMIT 1
-"""
-"""The latest change of a signal's level; if it is not to OK, it began an alert that is still open."""
 
 _OTHERS = (
     ("runs", "coalesce(stopped_s, alive_s) < :before_s", "id < :run_id", 1),
@@ -204,7 +200,7 @@ class Retention:
 
     def _open_id(self, robot: str, signal: str) -> int:
         """Returns the id of the transition that began the open alert of a signal; -1: it has none."""
-        row = self._connection.execute(_LATEST, (robot, signal)).fetchone()
+        row = self._connection.execute(LATEST_CHANGE, (robot, signal)).fetchone()
         return row[0] if row is not None and row[1] != 0 else -1
 
     def _delete(self, rows: _Rows) -> int:

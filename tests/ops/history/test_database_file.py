@@ -13,7 +13,13 @@ from pathlib import Path
 import pytest
 from harness.waiting import WAIT_S, wait_for
 
-from robot_health_monitor.ops.history.database_file import DatabaseFile, InUseError, lock_path, set_aside
+from robot_health_monitor.ops.history.database_file import (
+    DatabaseFile,
+    InUseError,
+    NotAHistoryError,
+    lock_path,
+    set_aside,
+)
 
 
 def test_the_lock_of_a_killed_process_is_released(tmp_path: Path) -> None:
@@ -154,4 +160,24 @@ def test_the_lock_of_a_symbolic_link_is_that_of_its_target(tmp_path: Path) -> No
     (tmp_path / "link.db").symlink_to(tmp_path / "history.db")
     file = DatabaseFile(str(tmp_path / "link.db"))
     assert Path(lock_path(str(tmp_path / "history.db"))).exists()
+    file.close()
+
+
+def test_a_text_file_is_left_alone_although_a_lock_is_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("äöü " * 5000, encoding="utf-8")
+    Path(lock_path(str(path))).touch()
+    with pytest.raises(NotAHistoryError):
+        DatabaseFile(str(path))
+
+
+def test_a_symbolic_link_that_leads_elsewhere_is_noticed(tmp_path: Path) -> None:
+    link = tmp_path / "link.db"
+    link.symlink_to(tmp_path / "history.db")
+    file = DatabaseFile(str(link))
+    assert file.is_in_place()
+    link.unlink()
+    assert not file.is_in_place()
+    link.symlink_to(tmp_path / "other.db")
+    assert not file.is_in_place()
     file.close()

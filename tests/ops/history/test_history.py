@@ -93,6 +93,21 @@ def test_states_in_any_form_do_not_prevent_the_start(history: History) -> None:
     assert [text[0] for text in notices] == ["a", "b", "c", "d", "f"]
 
 
+def test_a_signal_whose_state_is_not_json_keeps_the_level_that_was_announced(history: History) -> None:
+    robot = history.of_robot("r1", Faults())
+    robot.record(low_battery(), {"announced": {"level": "WARN"}}, [])
+    history.run(lambda connection: connection.execute("UPDATE signal_states SET state = 'odd'"))
+    bus, announced = LocalBus(), []
+    node = bus.node("alert_system", parameters={"robot_name": "r1", "signals": {"battery_level": {"warn_below": 20.0}}})
+    AlertSystem(node, {"noted": announced.append}, history=history.of_robot("r1", Faults()))
+    sensor = bus.node("sensor")
+    sensor.advertise("battery_level", "std_msgs/Float32")
+    sensor.publish("battery_level", {"data": 15.0})
+    assert [event for event in announced if isinstance(event, Transition)] == []
+    sensor.publish("battery_level", {"data": 50.0})
+    assert [event.to_level for event in announced if isinstance(event, Transition)] == [Level.OK]
+
+
 @pytest.mark.parametrize("in_file", [False, True])
 def test_only_a_history_in_a_file_is_kept(in_file: bool, tmp_path: Path) -> None:
     opened = History(HistorySettings(str(tmp_path / "history.db")) if in_file else None)
