@@ -48,7 +48,7 @@ class LocalBus:
         self._clock = clock
         self.wall_time_s: Callable[[], float] = wall_time_s or (lambda: self.now_s)
         self.log_lines: List[LogLine] = []
-        self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
+        self._on_log: List[Callable[[LogLine], None]] = [on_log or self.log_lines.append]
         self.types: Dict[str, str] = {}
         """Type name per topic, of topics that are advertised or subscribed to."""
         self.nodes: List[LocalMiddleware] = []
@@ -85,6 +85,15 @@ class LocalBus:
         node = LocalMiddleware(self, full_name, parameters or {}, remap or {}, use_sim_time)
         self.nodes.append(node)
         return node
+
+    def log(self, line: LogLine) -> None:
+        """Writes a line to the log."""
+        for receive in tuple(self._on_log):
+            receive(line)
+
+    def add_log(self, on_log: Callable[[LogLine], None]) -> None:
+        """Calls a further function with every log line from now on."""
+        self._on_log.append(on_log)
 
     def graph(self) -> Graph:
         """Returns the nodes that are not closed, with their topics and services."""
@@ -257,7 +266,7 @@ class LocalMiddleware(MappingNode):
         raise ConfigError(f"{self.resolve(topic)} has no raw bytes: the in-process middleware carries mappings")
 
     def log(self, severity: Severity, text: str) -> None:
-        self.faults.guard("log", self._bus.on_log, LogLine(self._bus.now_s, self.name, severity, text))
+        self.faults.guard("log", self._bus.log, LogLine(self._bus.now_s, self.name, severity, text))
 
     def close(self) -> None:
         if self.closed:

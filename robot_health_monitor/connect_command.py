@@ -38,29 +38,29 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     """
     addresses = read_addresses(arguments.urls)
     output = choose_output(arguments.json, name_robots=len(addresses) > 1 or bool(arguments.fleet))
-    events = Events(output.add, Severity[arguments.log_level])
-
-    def warn(text: str) -> None:
-        events.on_log(LogLine(time.monotonic(), "connect", Severity.WARN, text))
-
-    if arguments.old_token_file:
-        warn("--token-file is deprecated for the robots' token: use --robot-token-file")
     options = Options(
         thresholds=str(arguments.thresholds or find_installed("config/thresholds.yaml") or ""),
         namespace=arguments.namespace,
         token_file=arguments.robot_token_file or arguments.old_token_file,
         ca=arguments.ca,
     )
-    read_settings = partial(server_settings, arguments, TokenFiles(warn))
     with open_operations(arguments.ops, always_history=True) as operations:
+        events = Events(output.add, Severity[arguments.log_level], silence_of=operations.silence_text)
+
+        def warn(text: str) -> None:
+            events.on_log(LogLine(time.monotonic(), "connect", Severity.WARN, text))
+
+        if arguments.old_token_file:
+            warn("--token-file is deprecated for the robots' token: use --robot-token-file")
+        read_settings = partial(server_settings, arguments, TokenFiles(warn))
         settings = read_settings(operations.server)
-        events.silence_of = operations.silence_text
         fleet = Fleet(
             FleetReader(addresses, arguments.fleet, options, warn),
             clock=time.monotonic,
             on_log=events.on_log,
             outlet=events.outlet,
             start=operations.start,
+            self_report=operations.self_report(),
         )
         _attach(operations, fleet)
         reloads = Reloads(fleet.log)
@@ -116,7 +116,7 @@ def server_settings(
 
 
 def _attach(operations: Operations, fleet: Fleet) -> None:
-    """Shows the operations in the status of the process: they belong to no single robot."""
+    """Ends the operations of robots that are removed, and shows their faults in the status of the process."""
 
     def end_removed(added: Sequence[Robot], ended: Sequence[Robot]) -> None:
         for robot in {each.name for each in ended} - {each.name for each in added}:
@@ -126,6 +126,4 @@ def _attach(operations: Operations, fleet: Fleet) -> None:
     fleet.on_change(end_removed)
     operations.faults.add(fleet.faults)
     operations.log_summary(fleet.log)
-    fleet.self_report["silenced"] = lambda: str(operations.count_silenced())
-    operations.report_waiting(fleet.self_report)
     operations.note_robots()

@@ -94,11 +94,6 @@ class EmbeddedMonitor:
         """The one alert_system."""
         return (self.alert_system,)
 
-    @property
-    def self_report(self) -> Dict[str, Callable[[], str]]:
-        """Key-values of the status of alert_system."""
-        return self.alert_system.self_report
-
     def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
         """Does nothing: there is one for the whole run."""
 

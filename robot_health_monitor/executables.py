@@ -132,7 +132,7 @@ def _run(
     service_manager = ServiceManager()
     try:
         process.start()
-        streams.on_change = lambda name, problem: _report(process, name, problem)
+        streams.on_change(lambda name, problem: _report(process, name, problem))
         _start_nodes(process, EXECUTABLES[executable], interrupts, running)
         if not process.middlewares:
             process.close()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import re
 import time
+from dataclasses import replace
 from typing import Callable, Collection, Dict, Iterable, List, Mapping, Optional, Sequence
 
 from robot_health_monitor.core.diagnostics import ARRAY_TYPE, array_message
@@ -17,7 +18,7 @@ from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.identity import host_name
-from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, SelfMonitor
+from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
@@ -56,6 +57,7 @@ class Fleet:
         on_log: Callable[[LogLine], None],
         outlet: Callable[[str], Outlet],
         start: StartAlertSystem = AlertSystem,
+        self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
         """Creates the robots; `run` connects to them.
 
@@ -65,7 +67,8 @@ class Fleet:
             on_log: called with every log line; its node is the robot's name, or `connect`.
             outlet: returns the outlet for a robot's transitions and notices, by its name, or for the notices of the
                 process itself, as `connect`.
-            start: creates an alert_system, and attaches to it what the process adds, such as a history.
+            start: creates an alert_system, with what the process adds, such as a history.
+            self_report: what the status of the process shows besides the robots.
 
         Raises:
             ConfigError: the configuration cannot be used; the message names file and line.
@@ -88,12 +91,13 @@ class Fleet:
         self._tasks: Dict[Robot, asyncio.Future[None]] = {}
         self._is_running = False
         emit = outlet(NODE)
-        self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, lambda event: emit(event))
-        self.self_report = self._self_monitor.reports
-        """Key-values of the status of the process: a function per key. A server adds `clients`, for instance."""
-        self.self_report["robots"] = lambda: str(len(self.robots))
-        self.self_report["unreachable"] = lambda: str(sum(not robot.connected for robot in self.robots))
-        self.self_report["signals"] = lambda: str(sum(len(robot.monitor.config.signals) for robot in self.robots))
+        self_report = replace(
+            self_report,
+            signals=self._count_signals,
+            robots=lambda: len(self.robots),
+            unreachable=lambda: sum(not robot.connected for robot in self.robots),
+        )
+        self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, emit, self_report)
         self._node.create_timer(CHECK_PERIOD_S, self._check)
         found = reader.read()
         try:
@@ -103,7 +107,7 @@ class Fleet:
             self.close()
             raise
         if len(found) > _MOST_NAMES:
-            self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self.self_report['signals']()} signals")
+            self.log(Severity.INFO, f"watching {len(self.robots)} robots, {self._count_signals()} signals")
         elif len(found) > 1:
             for robot in self.robots:
                 robot.log_summary()
@@ -215,6 +219,9 @@ class Fleet:
         """Logs a line about the process."""
         self._node.log(severity, text)
 
+    def _count_signals(self) -> int:
+        return sum(len(robot.monitor.config.signals) for robot in self.robots)
+
     def _create(self, settings: RobotSettings, *, log_details: bool = False) -> Robot:
         namespace = re.sub(r"\W", "_", settings.name, flags=re.ASCII)
         namespace = namespace if namespace[:1].isalpha() else f"robot_{namespace}"
@@ -227,7 +234,7 @@ class Fleet:
                 settings,
                 outputs=outputs,
                 clock=self._clock,
-                on_log=lambda line: self.bus.on_log(line),
+                on_log=self.bus.log,
                 outlet=self._outlet(settings.name),
                 log_details=log_details,
                 start=self._start_alert_system,

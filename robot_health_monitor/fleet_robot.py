@@ -12,6 +12,7 @@ from robot_health_monitor.core.local import LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Middleware, Severity
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.nodes.self_monitor import SelfReport
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
 from robot_health_monitor.rosbridge.client.log_limit import LogLimit
@@ -33,6 +34,7 @@ class StartAlertSystem(Protocol):
         *,
         log_alerts: bool = ...,
         announce_pauses: bool = ...,
+        self_report: SelfReport = ...,
     ) -> AlertSystem:
         """Starts watching."""
 
@@ -99,8 +101,13 @@ class Robot:
             use_sim_time=settings.use_sim_time,
             outputs=outputs,
         )
-        self.alert_system = start(self._node, {"output": outlet}, log_alerts=False, announce_pauses=False)
-        self.alert_system.self_report["dropped"] = lambda: str(self._node.dropped)
+        self.alert_system = start(
+            self._node,
+            {"output": outlet},
+            log_alerts=False,
+            announce_pauses=False,
+            self_report=SelfReport(dropped=lambda: self._node.dropped),
+        )
         started = True
 
     @property

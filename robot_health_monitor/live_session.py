@@ -95,14 +95,14 @@ async def _run(
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     service_manager = ServiceManager()
-    interrupts.on_interrupt = lambda: loop.call_soon_threadsafe(stop.set)
+    interrupts.on_interrupt(lambda: loop.call_soon_threadsafe(stop.set))
     try:
         async with work as monitoring:
             output.start(loop, watched)
             running = asyncio.ensure_future(monitoring)
             reloading = asyncio.ensure_future(reloads.run())
             # `request` comes after the start of `reloading`.
-            interrupts.on_hangup = lambda: loop.call_soon_threadsafe(reloads.request)
+            interrupts.on_hangup(lambda: loop.call_soon_threadsafe(reloads.request))
             stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
             service_manager.ready()
             try:
@@ -114,8 +114,8 @@ async def _run(
                 reloading.cancel()
                 await asyncio.wait({running, stopped}, timeout=_END_S)
     finally:
-        interrupts.on_hangup = bool
-        interrupts.on_interrupt = bool  # does nothing: the end is under way
+        interrupts.on_hangup(bool)
+        interrupts.on_interrupt(bool)  # does nothing: the end is under way
 
 
 async def _show(

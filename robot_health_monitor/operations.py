@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Protocol
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -18,6 +20,7 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
 from robot_health_monitor.core.nodes.identity import host_name
+from robot_health_monitor.core.nodes.self_monitor import EMPTY_REPORT, SelfReport
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions, read_ops
@@ -66,6 +69,18 @@ class SharedFaults(Faults):
                     receiver.clear(part)
 
 
+class ServerCounts(Protocol):
+    """What the status of the process shows of its server."""
+
+    @property
+    def clients(self) -> int:
+        """Number of connected clients."""
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages that were dropped."""
+
+
 class Operations:
     """History, silences and notifications of one process. What fails is a fault; the monitoring goes on."""
 
@@ -97,6 +112,7 @@ class Operations:
         self._alert_systems: Dict[str, AlertSystem] = {}
         self._histories: Dict[str, RobotHistory] = {}
         self._fed_s = float("-inf")
+        self._server: Optional[ServerCounts] = None
         if config.history is not None or config.notify or always_history:
             from robot_health_monitor.ops.active_silences import Silences
             from robot_health_monitor.ops.history.history import History
@@ -145,6 +161,7 @@ class Operations:
         *,
         log_alerts: bool = True,
         announce_pauses: bool = True,
+        self_report: SelfReport = EMPTY_REPORT,
     ) -> AlertSystem:
         """Starts the alert_system of a robot, with its part of the history.
 
@@ -153,6 +170,7 @@ class Operations:
             outlets: as for `AlertSystem`.
             log_alerts: as for `AlertSystem`.
             announce_pauses: as for `AlertSystem`.
+            self_report: as for `AlertSystem`; the notifications are added.
 
         Raises:
             ConfigError: its configuration cannot be used.
@@ -162,7 +180,13 @@ class Operations:
         history = None if self.history is None else self.history.of_robot(robot, _Forwarded(self.faults))
         try:
             alert_system = AlertSystem(
-                middleware, outlets, log_alerts=log_alerts, history=history, announce_pauses=announce_pauses
+                middleware,
+                outlets,
+                log_alerts=log_alerts,
+                history=history,
+                announce_pauses=announce_pauses,
+                silence_of=partial(self.silence_text, robot),
+                self_report=replace(self_report, pending_notifications=self._count_pending),
             )
         except BaseException:
             if history is not None:
@@ -171,11 +195,8 @@ class Operations:
         if history is not None:
             self._histories[robot] = history
         self._alert_systems[robot] = alert_system
-        if self.silences is not None:
-            alert_system.silence_of = lambda signal: self.silence_text(robot, signal)
         if self.notifier is not None:
             middleware.create_timer(TICK_PERIOD_S, self._note_tick, steady=True)
-            self.report_waiting(alert_system.self_report)
         return alert_system
 
     def start_only(
@@ -186,7 +207,7 @@ class Operations:
         Raises:
             ConfigError: its configuration cannot be used.
         """
-        alert_system = self.start(middleware, outlets, log_alerts=log_alerts)
+        alert_system = self.start(middleware, outlets, log_alerts=log_alerts, self_report=self.self_report())
         self.faults.add(middleware.faults)
         self.log_summary(middleware.log)
         self.note_robots()
@@ -204,11 +225,18 @@ class Operations:
         if history is not None:
             history.close()
 
-    def report_waiting(self, self_report: Dict[str, Callable[[], str]]) -> None:
-        """Shows how many notifications wait, among the key-values of a status."""
-        notifier = self.notifier
-        if notifier is not None:
-            self_report["pending_notifications"] = lambda: str(notifier.waiting)
+    def note_server(self, server: ServerCounts) -> None:
+        """Call when the server has started: the status of the process shows its clients."""
+        self._server = server
+
+    def self_report(self) -> SelfReport:
+        """Returns what the status of a process shows of its operations and its server."""
+        return SelfReport(
+            clients=lambda: 0 if self._server is None else self._server.clients,
+            pending_notifications=self._count_pending,
+            silenced=self.count_silenced,
+            clients_dropped=lambda: None if self._server is None else self._server.dropped,
+        )
 
     def silence_text(self, robot: str, signal: str) -> Optional[str]:
         """Returns reason and end of the silence of an alert; None: it is not silenced. May be called in any thread."""
@@ -246,6 +274,9 @@ class Operations:
         closing = threading.Thread(target=self._close, name="close operations", daemon=True)
         closing.start()
         closing.join(_CLOSE_S)
+
+    def _count_pending(self) -> int:
+        return 0 if self.notifier is None else self.notifier.waiting
 
     def _note_tick(self, now_s: float) -> None:
         """Feeds the heartbeat while every robot is monitored; each robot calls this once a second."""

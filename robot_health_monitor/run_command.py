@@ -36,12 +36,11 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
     """
     file = arguments.thresholds or find_installed("config/thresholds.yaml")
     output = choose_output(arguments.json)
-    events = Events(output.add, Severity[arguments.log_level])
     thresholds = read_yaml(file) if file else None
     parameters = {} if thresholds is None else sections_of_nodes(thresholds)["alert_system"].tree
     ops_file = arguments.ops or configured_ops(parameters)
     with open_operations(ops_file, always_history=True) as operations:
-        events.silence_of = operations.silence_text
+        events = Events(output.add, Severity[arguments.log_level], silence_of=operations.silence_text)
         monitor = EmbeddedMonitor(
             thresholds,
             robot=arguments.robot,

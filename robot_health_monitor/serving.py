@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import os
 import ssl
-from typing import TYPE_CHECKING, Any, Callable, Dict, Mapping, NamedTuple, Optional, Protocol, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault, Faults
@@ -193,10 +193,6 @@ class Served(Protocol):
         """The full names of their nodes; `*` as in file names."""
 
     @property
-    def self_report(self) -> Dict[str, Callable[[], str]]:
-        """Key-values of the status of the process."""
-
-    @property
     def faults(self) -> Faults:
         """Where a server that cannot be started is reported."""
 
@@ -212,7 +208,7 @@ class Served(Protocol):
 
 def make_web(
     robots: Callable[[], Sequence[AlertSystem]],
-    operations: Optional[Operations] = None,
+    operations: Operations,
     *,
     process_faults: Callable[[], Mapping[str, Fault]] = dict,
     threads: bool,
@@ -221,7 +217,7 @@ def make_web(
 
     Args:
         robots: returns the alert_systems of the robots that are watched now.
-        operations: history, silences and notifications; None: there are none.
+        operations: history, silences and notifications.
         process_faults: returns the faults of the monitor that belong to no robot, by part.
         threads: whether robots are judged in other threads than the server's loop.
 
@@ -230,12 +226,12 @@ def make_web(
     """
     from robot_health_monitor.ops.web import WebInterface
 
-    notifier = None if operations is None else operations.notifier
+    notifier = operations.notifier
     web = WebInterface(
         robots,
         threads=threads,
-        history=None if operations is None else operations.history,
-        silences=None if operations is None else operations.silences,
+        history=operations.history,
+        silences=operations.silences,
         notifications_waiting=int if notifier is None else lambda: notifier.waiting,
         process_faults=process_faults,
     )
@@ -267,14 +263,14 @@ def page_address(address: str, port: int, scheme: str = "http") -> str:
 
 
 async def serve(
-    monitor: Served, settings: ServerSettings, operations: Optional[Operations] = None, *, required: bool
+    monitor: Served, settings: ServerSettings, operations: Operations, *, required: bool
 ) -> Optional[Server]:
     """Serves monitors in the running loop; `stop_serving` ends it.
 
     Args:
         monitor: what is served.
         settings: where to listen, and what clients may do.
-        operations: what the page shows besides the monitors; None: nothing.
+        operations: what the page shows besides the monitors.
         required: whether a port that is in use is an error.
 
     Returns:
@@ -301,6 +297,7 @@ async def serve(
         return None
     monitor.on_new_alert_system(web.watch)
     _show_log(monitor, server)
+    operations.note_server(server)
     node.log(Severity.INFO, f"serving on {settings.scheme}://{settings.address}:{server.port}")
     report_web(web, node.log, settings, server.port)
     return server
@@ -315,7 +312,7 @@ def serve_in_thread(
     create_node: Callable[[], ServedMiddleware],
     middleware: Middleware,
     alert_system: AlertSystem,
-    operations: Optional[Operations] = None,
+    operations: Operations,
 ) -> Optional[ServerThread]:
     """Serves what alert_system watches, as its configuration says. A failure never stops the monitoring.
 
@@ -323,7 +320,7 @@ def serve_in_thread(
         create_node: creates the node for the server.
         middleware: the node of alert_system.
         alert_system: the node that is served.
-        operations: what the page shows besides, and the section `server` of an ops.yaml; None: there is none.
+        operations: what the page shows besides, and the section `server` of an ops.yaml.
 
     Returns:
         The running server; None: it cannot be started, which is now a fault of alert_system.
@@ -333,9 +330,8 @@ def serve_in_thread(
     try:
         from robot_health_monitor.rosbridge.server import ServerThread
 
-        options = None if operations is None else operations.server
         tokens = TokenFiles(lambda text: middleware.log(Severity.WARN, text))
-        settings = server_settings(alert_system.monitor.config, options, tokens=tokens)
+        settings = server_settings(alert_system.monitor.config, operations.server, tokens=tokens)
         node = create_node()
         given = middleware.given_parameters()
         web = make_web(lambda: [alert_system], operations, threads=True)
@@ -348,7 +344,7 @@ def serve_in_thread(
     except OSError as error:
         problem = f"port {settings.port} of {settings.address} cannot be opened: {_cause(error)}"
     else:
-        _report_server(alert_system.self_report, server)
+        operations.note_server(server)
         node.log(Severity.INFO, f"rosbridge: serving on {settings.scheme}://{settings.address}:{server.port}")
         report_web(web, node.log, settings, server.port)
         return thread
@@ -369,11 +365,6 @@ def _cause(error: OSError) -> str:
 
 def _show_log(monitor: Served, server: Server) -> None:
     """Publishes log lines and alerts on /rosout, which the local middleware lacks."""
-    on_log = monitor.bus.on_log
-
-    def publish_line(line: LogLine) -> None:
-        on_log(line)
-        server.publish_log(line)
 
     def add(alert_system: AlertSystem) -> None:
         def publish_event(event: Event) -> None:
@@ -382,14 +373,7 @@ def _show_log(monitor: Served, server: Server) -> None:
 
         alert_system.outlets.add("rosout", publish_event)
 
-    monitor.bus.on_log = publish_line
+    monitor.bus.add_log(server.publish_log)
     for alert_system in monitor.alert_systems:
         add(alert_system)
     monitor.on_new_alert_system(add)
-    _report_server(monitor.self_report, server)
-
-
-def _report_server(self_report: Dict[str, Callable[[], str]], server: Server) -> None:
-    """Shows the server in the status of alert_system, or of the process."""
-    self_report["clients"] = lambda: str(server.clients)
-    self_report["clients_dropped"] = lambda: str(server.dropped)

@@ -33,7 +33,7 @@ class StandardStreams:
 
     def __init__(self) -> None:
         """Changes nothing until it is entered."""
-        self.on_change: OnChange = _ignore_change
+        self._on_change: OnChange = _ignore_change
         self._copies: List[_Copy] = []
 
     def __enter__(self) -> StandardStreams:
@@ -50,8 +50,12 @@ class StandardStreams:
         for copy in self._copies:
             copy.close()
 
+    def on_change(self, callback: OnChange) -> None:
+        """Calls back from now on, in place of an earlier function."""
+        self._on_change = callback
+
     def _report(self, name: str, problem: str) -> None:
-        self.on_change(name, problem)
+        self._on_change(name, problem)
 
 
 class _Copy:

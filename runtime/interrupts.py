@@ -6,8 +6,8 @@ imports ends the process cleanly too.
 =============  ==========================================================================================
 runtime        use
 =============  ==========================================================================================
-plain Python   leave `on_interrupt` at None: the first signal raises KeyboardInterrupt in the main thread
-asyncio        set `on_interrupt` to a function that stops the loop
+plain Python   nothing: the first signal raises KeyboardInterrupt in the main thread
+asyncio        call `on_interrupt` with a function that stops the loop
 rospy, rclpy   call `defer()`: signals only set `came`, since neither survives an exception at any point
 =============  ==========================================================================================
 
@@ -34,10 +34,9 @@ class Interrupts:
             patience_s: KeyboardInterrupt is raised after all if the context is still entered this many seconds after
                 the first signal, because something hangs; None: never. Uses SIGALRM.
         """
-        self.on_interrupt: Optional[Callable[[], object]] = None
-        """Called on every signal, in the main thread. None: the first signal raises KeyboardInterrupt."""
         self.came = False
         """Whether a signal has come."""
+        self._on_interrupt: Optional[Callable[[], object]] = None
         self._on_hangup: Optional[Callable[[], object]] = None
         self._hangup_came = False
         self._patience_s = patience_s
@@ -65,26 +64,25 @@ class Interrupts:
         for number, handler in self._before:
             signal.signal(number, handler)
 
+    def on_interrupt(self, callback: Callable[[], object]) -> None:
+        """From now on every signal calls a function, in the main thread."""
+        self._on_interrupt = callback
+
     def defer(self) -> None:
         """From now on signals only set `came`; see `check` and `wait_until`."""
-        self.on_interrupt = _do_nothing
+        self._on_interrupt = bool  # does nothing
 
     def take_hangups(self) -> None:
-        """From now on SIGHUP calls `on_hangup`; one that comes before that is set is kept for it."""
+        """From now on SIGHUP calls the function of `on_hangup`; one that comes before that is called is kept for it."""
         try:
             self._before.append((signal.SIGHUP, signal.signal(signal.SIGHUP, self._handle_hangup)))
         except ValueError:
             pass  # not the main thread, which signals do not reach
 
-    @property
-    def on_hangup(self) -> Optional[Callable[[], object]]:
-        """Called on SIGHUP, in the main thread, after `take_hangups`."""
-        return self._on_hangup
-
-    @on_hangup.setter
-    def on_hangup(self, callback: Optional[Callable[[], object]]) -> None:
+    def on_hangup(self, callback: Callable[[], object]) -> None:
+        """From now on SIGHUP calls a function, in the main thread; after `take_hangups`."""
         self._on_hangup = callback
-        if callback is not None and self._hangup_came:
+        if self._hangup_came:
             self._hangup_came = False
             callback()
 
@@ -108,8 +106,8 @@ class Interrupts:
         first, self.came = not self.came, True
         if first and self._patience_s is not None:
             signal.setitimer(signal.ITIMER_REAL, self._patience_s)
-        if self.on_interrupt is not None:
-            self.on_interrupt()
+        if self._on_interrupt is not None:
+            self._on_interrupt()
         elif first:
             raise KeyboardInterrupt
 
@@ -121,7 +119,3 @@ class Interrupts:
 
     def _lose_patience(self, number: int, frame: object) -> None:
         raise KeyboardInterrupt
-
-
-def _do_nothing() -> None:
-    pass

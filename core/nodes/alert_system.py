@@ -30,7 +30,7 @@ from .identity import (
     host_name,
     refuse_changes,
 )
-from .self_monitor import CHECK_PERIOD_S, SelfMonitor
+from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 
 TRIGGER_TYPE = "std_srvs/Trigger"
 TICK_PERIOD_S = 1.0
@@ -49,6 +49,10 @@ _Source = Tuple[str, str, str, str]
 """Where a signal comes from: its name, topic, type and field."""
 
 
+def _not_silenced(signal: str) -> Optional[str]:
+    return None
+
+
 class AlertSystem:
     """Judges every configured signal and emits each transition once to every outlet.
 
@@ -64,6 +68,8 @@ class AlertSystem:
         log_alerts: bool = True,
         history: Optional[SignalHistory] = None,
         announce_pauses: bool = True,
+        silence_of: Callable[[str], Optional[str]] = _not_silenced,
+        self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
         """Starts watching.
 
@@ -74,6 +80,8 @@ class AlertSystem:
             history: the alert_system continues from its states, and stores each transition before any outlet receives
                 it. None: it starts from an empty state.
             announce_pauses: emit a notice after the process was stopped. False where another part does so.
+            silence_of: returns the text of the silence of a signal, None without one. Must be fast.
+            self_report: what the node's own status shows of other parts of the process.
 
         Raises:
             ConfigError: the configuration cannot be used.
@@ -93,21 +101,22 @@ class AlertSystem:
         """Judges the signals; read it to show their state."""
         self.outlets = Outlets(middleware.faults)
         """Receives every transition and notice; more outlets may be added at any time."""
+        self.silence_of = silence_of
+        """Returns the text of the silence of a signal, None without one."""
         standard: Dict[str, Outlet] = {"alerts": self._publish_alert, DIAGNOSTICS: self._publish_change}
         if log_alerts:
             standard = {"log": self._log, **standard}
         for name, outlet in {**outlets, **standard}.items():
             self.outlets.add(name, outlet)
         self._samples = 0
-        self._self_monitor = SelfMonitor(middleware, self.monitor.robot, TICK_PERIOD_S, self.outlets.emit)
-        self.self_report: Dict[str, Callable[[], str]] = self._self_monitor.reports
-        """Key-values of the node's own status: a function per key. A server adds `clients`, for instance."""
-        self.self_report["signals"] = lambda: str(len(self.monitor.config.signals))
-        self.self_report["simulated"] = lambda: ", ".join(filter(self.is_simulated, self._config.signals))
-        self.self_report["without_sensor"] = lambda: ", ".join(sorted(self._unavailable))
-        self.silence_of: Callable[[str], Optional[str]] = _not_silenced
-        """Returns the text of the silence of a signal, None without one. May be replaced by a fast function."""
-        self.self_report["silenced"] = lambda: str(self.count_silenced())
+        self_report = replace(
+            self_report,
+            signals=lambda: len(self.monitor.config.signals),
+            simulated=lambda: filter(self.is_simulated, self._config.signals),
+            without_sensor=lambda: sorted(self._unavailable),
+            silenced=self.count_silenced,
+        )
+        self._self_monitor = SelfMonitor(middleware, self.monitor.robot, TICK_PERIOD_S, self.outlets.emit, self_report)
         self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
         described = described_parameters(config, are_default=self._watches_defaults)
@@ -175,6 +184,10 @@ class AlertSystem:
         """Leaves a time out of durations and silences, as `Monitor.skip`. No ticks were due in it."""
         self._self_monitor.skip(until_s - since_s)
         self._announce(self.monitor.skip(since_s, until_s), until_s)
+
+    def own_status(self) -> Status:
+        """Returns the status of the node itself."""
+        return self._self_monitor.status()
 
     @property
     def robot(self) -> str:
@@ -436,10 +449,6 @@ class AlertSystem:
         self._unavailable &= same
         self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())
         return describe_changes(_changeable(old, given), _changeable(config, tree))
-
-
-def _not_silenced(signal: str) -> Optional[str]:
-    return None
 
 
 def _sections(config: MonitorConfig) -> Sections:

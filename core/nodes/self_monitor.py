@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Callable, Dict, Optional, Tuple
+from dataclasses import dataclass, fields, replace
+from typing import Any, Callable, Dict, Iterable, Mapping, Optional, Tuple
 
 from ..faults import summary_of
 from ..formatting import duration_text, number_text
@@ -32,13 +33,77 @@ _MIN_HEALTHY_S = 3.0
 _SEVERITY_OF_LEVEL = {Level.WARN: Severity.WARN, Level.ERROR: Severity.ERROR}
 
 
+def _left_out() -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class SelfReport:
+    """The key-values of the status of a node: a function per key, called for each status. None: no such key."""
+
+    version: Callable[[], str] = package_version
+    uptime_s: Callable[[], float] = float
+    """Since the start of the node, in s."""
+    signals: Callable[[], int] = int
+    """Number of watched signals."""
+    samples_per_s: Callable[[], float] = float
+    dropped: Callable[[], int] = int
+    """Number of messages that were not judged."""
+    tick_late_s: Callable[[], float] = float
+    clients: Callable[[], int] = int
+    """Number of clients of the server."""
+    pending_notifications: Callable[[], int] = int
+    simulated: Callable[[], Optional[Iterable[str]]] = _left_out
+    """Names of signals with invented values."""
+    without_sensor: Callable[[], Optional[Iterable[str]]] = _left_out
+    """Names of signals that are not watched, because the host has no such sensor."""
+    robots: Callable[[], Optional[int]] = _left_out
+    unreachable: Callable[[], Optional[int]] = _left_out
+    """Number of robots without a connection."""
+    silenced: Callable[[], Optional[int]] = _left_out
+    """Number of signals that are not OK and silenced."""
+    clients_dropped: Callable[[], Optional[int]] = _left_out
+    """Number of messages that the server dropped."""
+
+    def texts(self) -> Mapping[str, str]:
+        """Returns the key-values as /diagnostics shows them. A function that raises does not hide the others."""
+        texts = {field.name: _text(field.name, getattr(self, field.name)) for field in fields(self)}
+        return {key: text for key, text in texts.items() if text is not None}
+
+
+EMPTY_REPORT = SelfReport()
+
+_FORMATS: Mapping[str, Callable[[Any], str]] = {
+    "uptime_s": "{:.0f}".format,
+    "samples_per_s": number_text,
+    "tick_late_s": "{:.3f}".format,
+    "simulated": ", ".join,
+    "without_sensor": ", ".join,
+}
+
+
+def _text(key: str, read: Callable[[], object]) -> Optional[str]:
+    try:
+        value = read()
+        return None if value is None else _FORMATS.get(key, str)(value)
+    except Exception as error:
+        return f"unknown ({type(error).__name__}: {error})"
+
+
 class SelfMonitor:
     """Announces the faults of its node as notices and keeps the node's own status.
 
     Runs on steady time, so that it also works without /clock and while a simulator is paused.
     """
 
-    def __init__(self, middleware: Middleware, robot: str, tick_period_s: float, emit: Callable[[Event], None]) -> None:
+    def __init__(
+        self,
+        middleware: Middleware,
+        robot: str,
+        tick_period_s: float,
+        emit: Callable[[Event], None],
+        report: SelfReport = EMPTY_REPORT,
+    ) -> None:
         """Starts without faults.
 
         Args:
@@ -46,6 +111,7 @@ class SelfMonitor:
             robot: `hardware_id` of the status.
             tick_period_s: expected period of `note_tick` in s.
             emit: receives a notice when a fault begins or ends.
+            report: what the status shows, besides what is measured here.
         """
         self._middleware = middleware
         self._robot = robot
@@ -62,17 +128,12 @@ class SelfMonitor:
         self._last_lateness_s = 0.0
         self._looked: Optional[Tuple[float, float]] = None
         self._resumed_steady_s = -math.inf
-        self.reports: Dict[str, Callable[[], str]] = {
-            "version": package_version,
-            "uptime_s": lambda: f"{self._middleware.steady_s() - self._start_s:.0f}",
-            "signals": lambda: "0",
-            "samples_per_s": lambda: number_text(self._samples_per_s),
-            "dropped": lambda: "0",
-            "tick_late_s": lambda: f"{self._lateness_s(middleware.now_s(), middleware.steady_s()):.3f}",
-            "clients": lambda: "0",
-            "pending_notifications": lambda: "0",
-        }
-        """Key-values of the status: a function per key, called for each status. Any part may add or replace some."""
+        self._report = replace(
+            report,
+            uptime_s=lambda: middleware.steady_s() - self._start_s,
+            samples_per_s=lambda: self._samples_per_s,
+            tick_late_s=lambda: self._lateness_s(middleware.now_s(), middleware.steady_s()),
+        )
 
     def find_pause(self, now_s: float, *, announce: bool = True) -> Optional[float]:
         """Looks whether the process was stopped since the last call: by SIGSTOP, a debugger, a machine that swaps.
@@ -150,17 +211,9 @@ class SelfMonitor:
     def status(self) -> Status:
         """Returns the node's own status: its level is that of its worst fault."""
         faults = self._middleware.faults.current()
-        values = {key: self._read(report) for key, report in tuple(self.reports.items())}
-        values.update((f"fault: {part}", fault.text) for part, fault in faults.items())
+        values = {**self._report.texts(), **{f"fault: {part}": fault.text for part, fault in faults.items()}}
         level, message = summary_of(faults)
         return Status(MONITOR, level, message, self._robot, values)
-
-    @staticmethod
-    def _read(report: Callable[[], str]) -> str:
-        try:
-            return report()
-        except Exception as error:  # the report of a part that has failed must not hide the others
-            return f"unknown ({type(error).__name__}: {error})"
 
     def _since_tick_s(self, now_s: float, steady_s: float) -> float:
         """Returns the time since the last tick, in s; 0 while there are none.

@@ -26,6 +26,10 @@ class Entry(NamedTuple):
     """Reason and end of the silence of the transition's signal; None: it is not silenced."""
 
 
+def _not_silenced(robot: str, signal: str) -> Optional[str]:
+    return None
+
+
 class Events:
     """Passes log lines and transitions to the output, and counts the alerts among them."""
 
@@ -33,6 +37,8 @@ class Events:
         self,
         output: Callable[[Entry], None],
         least: Severity = Severity.INFO,
+        *,
+        silence_of: Callable[[str, str], Optional[str]] = _not_silenced,
         wall_time_s: Callable[[], float] = time.time,
     ) -> None:
         """Starts counting.
@@ -40,13 +46,13 @@ class Events:
         Args:
             output: receives every entry; must not block.
             least: log lines less severe than this are left out; transitions never are.
+            silence_of: returns the text of the silence of a robot's signal, None without one.
             wall_time_s: seconds since 1970.
         """
         self._output = output
         self._least = least
         self._wall_time_s = wall_time_s
-        self.silence_of: Callable[[str, str], Optional[str]] = _not_silenced
-        """Returns the text of the silence of a robot's signal, None without one."""
+        self._silence_of = silence_of
         self.alerts = 0
         """Number of transitions to a level other than OK."""
 
@@ -72,7 +78,7 @@ class Events:
 
     def on_transition(self, transition: Transition) -> None:
         """Receives a transition."""
-        silenced = self.silence_of(transition.robot, transition.signal)
+        silenced = self._silence_of(transition.robot, transition.signal)
         self._output(Entry(self._wall_time_s(), transition, silenced))
         if transition.to_level is not Level.OK:
             self.alerts += 1
@@ -97,7 +103,3 @@ class LibraryLog(logging.Handler):
             text += f": {type(error).__name__}: {error}"
         severity = Severity.ERROR if record.levelno >= logging.ERROR else Severity.WARN
         self._events.on_log(LogLine(record.created, record.name, severity, text))
-
-
-def _not_silenced(robot: str, signal: str) -> Optional[str]:
-    return None

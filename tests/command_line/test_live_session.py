@@ -14,7 +14,6 @@ from robot_health_monitor.live_session import run_session
 from robot_health_monitor.output.display import OutputError
 from robot_health_monitor.output.events import Events
 from robot_health_monitor.reloading import Reloads
-from robot_health_monitor.runtime.interrupts import Interrupts
 
 
 class Watched:
@@ -54,6 +53,20 @@ class Output:
 
     def close(self) -> None:
         self.calls.append("close")
+
+
+class Interrupts:
+    """SIGINT and SIGHUP, as calls."""
+
+    def __init__(self) -> None:
+        self.interrupt: Callable[[], object] = lambda: None
+        self.hang_up: Callable[[], object] = lambda: None
+
+    def on_interrupt(self, callback: Callable[[], object]) -> None:
+        self.interrupt = callback
+
+    def on_hangup(self, callback: Callable[[], object]) -> None:
+        self.hang_up = callback
 
 
 class Session:
@@ -103,8 +116,7 @@ def test_an_interrupt_ends_it_without_a_judgement() -> None:
 
     async def work() -> None:
         session.events.on_transition(transition())
-        assert session.interrupts.on_interrupt is not None
-        session.interrupts.on_interrupt()
+        session.interrupts.interrupt()
         await endless()
 
     assert session.run(work, 1000.0) is False
@@ -115,12 +127,10 @@ def test_a_hangup_reloads_the_configuration() -> None:
     session = Session()
 
     async def work() -> None:
-        assert session.interrupts.on_hangup is not None
-        session.interrupts.on_hangup()
+        session.interrupts.hang_up()
         while not session.watched.reloads:
             await asyncio.sleep(0)
-        assert session.interrupts.on_interrupt is not None
-        session.interrupts.on_interrupt()
+        session.interrupts.interrupt()
         await endless()
 
     assert session.run(work, 1000.0) is False

@@ -24,11 +24,13 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.embedded import EmbeddedMonitor
-from robot_health_monitor.ops.configuration import ServerOptions
+from robot_health_monitor.operations import Operations
+from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions
 from robot_health_monitor.runtime.tokens import TokenFiles
 from robot_health_monitor.serving import ServerSettings, page_address, serve, server_settings, stop_serving
 
 LOCAL = ServerSettings(port=0)
+NO_OPERATIONS = Operations(OpsConfig())
 NO_PARAMETERS = MonitorConfig({})
 
 
@@ -37,7 +39,7 @@ def with_client(settings: ServerSettings, use: Callable[[EmbeddedMonitor, Peer],
 
     async def run() -> None:
         monitor = EmbeddedMonitor(robot="atlas", source="none", outlet=lambda event: None, on_log=lambda line: None)
-        server = await serve(monitor, settings, required=True)
+        server = await serve(monitor, settings, NO_OPERATIONS, required=True)
         assert server is not None
         try:
             async with aiohttp.ClientSession() as session:
@@ -99,16 +101,37 @@ def test_the_token_is_in_no_parameter() -> None:
     with_client(LOCAL._replace(token="s3cret"), use)
 
 
+def test_the_monitors_own_status_counts_the_clients() -> None:
+    async def run() -> None:
+        with Operations(OpsConfig()) as operations:
+            monitor = EmbeddedMonitor(
+                source="none", outlet=lambda event: None, start_alert_system=operations.start_only
+            )
+            before = dict(monitor.alert_system.own_status().values)
+            assert before["clients"] == "0" and "clients_dropped" not in before
+            server = await serve(monitor, LOCAL, operations, required=True)
+            assert server is not None
+            url = f"ws://127.0.0.1:{server.port}"
+            async with aiohttp.ClientSession() as session, session.ws_connect(url) as connection:
+                await Peer(connection).settle()
+                shown = monitor.alert_system.own_status().values
+                assert (shown["clients"], shown["clients_dropped"]) == ("1", "0")
+            await stop_serving(server)
+            monitor.close()
+
+    asyncio.run(run())
+
+
 def test_a_port_in_use_is_a_fault_and_if_it_was_requested_an_error() -> None:
     async def run(port: int) -> None:
         monitor = EmbeddedMonitor(source="none")
         settings = ServerSettings(port=port)
-        assert await serve(monitor, settings, required=False) is None
+        assert await serve(monitor, settings, NO_OPERATIONS, required=False) is None
         assert monitor.faults.current()["rosbridge"].text.startswith(
             f"not served: port {port} of 127.0.0.1 cannot be opened: "
         )
         with pytest.raises(ConfigError, match=f"port {port} of 127.0.0.1 cannot be opened"):
-            await serve(monitor, settings, required=True)
+            await serve(monitor, settings, NO_OPERATIONS, required=True)
 
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -119,7 +142,9 @@ def test_a_port_in_use_is_a_fault_and_if_it_was_requested_an_error() -> None:
 def test_an_address_that_others_can_reach_needs_a_token() -> None:
     async def run() -> None:
         with pytest.raises(ConfigError):
-            await serve(EmbeddedMonitor(source="none"), LOCAL._replace(address="0.0.0.0"), required=False)
+            await serve(
+                EmbeddedMonitor(source="none"), LOCAL._replace(address="0.0.0.0"), NO_OPERATIONS, required=False
+            )
 
     asyncio.run(run())
 
@@ -129,7 +154,7 @@ def test_the_address_of_the_page_is_logged_and_what_is_missing(monkeypatch: pyte
 
     async def run() -> None:
         monitor = EmbeddedMonitor(robot="atlas", source="none", on_log=lambda line: lines.append(line.text))
-        server = await serve(monitor, LOCAL, required=True)
+        server = await serve(monitor, LOCAL, NO_OPERATIONS, required=True)
         assert server is not None
         port = server.port
         await stop_serving(server)
@@ -206,7 +231,7 @@ def test_with_a_certificate_clients_connect_over_tls(tmp_path: Path) -> None:
 
     async def run() -> None:
         monitor = EmbeddedMonitor(source="none", outlet=lambda event: None, on_log=lines.append)
-        server = await serve(monitor, settings, required=True)
+        server = await serve(monitor, settings, NO_OPERATIONS, required=True)
         assert server is not None
         try:
             async with aiohttp.ClientSession() as session:
@@ -240,7 +265,7 @@ def test_a_certificate_that_cannot_be_used_is_one_line(tmp_path: Path, key: Opti
     async def run() -> None:
         monitor = EmbeddedMonitor(source="none", outlet=lambda event: None, on_log=lambda line: None)
         try:
-            await serve(monitor, ServerSettings(0, **files), required=False)
+            await serve(monitor, ServerSettings(0, **files), NO_OPERATIONS, required=False)
         finally:
             monitor.close()
 

@@ -21,7 +21,7 @@ with StandardStreams() as streams:
     def on_change(name, problem):
         result.write(f"{name}: {problem}\\n")
         problems.set()
-    streams.on_change = on_change
+    streams.on_change(on_change)
 """
 
 

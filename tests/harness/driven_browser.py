@@ -6,7 +6,7 @@ import asyncio
 import shutil
 import threading
 from contextlib import contextmanager
-from typing import Any, Callable, Iterator, List, Optional, TypeVar
+from typing import Any, Callable, Iterator, List, TypeVar
 
 import pytest
 
@@ -27,7 +27,6 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
-from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server import Server
 from robot_health_monitor.rosbridge.server.access import monitor_access
@@ -162,28 +161,15 @@ class ServedRobots:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="served robots", daemon=True)
         self._thread.start()
-        self._silences: Optional[Silences] = None
-        if robots.history is not None:
-            self._silences = Silences(robots.history, None, robots.wall_s)
-            for alert_system in robots.all:
-                alert_system.silence_of = self._silence_of(alert_system.robot)
         self._server = self._run(self._start(port))
         self.url = f"http://127.0.0.1:{self._server.port}/"
-
-    def _silence_of(self, robot: str) -> Callable[[str], Optional[str]]:
-        def silence_of(signal: str) -> Optional[str]:
-            assert self._silences is not None
-            silence = self._silences.silence_of(robot, signal)
-            return None if silence is None else silence.reason
-
-        return silence_of
 
     async def _start(self, port: int) -> Server:
         robots = self.robots
         web = self._web = WebInterface(
             lambda: robots.all,
             history=robots.history,
-            silences=self._silences,
+            silences=robots.silences,
             wall_time_s=robots.wall_s,
         )
         for alert_system in robots.all:
@@ -232,8 +218,8 @@ class ServedRobots:
         if self._loop.is_closed():
             return
         self._run(self._server.close())
-        if self._silences is not None:
-            self._silences.close()
+        if self.robots.silences is not None:
+            self.robots.silences.close()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(WAIT_S)
         self._loop.close()

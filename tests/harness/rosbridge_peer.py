@@ -67,14 +67,13 @@ class Robot:
     """A bus with one node on it, and the server in front."""
 
     def __init__(self, access: Optional[Access], options: Dict[str, Any]) -> None:
-        self.bus = LocalBus()
+        self.log: List[str] = []
+        self.bus = LocalBus(on_log=self._on_log)
         self.node = self.bus.node("robot")
         self.node.advertise("/battery_level", FLOAT32)
         self.server = Server(
             self.bus.node("rosbridge", parameters={"rate": 2.5}), port=0, threads=False, access=access, **options
         )
-        self.bus.on_log = self._on_log
-        self.log: List[str] = []
 
     def _on_log(self, line: Any) -> None:
         self.log.append(line.text)

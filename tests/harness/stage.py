@@ -44,9 +44,11 @@ class Stage:
         *,
         log_alerts: bool = True,
         use_sim_time: bool = False,
+        **options: Any,
     ) -> Tuple[AlertSystem, LocalMiddleware]:
+        """Starts an alert_system; `options` are further ones of `AlertSystem`."""
         middleware = self.bus.node("alert_system", parameters=parameters, use_sim_time=use_sim_time)
-        return AlertSystem(middleware, outlets or {}, log_alerts=log_alerts), middleware
+        return AlertSystem(middleware, outlets or {}, log_alerts=log_alerts, **options), middleware
 
 
 def status(array: Any, name: str) -> Any:

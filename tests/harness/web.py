@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from functools import partial
 from typing import Any, Awaitable, Callable, Dict, List, Mapping, Optional, Tuple
 
 import aiohttp
@@ -11,6 +12,7 @@ import aiohttp
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.model import Sample
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.web import WebInterface
@@ -27,10 +29,12 @@ class Robots:
 
     def __init__(self, *names: str, signals: Mapping[str, Any] = BATTERY, history_file: str = "") -> None:
         self.history: Optional[History] = None
+        self.silences: Optional[Silences] = None
         self.bus = LocalBus(100.0, on_log=lambda line: None)
         self.wall_offset_s = START_S - 100.0
         if history_file:
             self.history = History(HistorySettings(history_file), self.wall_s)
+            self.silences = Silences(self.history, None, self.wall_s)
         self.all: List[AlertSystem] = [self.new(name, signals) for name in names or ("atlas",)]
 
     def new(self, name: str, signals: Mapping[str, Any] = BATTERY) -> AlertSystem:
@@ -38,7 +42,11 @@ class Robots:
             "alert_system", namespace=f"robot{len(self.bus.nodes)}", parameters={"robot_name": name, "signals": signals}
         )
         history = None if self.history is None else self.history.of_robot(name, node.faults)
-        return AlertSystem(node, {}, log_alerts=False, history=history)
+        return AlertSystem(node, {}, log_alerts=False, history=history, silence_of=partial(self.silence_text, name))
+
+    def silence_text(self, robot: str, signal: str) -> Optional[str]:
+        silence = None if self.silences is None else self.silences.silence_of(robot, signal)
+        return None if silence is None else silence.reason
 
     def wall_s(self) -> float:
         return self.bus.now_s + self.wall_offset_s

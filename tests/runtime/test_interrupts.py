@@ -40,7 +40,7 @@ def test_the_first_signal_interrupts_and_a_second_does_not_disturb_the_end() -> 
 def test_with_on_interrupt_every_signal_is_a_call() -> None:
     calls: List[None] = []
     with Interrupts() as interrupts:
-        interrupts.on_interrupt = lambda: calls.append(None)
+        interrupts.on_interrupt(lambda: calls.append(None))
         os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGINT)
         assert interrupts.came
@@ -106,9 +106,9 @@ def test_a_hangup_is_a_call_and_one_that_came_before_is_not_lost() -> None:
     with Interrupts() as interrupts:
         interrupts.take_hangups()
         os.kill(os.getpid(), signal.SIGHUP)
-        interrupts.on_hangup = lambda: calls.append("early")
+        interrupts.on_hangup(lambda: calls.append("early"))
         assert calls == ["early"]
-        interrupts.on_hangup = lambda: calls.append("later")
+        interrupts.on_hangup(lambda: calls.append("later"))
         os.kill(os.getpid(), signal.SIGHUP)
         assert calls == ["early", "later"]
         assert not interrupts.came

@@ -23,7 +23,7 @@ def test_only_transitions_away_from_ok_count_as_alerts() -> None:
 
 def test_quiet_log_lines_are_left_out_and_transitions_never() -> None:
     entries: List[Entry] = []
-    events = Events(entries.append, Severity.ERROR, lambda: 5.0)
+    events = Events(entries.append, Severity.ERROR, wall_time_s=lambda: 5.0)
     loud = LogLine(1.0, "/battery_sensor", Severity.ERROR, "no battery")
     events.on_log(loud)
     events.on_log(LogLine(2.0, "/battery_sensor", Severity.WARN, "slow"))
@@ -35,8 +35,8 @@ def test_quiet_log_lines_are_left_out_and_transitions_never() -> None:
 
 def test_entries_have_the_silence_of_their_signal() -> None:
     entries: List[Entry] = []
-    events = Events(entries.append, wall_time_s=lambda: 5.0)
-    events.silence_of = lambda robot, signal: "fan" if (robot, signal) == ("r3", "temperature") else None
+    silences = {("r3", "temperature"): "fan"}
+    events = Events(entries.append, silence_of=lambda *of: silences.get(of), wall_time_s=lambda: 5.0)
     events.on_transition(transition(robot="r3", signal="temperature"))
     events.on_transition(transition(robot="r4", signal="temperature"))
     assert [entry.silenced for entry in entries] == ["fan", None]

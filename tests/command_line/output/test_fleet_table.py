@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any, List, Optional
+from typing import Any, Dict, List, Mapping, Optional
 
 import pytest
 
@@ -27,12 +27,12 @@ SIGNALS = {
 class Robot:
     """A robot with a battery and a motor."""
 
-    def __init__(self, bus: LocalBus, name: str) -> None:
+    def __init__(self, bus: LocalBus, name: str, silences: Mapping[str, str]) -> None:
         self._bus = bus
         namespace = re.sub(r"\W", "_", name)
         parameters = {"robot_name": name, "signals": SIGNALS}
         node = bus.node("alert_system", namespace=f"r{namespace}", parameters=parameters)
-        self.alert_system = AlertSystem(node, log_alerts=False)
+        self.alert_system = AlertSystem(node, log_alerts=False, silence_of=lambda signal: silences.get(name))
 
     @property
     def now_s(self) -> float:
@@ -57,9 +57,10 @@ class Robots:
     def __init__(self) -> None:
         self._bus = LocalBus(on_log=lambda line: None)
         self.robots: List[Robot] = []
+        self.silences: Dict[str, str] = {}
 
     def add(self, name: str) -> Robot:
-        self.robots.append(Robot(self._bus, name))
+        self.robots.append(Robot(self._bus, name, self.silences))
         return self.robots[-1]
 
     def lines(self, width: int, height: int) -> List[str]:
@@ -161,7 +162,7 @@ def test_the_title_names_the_worst_robot_and_counts_the_levels(five: Robots) -> 
 
 
 def test_silenced_alarms_are_marked_and_counted(five: Robots) -> None:
-    five.robots[1].alert_system.silence_of = lambda signal: "until 12:00, by ana"
+    five.silences["warm"] = "until 12:00, by ana"
     assert fleet_summary(five.state(), printable).plain.endswith("   1 silenced")
     assert any(row.startswith("warm WARN silenced motor_temperature") for row in rows(five.lines(110, 20)))
 

@@ -15,6 +15,7 @@ from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.nodes.self_monitor import SelfReport
 from robot_health_monitor.core.outlets import Event, Notice
 
 LATCHING: Mapping[str, Any] = {
@@ -237,8 +238,7 @@ class TestItself:
 
     def test_it_has_the_figures_of_the_node(self, stage: Stage) -> None:
         arrays = stage.listen("/diagnostics")
-        alert_system, _ = stage.alert_system(BATTERY)
-        alert_system.self_report["clients"] = lambda: "3"
+        stage.alert_system(BATTERY, self_report=SelfReport(clients=lambda: 3))
         stage.bus.run_until(1.5)
         for _ in range(7):
             stage.publish("battery_level", 50.0)
@@ -263,8 +263,7 @@ class TestItself:
 
     def test_a_report_that_raises_hides_no_other(self, stage: Stage) -> None:
         arrays = stage.listen("/diagnostics")
-        alert_system, _ = stage.alert_system(BATTERY)
-        alert_system.self_report["clients"] = lambda: str(1 // 0)
+        stage.alert_system(BATTERY, self_report=SelfReport(clients=lambda: 1 // 0))
         stage.bus.run_until(1.0)
         values = values_of(self.monitor_status(stage, arrays))
         assert values["clients"].startswith("unknown (ZeroDivisionError")
@@ -577,8 +576,8 @@ def test_other_threads_read_and_reset_it_as_a_callback_would(stage: Stage) -> No
 
 def test_a_silenced_signal_says_so_and_is_counted(stage: Stage) -> None:
     arrays, alerts = stage.listen("/diagnostics"), stage.listen("alerts")
-    system, _ = stage.alert_system(LATCHING)
-    system.silence_of = lambda signal: "until 14:00: battery swap (ann)" if signal == "battery_level" else None
+    silences = {"battery_level": "until 14:00: battery swap (ann)"}
+    stage.alert_system(LATCHING, silence_of=silences.get)
     stage.publish("battery_level", 15.0)
     stage.publish("temperature", 90.0)
     assert [values_of(alert).get("silenced") for alert in alerts] == ["until 14:00: battery swap (ann)", None]

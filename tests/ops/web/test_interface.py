@@ -504,7 +504,7 @@ def test_an_update_that_fails_loses_no_change() -> None:
 def test_pages_are_disconnected_and_the_cause_is_logged_when_the_state_cannot_be_read() -> None:
     lines: List[str] = []
     robots = Robots()
-    robots.bus.on_log = lambda line: lines.append(line.text)
+    robots.bus.add_log(lambda line: lines.append(line.text))
 
     async def use(site: Site) -> None:
         async def fail() -> Any:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 from harness.web import Robots
 
+from robot_health_monitor.ops.matchers import parse_matchers
 from robot_health_monitor.ops.web.own_state import OwnState
 from robot_health_monitor.ops.web.state import MOST_SAMPLES, RobotReader, iso_time
 
@@ -84,12 +86,13 @@ def test_bounds_are_numbers_that_json_has() -> None:
     assert [bound["clears"] for bound in bounds] == [sys.float_info.max]
 
 
-def test_a_silence_is_shown() -> None:
-    robots = Robots()
-    robots.all[0].silence_of = lambda signal: "on the charger (until 06:00)"
+def test_a_silence_is_shown(tmp_path: Path) -> None:
+    robots = Robots(history_file=str(tmp_path / "history.db"))
+    assert robots.silences is not None
+    robots.silences.add(parse_matchers("signal=battery_level"), for_s=60.0, reason="on the charger")
     robots.at(101.0)
     signal = reader(robots).state(window=False)["signals"]["battery_level"]
-    assert signal["silenced"] == "on the charger (until 06:00)"
+    assert signal["silenced"] == "on the charger"
 
 
 def test_samples_are_bounded_and_then_only_new_ones_follow() -> None:
