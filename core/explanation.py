@@ -16,6 +16,19 @@ from .rule import Rule, State
 from .signal_config import CONDITIONS, LINK, SignalConfig
 from .storm import MOST, PERIOD_S
 
+STATES: Mapping[str, str] = {
+    "waiting": "no sample yet; the level is unknown",
+    "unreachable": "the link is down; the level is unknown",
+    "stale": "no sample for longer than `stale_after_s`",
+    "invalid": "the data is invalid",
+    "latched": "no rule is firing, but an alert is latched until reset",
+    State.INACTIVE.value: "no condition is true",
+    State.PENDING.value: "a condition is true, but not yet for `for_s`",
+    State.FIRING.value: "a condition has been true for `for_s`",
+    State.KEEPING.value: "no condition is true, but not yet for `keep_firing_for_s`",
+}
+"""The states of a signal, with their meaning for docs/reference/api.md."""
+
 
 class Judgement(NamedTuple):
     """The state of a signal at one moment, as `SignalMonitor` judged it."""
@@ -28,7 +41,7 @@ class Judgement(NamedTuple):
     level: Level
     """The level to show; STALE where it is unknown."""
     state: str
-    """`waiting`, `unreachable`, `stale`, `invalid`, `latched`, or the state of the rule."""
+    """One of `STATES`."""
     announced: Level
     """The level of the last transition."""
     since_s: float

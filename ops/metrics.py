@@ -15,7 +15,7 @@ from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.version import package_version
 
-__all__ = ["METRICS_LIBRARY", "Metrics", "RobotMetrics", "SignalMetrics"]
+__all__ = ["METRICS_LIBRARY", "Family", "Metrics", "RobotMetrics", "SignalMetrics"]
 
 METRICS_LIBRARY = "prometheus_client"
 _BY_SIGNAL = ("robot", "signal")
@@ -26,7 +26,7 @@ _Kept = Dict[Tuple[str, str], Tuple[_Series, bytes]]
 """By part of the exposition and robot."""
 
 
-class _Family(NamedTuple):
+class Family(NamedTuple):
     """One metric."""
 
     name: str
@@ -36,25 +36,25 @@ class _Family(NamedTuple):
     """Whether it is a counter; the exposition appends `_total` to its name."""
 
 
-_LEVEL = _Family("robot_health_level", "Level of the signal: 0 OK, 1 WARN, 2 ERROR, 3 STALE or unknown.", _BY_SIGNAL)
-_VALUE = _Family(
+_LEVEL = Family("robot_health_level", "Level of the signal: 0 OK, 1 WARN, 2 ERROR, 3 STALE or unknown.", _BY_SIGNAL)
+_VALUE = Family(
     "robot_health_value",
     "Last value of the signal's statistic, to which its bounds apply, in its unit; absent while undefined.",
     _BY_SIGNAL,
 )
-_VALID = _Family("robot_health_data_valid", "Whether the latest sample of the signal is valid.", _BY_SIGNAL)
-_SAMPLES = _Family("robot_health_samples", "Samples of the signal.", (*_BY_SIGNAL, "quality"), counts=True)
-_TRANSITIONS = _Family(
+_VALID = Family("robot_health_data_valid", "Whether the latest sample of the signal is valid.", _BY_SIGNAL)
+_SAMPLES = Family("robot_health_samples", "Samples of the signal.", (*_BY_SIGNAL, "quality"), counts=True)
+_TRANSITIONS = Family(
     "robot_health_transitions", "Announced changes of the signal's level.", (*_BY_SIGNAL, "to"), counts=True
 )
-_LINK_UP = _Family("robot_health_link_up", "Whether the robot can be reached.", ("robot",))
-_WAITING = _Family("robot_health_notifications_waiting", "Notifications that are not delivered yet.")
-_FAULTS = _Family("robot_health_faults", "Parts of the monitor itself that do not work.")
-_LAST_TICK = _Family(
+_LINK_UP = Family("robot_health_link_up", "Whether the robot can be reached.", ("robot",))
+_WAITING = Family("robot_health_notifications_waiting", "Notifications that are not delivered yet.")
+_FAULTS = Family("robot_health_faults", "Parts of the monitor itself that do not work.")
+_LAST_TICK = Family(
     "robot_health_last_tick_timestamp_seconds",
     "Last tick of the monitor, in seconds since 1970; of several robots the oldest.",
 )
-_BUILD_INFO = _Family("robot_health_build_info", "Version of the monitor.", ("version",))
+_BUILD_INFO = Family("robot_health_build_info", "Version of the monitor.", ("version",))
 
 
 class SignalMetrics(NamedTuple):
@@ -150,7 +150,7 @@ class Metrics:
         before = self._kept
         after: _Kept = {}
 
-        def kept(key: str, family: _Family, series_of: Callable[[RobotMetrics], _Series]) -> bytes:
+        def kept(key: str, family: Family, series_of: Callable[[RobotMetrics], _Series]) -> bytes:
             """Returns the lines of series that rarely change; those of a robot are kept while they do not."""
             for robot in robots:
                 series = series_of(robot)
@@ -219,17 +219,17 @@ def _link_up(robot: RobotMetrics) -> _Series:
     return () if robot.link_up is None else (((robot.label,), float(robot.link_up)),)
 
 
-def _header(family: _Family) -> bytes:
+def _header(family: Family) -> bytes:
     """Returns the lines HELP and TYPE."""
     return _exposition(family, ())
 
 
-def _lines(family: _Family, series: _Series) -> bytes:
+def _lines(family: Family, series: _Series) -> bytes:
     """Returns the lines of series, without HELP and TYPE."""
     return _exposition(family, series).split(b"\n", 2)[2]
 
 
-def _exposition(family: _Family, series: _Series) -> bytes:
+def _exposition(family: Family, series: _Series) -> bytes:
     from prometheus_client import CollectorRegistry, generate_latest
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 

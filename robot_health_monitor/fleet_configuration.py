@@ -32,6 +32,7 @@ __all__ = [
     "Address",
     "FleetReader",
     "Options",
+    "ROBOT_PARAMETERS",
     "RobotEntry",
     "RobotSettings",
     "is_fleet_file",
@@ -50,7 +51,7 @@ _DEFAULTS = (
     Parameter("token_file", str, None, "path of a file with the token to present"),
     Parameter("ca", str, None, "path of the certificate authorities to trust, for wss://"),
 )
-_KEYS = (Parameter("url", str, None, "ws://host:port or wss://host:port"), *_DEFAULTS)
+ROBOT_PARAMETERS = (Parameter("url", str, None, "ws://host:port or wss://host:port"), *_DEFAULTS)
 
 
 class Address(NamedTuple):
@@ -183,7 +184,7 @@ def _read_entry(name: str, found: object, defaults: Mapping[str, Any], folder: s
     if not _NAME.fullmatch(name):
         expected = "expected a name of at most 64 letters, digits and _ . -"
         raise ConfigError(f"{expected}, got {describe(name)}", path)
-    values = _read_keys(require_mapping(found, path), _KEYS, path)
+    values = _read_keys(require_mapping(found, path), ROBOT_PARAMETERS, path)
     if values["url"] is None:
         raise ConfigError("expected the address of its rosbridge server, url: ws://host:port", path)
     for key, default in defaults.items():

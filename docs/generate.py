@@ -1,0 +1,319 @@
+"""Writes what the pages take from the code: tables of parameters, options, metrics, states, causes and API fields.
+
+    python docs/generate.py
+
+A page marks the place with `<!-- generated: NAME -->` and `<!-- end -->`; a test compares the pages with the code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import re
+import sys
+import textwrap
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence
+from unittest import mock
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from robot_health_monitor.__main__ import main
+from robot_health_monitor.core.config import MONITOR_PARAMETERS, NODE_PARAMETERS
+from robot_health_monitor.core.explanation import STATES
+from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
+from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
+from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.sensors import configuration as sensing
+from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
+from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
+from robot_health_monitor.ops import metrics
+from robot_health_monitor.ops.configuration import HISTORY_PARAMETERS, SERVER_PARAMETERS, TARGET_PARAMETERS
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+OWN_FAULT = "check this computer's settings: "
+BLOCK = re.compile(r"(<!-- generated: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
+COMMANDS = ("run", "connect", "check", "sources", "replay", "suggest", "test", "notify", "export", "history", "silence")
+
+
+def pages() -> Dict[Path, str]:
+    """Returns the text that each page with generated parts should have."""
+    blocks = _blocks()
+    found = {}
+    for page in sorted(DOCS.rglob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        if BLOCK.search(text):
+            found[page] = BLOCK.sub(lambda match: match[1] + blocks[match[2]]() + match[3], text)
+    return found
+
+
+def _blocks() -> Mapping[str, Callable[[], str]]:
+    """Returns the functions that write the blocks, by name."""
+    parameters: Mapping[str, Iterable[Parameter]] = {
+        "signal": SIGNAL_PARAMETERS,
+        "condition": CONDITION_PARAMETERS,
+        "node": NODE_PARAMETERS,
+        "alert_system": _own(MONITOR_PARAMETERS),
+        "aggregator": _own(AGGREGATOR_PARAMETERS),
+        "battery_sensor": _sensor_parameters(),
+        "history": HISTORY_PARAMETERS,
+        "notify": TARGET_PARAMETERS,
+        "server": SERVER_PARAMETERS,
+        "fleet": ROBOT_PARAMETERS,
+    }
+    blocks: Dict[str, Callable[[], str]] = {
+        f"parameters of {name}": lambda table=tuple(table): _parameters(table)  # type: ignore[misc]
+        for name, table in parameters.items()
+    }
+    blocks.update((f"command {name}", lambda name=name: _command(name)) for name in COMMANDS)  # type: ignore[misc]
+    blocks.update((f"API {name}", lambda name=name: _fields(name)) for name in API)  # type: ignore[misc]
+    return {
+        **blocks,
+        "exit codes": _exit_codes,
+        "launch arguments": _launch_arguments,
+        "metrics": _metrics,
+        "states": lambda: _table(("state", "meaning"), ((f"`{word}`", meaning) for word, meaning in STATES.items())),
+        "causes": _causes,
+    }
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
+    lines += [f"| {' | '.join(_escaped(cell) for cell in row)} |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _escaped(text: str) -> str:
+    parts = text.replace("|", r"\|").split("`")
+    return "`".join(part if number % 2 else part.replace("*", r"\*") for number, part in enumerate(parts))
+
+
+def _parameters(parameters: Iterable[Parameter]) -> str:
+    rows = (
+        (f"`{parameter.name}`", parameter.allowed, _default(parameter.default), parameter.description)
+        for parameter in parameters
+    )
+    return _table(("key", "value", "default", "meaning"), rows)
+
+
+def _own(parameters: Iterable[Parameter]) -> Iterator[Parameter]:
+    return (parameter for parameter in parameters if parameter not in NODE_PARAMETERS)
+
+
+def _sensor_parameters() -> Iterator[Parameter]:
+    yield from _own(SENSOR_PARAMETERS)
+    for metric, parameters in sensing.METRIC_PARAMETERS.items():
+        for parameter in parameters:
+            yield replace(parameter, name=f"{metric}.{parameter.name}")
+
+
+def _default(default: Any) -> str:
+    if default is None or default in ("", ()):
+        return ""
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
+    if isinstance(default, tuple):
+        return f"`[{', '.join(map(str, default))}]`"
+    return f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
+
+
+def _launch_arguments() -> str:
+    arguments = ElementTree.parse(ROOT / "launch" / "health_monitor.launch").getroot().findall("arg")
+    rows = []
+    for argument in arguments:
+        default = argument.get("default", "").strip().replace("$(find robot_health_monitor)/", "")
+        rows.append((f"`{argument.get('name')}`", f"`{default}`" if default else "", argument.get("doc", "")))
+    return _table(("argument", "default", "meaning"), rows)
+
+
+def _parser(*words: str) -> argparse.ArgumentParser:
+    """Returns the parser that prints the help of a command, wherever it is assembled."""
+    printed: List[argparse.ArgumentParser] = []
+    keep = mock.patch.object(argparse.ArgumentParser, "print_help", lambda self, file=None: printed.append(self))
+    with keep, contextlib.suppress(SystemExit):
+        main([*words, "--help"])
+    return printed[0]
+
+
+def _command(name: str) -> str:
+    parser = _parser(name)
+    nested = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    if not nested:
+        return f"{_wrapped(parser.description)}\n{_options(parser)}"
+    parts = [_wrapped(parser.description)]
+    for part in nested[0].choices.values():
+        parts.append(f"{_wrapped(f'`{part.prog}`: {part.description}')}\n{_options(part)}")
+    return "\n".join(parts)
+
+
+def _wrapped(text: Optional[str]) -> str:
+    return textwrap.fill(_escaped(text or ""), 120, break_long_words=False, break_on_hyphens=False) + "\n"
+
+
+def _options(parser: argparse.ArgumentParser) -> str:
+    rows = []
+    for action in parser._actions:
+        if action.help is argparse.SUPPRESS or isinstance(action, argparse._HelpAction):
+            continue
+        names = ", ".join(action.option_strings)
+        if action.nargs == 0:
+            shown = names
+        else:
+            choices = "|".join(action.choices) if action.choices else None
+            value = choices or action.metavar or action.dest.upper()
+            values = {"+": f"{value} ...", "*": f"[{value} ...]", "?": f"[{value}]"}.get(str(action.nargs), value)
+            shown = f"{names} {values}".strip()
+        rows.append((f"`{shown}`", action.help or ""))
+    text = _table(("argument", "meaning"), rows)
+    return f"{text}\n{_wrapped(parser.epilog)}" if parser.epilog else text
+
+
+def _exit_codes() -> str:
+    codes = re.findall(r"(\d) ((?:[^,(]|\([^)]*\))+)", _parser().epilog or "")
+    return _table(("code", "meaning"), ((code, meaning.rstrip(". ")) for code, meaning in codes))
+
+
+def _metrics() -> str:
+    rows = []
+    for family in vars(metrics).values():
+        if isinstance(family, metrics.Family):
+            labels = f"{{{','.join(family.labels)}}}" if family.labels else ""
+            name = f"{family.name}_total" if family.counts else family.name
+            rows.append((f"`{name}{labels}`", "counter" if family.counts else "gauge", family.help))
+    return _table(("metric", "type", "meaning"), rows)
+
+
+def _causes() -> str:
+    """Returns the causes of a link that is down: the texts of every `Cause` in the client."""
+    found: List[str] = []
+    for file in sorted((ROOT / "rosbridge" / "client").glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.AnnAssign) and getattr(node.target, "id", "") == "_SYSTEM_ERRORS":
+                found += [text for value in ast.walk(node) for text in _texts(value)]
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
+                if node.func.id == "Cause":
+                    found += _texts(node.args[0])
+                elif node.func.id == "_own_fault":
+                    found += [f"{OWN_FAULT}{text}" for text in _texts(node.args[0])]
+    unique = sorted({text for text in found if text and text not in ("...", f"{OWN_FAULT}...")})
+    return "".join(f"* `{text}`\n" for text in unique)
+
+
+def _texts(node: ast.AST) -> List[str]:
+    """Returns the texts that an expression can have, with `...` for what is known only at run time."""
+    if isinstance(node, ast.IfExp):
+        return _texts(node.body) + _texts(node.orelse)
+    if isinstance(node, ast.JoinedStr):
+        return ["".join(str(part.value) if isinstance(part, ast.Constant) else "..." for part in node.values)]
+    return [str(node.value)] if isinstance(node, ast.Constant) else []
+
+
+API: Mapping[str, Mapping[str, str]] = {
+    "state": {
+        "version": "version of the monitor",
+        "now": "the monitor's wall clock",
+        "monitor": "the state of the monitor itself, see below",
+        "worst": "worst level of all robots",
+        "history": "whether `/api/history` works",
+        "silencing": "whether silences can be added",
+        "can_change": "whether this client may silence and reset",
+        "silences": "silences in force, see below",
+        "robots": "by name, in the order of the configuration",
+    },
+    "monitor": {
+        "level": "level of the worst fault; `OK` without one",
+        "message": "its text",
+        "faults": "all faults: `robot` (`null`: the whole process), `part`, `level`, `text`",
+    },
+    "robot": {
+        "level": "worst level of its signals",
+        "link": '`"up"`, `"down"`; `null`: the monitor runs on the robot, there is no link',
+        "signal": "name of the signal that causes the level; `null` if OK",
+        "message": 'message of that signal; `""` if OK',
+        "since": "since when that signal has its level; `null` if OK",
+        "monitor": "`level` and `message` of the worst fault of the monitor that concerns this robot",
+        "signals": "by name, in the order of the configuration; `link` is one of them",
+    },
+    "signal": {
+        "level": "the true level now, also while flapping; `STALE` while unknown",
+        "state": "one of the states below",
+        "value": "latest number, in the unit, valid or not; `null` without one or if it is not finite",
+        "unit": "unit of `value`; may be empty",
+        "message": "reason for the level",
+        "hint": "why there are no samples, such as `no publisher on /battery`; may be empty. Show `message [hint]`",
+        "since": "since when the level has lasted",
+        "silenced": "`null`, or why and until when notifications are suppressed",
+        "bounds": "in the unit of the statistic: `level`, `side`, `value`; `clears`: where the alert ends (hysteresis)",
+        "window": "at most 300 samples of the window, extremes kept, oldest first. If the statistic is not `last`, its "
+        "values, in `judged_unit`",
+        "text": "the value to show, with unit: that of the statistic, else the latest datum; if invalid, as received",
+        "statistic": "what the bounds apply to: `last`, `mean`, ...",
+        "judged": "value of the statistic; `null` while undefined",
+        "judged_unit": "its unit",
+        "flapping": "whether changes are withheld because there are too many",
+        "latch": "whether an alert stays until it is reset",
+    },
+    "silence": {
+        "id": "for `POST /api/silence/expire`",
+        "matchers": "the alerts that it matches",
+        "reason": "why; may be empty",
+        "author": "who added it",
+        "since": "when it was added",
+        "until": "when it ends; `null`: see `until_resolved`",
+        "until_resolved": "whether it ends when its alerts are resolved",
+    },
+    "alert": {
+        "id": "for `GET /api/history/ID`",
+        "time": "when the level changed",
+        "robot": "name of the robot",
+        "signal": "name of the signal",
+        "from_level": "level before",
+        "to_level": "level after",
+        "value": "value of the statistic; `null` without one",
+        "statistic": "what the bounds apply to",
+        "bound": "the bound that was crossed; `null`: none",
+        "since": "since when the level before had lasted",
+        "text": "the alert line",
+        "hint": "why there are no samples; may be empty",
+        "repeat": "whether it repeats an alert (`repeat_s`)",
+    },
+}
+"""Meaning of the keys of each object. The keys themselves are those that the code sends."""
+
+_MARKS = {
+    "state": {"can_change", "robots"},
+    "monitor": {"level", "faults"},
+    "robot": {"link", "signals"},
+    "signal": {"state", "judged"},
+    "silence": {"matchers", "until_resolved"},
+    "alert": {"from_level", "time"},
+}
+"""Keys that tell an object from all others in ops/web."""
+
+
+def _fields(name: str) -> str:
+    meanings, sent = API[name], fields_sent(name)
+    if list(meanings) != sent:
+        raise SystemExit(f"docs/generate.py: API: {name}: the code sends {sent}, described are {list(meanings)}")
+    return _table(("key", "meaning"), ((f"`{key}`", meanings[key]) for key in sent))
+
+
+def fields_sent(name: str) -> List[str]:
+    """Returns the keys of an object of the API, from the dictionary in the code that makes it."""
+    found = []
+    for file in sorted((ROOT / "ops" / "web").glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Dict):
+                keys = [key.value for key in node.keys if isinstance(key, ast.Constant)]
+                if _MARKS[name] <= set(keys):
+                    found.append(keys)
+    (keys,) = found
+    return keys
+
+
+if __name__ == "__main__":
+    for changed, text in pages().items():
+        changed.write_text(text, encoding="utf-8")
