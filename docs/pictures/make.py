@@ -115,8 +115,9 @@ class Terminal:
                     start = written.index(old)
                     cells[start : start + len(old)] = [cells[start]._replace(data=character) for character in new]
             line = Text()
-            for (color, bold), run in itertools.groupby(cells, lambda cell: (cell.fg, cell.bold)):
-                line.append("".join(cell.data for cell in run), Style(color=_color(color), bold=bold))
+            for (color, ground, bold), run in itertools.groupby(cells, lambda cell: (cell.fg, cell.bg, cell.bold)):
+                style = Style(color=_color(color), bgcolor=_color(ground), bold=bold)
+                line.append("".join(cell.data for cell in run), style)
             line.rstrip()
             lines.append(line)
         while lines and not lines[-1].plain.strip():
@@ -129,7 +130,7 @@ def _color(name: str) -> Color:
         return Color.default()
     if len(name) == 6 and all(digit in "0123456789abcdef" for digit in name):
         return Color.parse(f"#{name}")
-    return Color.parse({"brown": "yellow"}.get(name, name.replace("bright", "bright_")))
+    return Color.parse(name.replace("bright", "bright_").replace("brown", "yellow"))
 
 
 def draw(name: str, parts: Sequence[Text], columns: int) -> None:
