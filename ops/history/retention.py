@@ -119,7 +119,7 @@ class Retention:
         Returns:
             Whether there may be more to delete.
         """
-        query = f"SELECT max(id) FROM transitions WHERE {INDEXED} AND wall_s < ?"
+        query = f"SELECT max(+id) FROM transitions WHERE {INDEXED} AND wall_s < ?"
         (indexed,) = self._connection.execute(query, (before_s,)).fetchone()
         values = {"before_id": (indexed or 0) + INDEX_STEP, "before_s": before_s, "limit": _MAX_ROWS}
         deleted = self._delete(self._connection.execute(_OLD, values).fetchall())

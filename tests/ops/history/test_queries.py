@@ -82,6 +82,16 @@ def test_a_pattern_with_many_stars_takes_no_time(connection: sqlite3.Connection)
     assert list(queries.transitions(connection, signal="*a" * 60 + "*b")) == []
 
 
+def test_the_begin_of_a_time_is_found_by_the_index(connection: sqlite3.Connection) -> None:
+    plans = []
+    connection.set_trace_callback(plans.append)
+    queries.number_range(connection, 1000.0)
+    connection.set_trace_callback(None)
+    [query] = [each for each in plans if "wall_s" in each]
+    steps = [row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {query}")]
+    assert ["transitions_by_time" in step for step in steps] == [True]
+
+
 def test_one_transition_and_its_evidence(connection: sqlite3.Connection) -> None:
     connection.execute("INSERT INTO evidence VALUES (2, ?)", (pack_samples([(1.0, 2.0)]),))
     found = queries.transition(connection, 2)
