@@ -136,6 +136,11 @@ class Changes(List[Transition]):
     notices: Tuple[str, ...] = ()
     """INFO lines, for example that time went back."""
 
+    def add(self, transition: Optional[Transition]) -> None:
+        """Appends a transition; nothing for None."""
+        if transition is not None:
+            self.append(transition)
+
 
 @dataclass(frozen=True)
 class Report:

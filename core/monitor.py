@@ -14,7 +14,7 @@ from .config import MonitorConfig
 from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
-from .model import Changes, Level, Report, Sample, Status, Transition
+from .model import Changes, Level, Report, Sample, Status
 from .saved_state import Downtime, SavedSignal, UnusableStateError, without_latch
 from .signal_config import CONDITIONS, LINK, SignalConfig, read_signal
 from .signal_monitor import SignalMonitor
@@ -94,7 +94,7 @@ class Monitor:
             self._follow_link(now_s, changes)
         if name in self._followers:
             for follower in self._followers[name]:
-                _add(changes, follower.follow(self.fresh_value, now_s))
+                changes.add(follower.follow(self.fresh_value, now_s))
         return changes
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
@@ -131,10 +131,10 @@ class Monitor:
             if transition is not None:
                 changes.append(transition)
         for follower in self._all_followers:
-            _add(changes, follower.follow(self.fresh_value, now_s))
+            changes.add(follower.follow(self.fresh_value, now_s))
         if now_s - self._link_restored_s > _LINK_GRACE_S:
             self._link_restored_s = math.inf
-            _add(changes, self._signals.pop(LINK).end(now_s))
+            changes.add(self._signals.pop(LINK).end(now_s))
         return changes
 
     def skip(self, since_s: float, until_s: float) -> Changes:
@@ -156,7 +156,7 @@ class Monitor:
             for name, signal in self._signals.items():
                 if name == LINK or not self._link_down:
                     signal.inhibit(since_s)
-                    _add(changes, signal.release(until_s))
+                    changes.add(signal.release(until_s))
             self._now_s = until_s
         return changes
 
@@ -312,7 +312,7 @@ class Monitor:
             states, downtime = self._to_restore
             self._to_restore = ({name: without_latch(saved) for name, saved in states.items()}, downtime)
         for signal in self._signals.values():
-            _add(changes, signal.reset(self._now_s))
+            changes.add(signal.reset(self._now_s))
         return changes
 
     def end(self) -> Changes:
@@ -323,7 +323,7 @@ class Monitor:
         """
         changes = Changes()
         for signal in self._signals.values():
-            _add(changes, signal.end(self._now_s))
+            changes.add(signal.end(self._now_s))
         self._signals = {}
         self._find_followers()
         return changes
@@ -348,18 +348,18 @@ class Monitor:
             if known is None:
                 known = SignalMonitor(signal_config, self.robot, self._now_s)
             elif known.config != signal_config:
-                _add(changes, known.configure(signal_config, self._now_s))
+                changes.add(known.configure(signal_config, self._now_s))
             signals[name] = known
         for name, known in self._signals.items():
             if name == LINK:
                 signals[LINK] = known
             elif name not in signals:
-                _add(changes, known.end(self._now_s))
+                changes.add(known.end(self._now_s))
         self._signals = signals
         self._inhibit_all(self._now_s)
         self._find_followers()
         for follower in self._all_followers:
-            _add(changes, follower.follow(self.fresh_value, self._now_s))
+            changes.add(follower.follow(self.fresh_value, self._now_s))
         return changes
 
     def _new_signals(self, now_s: float) -> Dict[str, SignalMonitor]:
@@ -409,7 +409,7 @@ class Monitor:
         except (UnusableStateError, ConfigError) as error:
             return f"{printable(str(name))[:80]}: starts without its saved state: {printable(str(error))}"
         if config is None:
-            _add(changes, signal.end(now_s))
+            changes.add(signal.end(now_s))
         else:
             self._signals[name] = signal
         return ""
@@ -436,9 +436,9 @@ class Monitor:
         if not down:
             for name, signal in self._signals.items():
                 if name != LINK:
-                    _add(changes, signal.release(now_s))
+                    changes.add(signal.release(now_s))
             for follower in self._all_followers:
-                _add(changes, follower.follow(self.fresh_value, now_s))
+                changes.add(follower.follow(self.fresh_value, now_s))
 
     def _inhibit_all(self, now_s: float) -> None:
         """Freezes the signals that are not frozen yet, while the link is down."""
@@ -446,8 +446,3 @@ class Monitor:
             for name, signal in self._signals.items():
                 if name != LINK:
                     signal.inhibit(now_s)
-
-
-def _add(changes: Changes, transition: Optional[Transition]) -> None:
-    if transition is not None:
-        changes.append(transition)

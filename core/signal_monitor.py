@@ -21,17 +21,14 @@ from .announcement import Announcer
 from .explanation import Judgement
 from .model import Level, Transition
 from .quality import Quality
-from .rule import Rule, RuleConfig, State
 from .saved_state import Downtime, Saved, SavedSignal, age_s
 from .signal_config import SignalConfig
+from .signal_rules import SignalRules
 from .staleness import Staleness
 from .window import Window
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
-_OK, _WARN, _ERROR, _STALE = Level
-_INACTIVE = State.INACTIVE
-_LEVEL_OF_RULE = (_WARN, _ERROR)
-_WITHOUT_BOUNDS = RuleConfig(below=None, above=None, hysteresis=0.0, for_s=0.0, keep_firing_for_s=0.0)
+_OK, _, _ERROR, _STALE = Level
 
 MOST_STATISTICS = 300
 """Most values of a statistic that are kept to be shown."""
@@ -48,9 +45,7 @@ class SignalMonitor:
         "_calm_min",
         "_fingerprint",
         "_healthy_max",
-        "_invalid",
         "_judged",
-        "_latched",
         "_level",
         "_level_since_s",
         "_quality",
@@ -79,9 +74,7 @@ class SignalMonitor:
         self._judged: Optional[float] = None
         self._statistics: Optional[Window] = None
         """The values of the judged statistic at ticks, to show; None for `last`, which are in the window."""
-        self._rules = [Rule(RuleConfig.of(config, level)) for level in _LEVEL_OF_RULE]
-        self._invalid = Rule(_WITHOUT_BOUNDS._replace(for_s=config.invalid_for_s))
-        self._latched = Level.OK
+        self._rules = SignalRules(config)
         self._announcer = Announcer(config, now_s)
         self._staleness = Staleness(config, now_s)
         self._level = Level.OK
@@ -114,12 +107,19 @@ class SignalMonitor:
     @property
     def state(self) -> str:
         """The state to show: waiting, unreachable, stale, invalid, latched, or that of the rule."""
-        return self._state()
+        staleness = self._staleness
+        if staleness.unreachable_since_s is not None:
+            return "unreachable"
+        if staleness.waiting:
+            return "waiting"
+        if staleness.stale:
+            return "stale"
+        return self._rules.state
 
     @property
     def latest_good(self) -> Optional[float]:
         """Value of the latest sample; None while there is none, it is bad, or the signal is stale or unreachable."""
-        unusable = self._staleness.stale or self._staleness.unknown or self._invalid.condition
+        unusable = self._staleness.stale or self._staleness.unknown or self._rules.invalid.condition
         return None if unusable else self._window.last()
 
     def lacks_samples(self, now_s: float) -> bool:
@@ -152,7 +152,7 @@ class SignalMonitor:
             return None  # everything is at rest, and stays so until a sample comes
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
-        self._advance(now_s)
+        self._rules.advance(now_s)
         if self._statistics is not None:
             self._note_statistic(self._statistics, now_s)
         transition = self._settle(now_s)
@@ -173,13 +173,12 @@ class SignalMonitor:
         only_if, release_if = self.config.only_if, self.config.latch_release_if
         if only_if is not None:
             value = latest_good(only_if.signal)
-            for rule in self._rules:
-                rule.allow(value is None or only_if.holds(value))
+            self._rules.allow(value is None or only_if.holds(value))
         if release_if is not None:
             value = latest_good(release_if.signal)
             if value is not None and release_if.holds(value):
-                self._latched = Level.OK
-        self._advance(now_s)
+                self._rules.release_latch()
+        self._rules.advance(now_s)
         return self._settle(now_s)
 
     def inhibit(self, now_s: float) -> None:
@@ -208,14 +207,13 @@ class SignalMonitor:
             self._judged = None
         self._level_since_s = min(self._level_since_s, now_s)
         self._announcer.restart(now_s, back_s)
-        for rule in (*self._rules, self._invalid):
-            rule.restart(now_s)
+        self._rules.restart(now_s)
         self._staleness.restart(now_s)
         self._freeze_or_thaw(now_s)
 
     def reset(self, now_s: float) -> Optional[Transition]:
         """Clears the latch: the level is what the rules give now."""
-        self._latched = Level.OK
+        self._rules.release_latch()
         return self._settle(now_s)
 
     def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
@@ -224,11 +222,7 @@ class SignalMonitor:
         limits = (config.window_s, config.window_samples, config.window_min_s)
         if limits != (self.config.window_s, self.config.window_samples, self.config.window_min_s):
             self._window.resize(*limits)
-        for rule, level in zip(self._rules, _LEVEL_OF_RULE):
-            rule.configure(RuleConfig.of(config, level))
-            if not any(name.startswith(level.name.lower()) for name in config.bounds):
-                rule.clear()
-        self._invalid.configure(_WITHOUT_BOUNDS._replace(for_s=config.invalid_for_s))
+        self._rules.configure(config)
         self._quality.configure(config)
         self._staleness.configure(config, seen=self._quality.seen)
         if self._staleness.stale and not self._staleness.is_silent(now_s):
@@ -241,7 +235,7 @@ class SignalMonitor:
         self._freeze_or_thaw(now_s)
         if not self._staleness.frozen:
             self._judge_rules(now_s)
-            self._advance(now_s)
+            self._rules.advance(now_s)
         return self._settle(now_s)
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
@@ -251,8 +245,9 @@ class SignalMonitor:
             now_s: the time in seconds.
             with_statistics: False leaves `statistics` empty, which takes half the time.
         """
-        level, staleness, quality = self.level, self._staleness, self._quality
-        is_invalid = level is _ERROR and self._invalid.fires
+        level, staleness, quality, announcer = self.level, self._staleness, self._quality, self._announcer
+        is_invalid = level is _ERROR and self._rules.invalid.fires
+        announced = announcer.rule if announcer.level is not _OK else None
         statistics = self._window.statistics() if with_statistics else {}
         if self._judged is None:
             statistics.pop(self.config.statistic, None)
@@ -262,14 +257,14 @@ class SignalMonitor:
             fingerprint=self._fingerprint,
             now_s=now_s,
             level=level,
-            state=self._state(),
-            announced=self._announcer.level,
+            state=self.state,
+            announced=announcer.level,
             since_s=self._shown_since_s,
             latest=quality.latest,
             judged=self._judged,
-            rule=None if level is _STALE or is_invalid else self._rule_behind(level),
+            rule=None if level is _STALE or is_invalid else self._rules.explaining(level, announced),
             is_invalid=is_invalid,
-            is_bad=self._invalid.condition,
+            is_bad=self._rules.invalid.condition,
             is_stale=staleness.stale,
             good_samples=quality.good_samples,
             bad_samples=quality.bad_samples,
@@ -279,8 +274,8 @@ class SignalMonitor:
             window_samples=len(self._window),
             window_is_long_enough=self._window.is_long_enough,
             suspicion=quality.suspicion.text,
-            flapping=self._announcer.flaps.flapping,
-            state_change_percent=self._announcer.flaps.percent,
+            flapping=announcer.flaps.flapping,
+            state_change_percent=announcer.flaps.percent,
             cause=self.cause,
             hint=staleness.hint,
         )
@@ -305,17 +300,12 @@ class SignalMonitor:
         announcer = self._announcer
         state: Dict[str, Any] = {
             "since": {**announcer.since(now_s, wall_s), "level": wall_s - (now_s - self._level_since_s)},
-            "announced": announcer.snapshot(self._rules, now_s),
+            "announced": announcer.snapshot(self._rules.bounds, now_s),
+            **self._rules.snapshot(now_s),
         }
         storm = announcer.storm.snapshot(now_s, wall_s)
         if storm:
             state["storm"] = storm
-        for name, rule in self._saved_rules():
-            saved = rule.snapshot(now_s)
-            if saved:
-                state[name] = saved
-        if self._latched is not _OK:
-            state["latched"] = self._latched.name
         if self._staleness.stale:
             state["stale"] = True
         return state
@@ -333,21 +323,11 @@ class SignalMonitor:
         """
         saved = Saved(state)
         since = saved.section("since")
-        config = self.config
-        for name, rule in self._saved_rules():
-            if name == "invalid" or any(bound.startswith(name) for bound in config.bounds):
-                rule.restore(saved.section(name), now_s)
-        self._announcer.restore(saved, self._rules, now_s, downtime)
-        latched = saved.level("latched")
-        if config.latch and latched is not _STALE:
-            self._latched = latched
+        self._rules.restore(saved, now_s)
+        self._announcer.restore(saved, self._rules.bounds, now_s, downtime)
         self._staleness.restore(stale=saved.flag("stale"))
-        self._level = self._true_level()
+        self._level = self._rules.level(stale=self._staleness.stale)
         self._level_since_s = now_s - age_s(since.number("level"), downtime.end_s)
-
-    def _saved_rules(self) -> Sequence[Tuple[str, Rule]]:
-        warn, error = self._rules
-        return (("warn", warn), ("error", error), ("invalid", self._invalid))
 
     def end(self, now_s: float) -> Optional[Transition]:
         """Returns the transition with which a signal that is not OK leaves the configuration."""
@@ -358,7 +338,7 @@ class SignalMonitor:
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf
-        staleness, window, config = self._staleness, self._window, self.config
+        staleness, window, config, rules = self._staleness, self._window, self.config, self._rules
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())  # no tick noticed
         thaws = staleness.stale or staleness.waiting
@@ -380,12 +360,11 @@ class SignalMonitor:
         if thaws:
             self._freeze_or_thaw(now_s)
         if judged is not None:
-            self._judge_rules(now_s)
+            rules.judge(judged, now_s)
         else:
-            self._advance(now_s)
-        if good is self._invalid.condition or self._invalid.state is not _INACTIVE:
-            self._invalid.set_condition(not good, now_s)
-        level = self._true_level()
+            rules.advance(now_s)
+        rules.note_quality(good=good, now_s=now_s)
+        level = rules.level(stale=staleness.stale)
         if good:
             self._announcer.note_sample(level, now_s)
         transition = self._enter(level, now_s)
@@ -403,11 +382,6 @@ class SignalMonitor:
             self._statistics = Window(config.window_s, MOST_STATISTICS)
         self.config = config
         self._set_calm_range(config)
-        if not config.latch:
-            self._latched = Level.OK
-        if config.only_if is None:
-            for rule in self._rules:
-                rule.allow(True)
 
     def _note_statistic(self, statistics: Window, now_s: float) -> None:
         last_s = statistics.last_s()
@@ -436,8 +410,7 @@ class SignalMonitor:
         return (
             self._level is self._announcer.level is _OK
             and not self._staleness.unknown
-            and all(rule.is_at_rest for rule in self._rules)
-            and self._invalid.state is _INACTIVE
+            and self._rules.is_at_rest
             and self._announcer.flaps.is_at_rest
             and not self._quality.suspicion.watching
         )
@@ -445,43 +418,20 @@ class SignalMonitor:
     def _fall_silent(self) -> float:
         """Marks the signal stale as of the moment at which the limit was reached; returns that moment."""
         due_s = self._staleness.fall_silent()
-        self._advance(due_s)
+        self._rules.advance(due_s)
         return due_s
 
     def _freeze_or_thaw(self, now_s: float) -> None:
         """Freezes what cannot be judged now, and lets the rest continue."""
-        frozen = self._staleness.frozen
-        for rule in self._rules:
-            (rule.freeze if frozen or self._judged is None else rule.thaw)(now_s)
-        (self._invalid.freeze if frozen else self._invalid.thaw)(now_s)
+        self._rules.freeze_or_thaw(now_s, unknown=self._staleness.frozen, undefined=self._judged is None)
         self._calm_max = -math.inf
 
     def _judge_rules(self, now_s: float) -> None:
         if self._judged is not None:
-            for rule in self._rules:
-                rule.judge(self._judged, now_s)
-
-    def _advance(self, now_s: float) -> None:
-        for rule in self._rules:
-            rule.advance(now_s)
-        self._invalid.advance(now_s)
-
-    def _true_level(self) -> Level:
-        warn, error = self._rules
-        level = _ERROR if error.fires else _WARN if warn.fires else _OK
-        if self.config.latch:
-            if level > self._latched:
-                self._latched = level
-            level = self._latched
-        if level is not _ERROR:
-            if self._invalid.fires:
-                return _ERROR
-            if self._staleness.stale:
-                return _STALE
-        return level
+            self._rules.judge(self._judged, now_s)
 
     def _settle(self, now_s: float) -> Optional[Transition]:
-        return self._enter(self._true_level(), now_s)
+        return self._enter(self._rules.level(stale=self._staleness.stale), now_s)
 
     def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
         """Announces the true level unless it is announced already, unknown, or withheld by flapping."""
@@ -491,34 +441,8 @@ class SignalMonitor:
         if self._staleness.unknown:
             return None
         announcer = self._announcer
-        if level is announcer.level or not announcer.is_due(level, is_invalid=level is _ERROR and self._invalid.fires):
+        is_invalid = level is _ERROR and self._rules.invalid.fires
+        if level is announcer.level or not announcer.is_due(level, is_invalid=is_invalid):
             announcer.note_known(now_s)
             return None
         return announcer.announce(self.judgement(now_s))
-
-    def _rule_behind(self, level: Level) -> Optional[Rule]:
-        """Returns the rule that explains a level: for OK the one that is pending, held back, or has just cleared."""
-        warn, error = self._rules
-        if level is not _OK:
-            return error if level is _ERROR else warn
-        for rule in (error, warn):
-            if rule.state is State.PENDING or rule.held_back:
-                return rule
-        announced = self._announcer.rule if self._announcer.level is not _OK else None
-        return announced if announced is not None and announced.bound in self.config.bounds.values() else None
-
-    def _state(self) -> str:
-        staleness = self._staleness
-        if staleness.unreachable_since_s is not None:
-            return "unreachable"
-        if staleness.waiting:
-            return "waiting"
-        if staleness.stale:
-            return "stale"
-        if self._invalid.fires:
-            return "invalid"
-        warn, error = self._rules
-        fired = _ERROR if error.fires else _WARN if warn.fires else _OK
-        if self._latched > fired:
-            return "latched"
-        return (warn if fired is _WARN or error.state is _INACTIVE else error).state.value

@@ -92,6 +92,12 @@ def test_no_changes_equal_an_empty_list_and_have_no_notices() -> None:
     assert Changes().notices == ()
 
 
+def test_a_call_without_a_transition_adds_nothing() -> None:
+    changes = Changes()
+    changes.add(None)
+    assert changes == []
+
+
 def test_changes_are_a_list_of_transitions() -> None:
     assert Changes([transition()]) == [transition()]
     assert isinstance(Changes(), list)
