@@ -253,8 +253,7 @@ def with_a_new_key(tmp_path: Path) -> Path:
     """Returns a copy of the project whose table of keys has one more line."""
     for folder in (*FOLDERS, NAME):
         shutil.copytree(ROOT / folder, tmp_path / folder, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "docs").mkdir()
-    shutil.copy(ROOT / "docs/write_parameters.py", tmp_path / "docs")
+    shutil.copytree(ROOT / "docs", tmp_path / "docs", ignore=shutil.ignore_patterns("pictures"))
     shutil.copy(ROOT / "package.xml", tmp_path)
     module = tmp_path / "core/signal_config.py"
     text = module.read_text(encoding="utf-8")
@@ -296,5 +295,6 @@ print([(each.name, each.default) for each in described_parameters(config) if "se
         "4.0 2.5",
         "[('signals.a.settle_s', 2.5), ('signals.b.settle_s', 2.5)]",
     ]
-    page = run("-c", "import runpy; print(runpy.run_path('docs/write_parameters.py')['page']())")
+    run("docs/generate.py")
+    page = (with_a_new_key / "docs/reference/parameters.md").read_text(encoding="utf-8")
     assert "| `settle_s` | a number from 0.5 to 31536000 | `2.5` | time to settle, in s |" in page
