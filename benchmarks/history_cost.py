@@ -18,7 +18,6 @@ from typing import Any, Dict, Iterator, List, Sequence
 from benchmarks.table import Row
 from benchmarks.targets import ROOT
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
@@ -38,7 +37,7 @@ from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
 begin_s = time.perf_counter()
 history = History(HistorySettings(sys.argv[1], keep_mb=10000.0))
-robot = history.of_robot("r1", Faults())
+robot = history.of_robot("r1")
 states = len(robot.restore())
 took_s = time.perf_counter() - begin_s
 history.close()
@@ -84,7 +83,7 @@ def _write(file: Path, count: int) -> None:
     end_s = time.time()
     now_s = end_s - DAYS * 86_400.0
     history = History(HistorySettings(str(file), keep_days=1e4, keep_mb=1e4), lambda: now_s)
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     robot.restore()
     for number in range(count):
         now_s = end_s - DAYS * 86_400.0 * (1.0 - (number + 1) / count)

@@ -31,7 +31,6 @@ import aiohttp
 
 from benchmarks.table import Row
 from benchmarks.targets import ROOT
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
@@ -138,11 +137,11 @@ class _Process:
 class _AlertSystem:
     """An alert_system alone on a separate bus."""
 
-    def __init__(self, make_history: Optional[Callable[[str, Faults], Any]] = None) -> None:
+    def __init__(self, make_history: Optional[Callable[[str], Any]] = None) -> None:
         self._log_s = self._alert_s = self._now_s = 0.0
         self._bus = LocalBus(on_log=self._note_log)
         node = self._bus.node("alert_system", parameters={"robot_name": "r3", "signals": _SIGNALS})
-        history = None if make_history is None else make_history("r3", node.faults)
+        history = None if make_history is None else make_history("r3")
         self._alert_system = AlertSystem(node, history=history)
         self._peer = self._bus.node("peer")
         self._peer.advertise("battery_level", "std_msgs/Float32")

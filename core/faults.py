@@ -7,7 +7,7 @@ them: a log line when one begins or ends, and the status `alert_system: monitor`
 from __future__ import annotations
 
 import threading
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
 from .formatting import printable
 from .model import Level
@@ -84,3 +84,35 @@ class Faults:
             self.report(part, f"{type(error).__name__}: {error}")
         else:
             self.clear(part)
+
+
+class SharedFaults(Faults):
+    """Faults that belong to no single node, passed on to every node that shows them."""
+
+    def __init__(self) -> None:
+        """Starts without faults and without nodes."""
+        super().__init__()
+        self._receivers: List[Faults] = []
+        self._sharing = threading.Lock()
+
+    def add(self, receiver: Faults) -> None:
+        """Adds the faults of a node."""
+        with self._sharing:
+            self._receivers.append(receiver)
+            for part, fault in self.current().items():
+                receiver.report(part, fault.text, fault.level)
+
+    def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
+        """Reports a fault to every node."""
+        with self._sharing:
+            super().report(part, text, level)
+            for receiver in self._receivers:
+                receiver.report(part, text, level)
+
+    def clear(self, part: str) -> None:
+        """Reports to every node that a part works again."""
+        with self._sharing:
+            if part in self.current():
+                super().clear(part)
+                for receiver in self._receivers:
+                    receiver.clear(part)

@@ -14,9 +14,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Protocol
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.faults import SharedFaults
 from robot_health_monitor.core.middleware import Middleware, Severity
-from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
 from robot_health_monitor.core.nodes.identity import host_name
@@ -35,38 +34,6 @@ _CLOSE_S = 1.9
 _LATE_S = 5.0
 """Age of the last tick from which a robot is not monitored, in s: then there is no heartbeat."""
 _NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
-
-
-class SharedFaults(Faults):
-    """Faults of the process, passed on to the nodes that show them."""
-
-    def __init__(self) -> None:
-        """Starts without faults and without nodes."""
-        super().__init__()
-        self._receivers: List[Faults] = []
-        self._sharing = threading.Lock()
-
-    def add(self, receiver: Faults) -> None:
-        """Adds the faults of a node."""
-        with self._sharing:
-            self._receivers.append(receiver)
-            for part, fault in self.current().items():
-                receiver.report(part, fault.text, fault.level)
-
-    def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
-        """Reports a fault to every node."""
-        with self._sharing:
-            super().report(part, text, level)
-            for receiver in self._receivers:
-                receiver.report(part, text, level)
-
-    def clear(self, part: str) -> None:
-        """Reports to every node that a part works again."""
-        with self._sharing:
-            if part in self.current():
-                super().clear(part)
-                for receiver in self._receivers:
-                    receiver.clear(part)
 
 
 class ServerCounts(Protocol):
@@ -118,7 +85,7 @@ class Operations:
             from robot_health_monitor.ops.history.history import History
 
             # Without a file, the history is in memory.
-            self.history = History(config.history, wall_time_s)
+            self.history = History(config.history, wall_time_s, self.faults)
             self.silences = Silences(self.history, self.faults, wall_time_s)
         if self.history is not None:
             from robot_health_monitor.ops.notifications import Notifier
@@ -177,7 +144,7 @@ class Operations:
         """
         robot = robot_name(middleware)
         self.end_robot(robot)  # a robot that is started anew
-        history = None if self.history is None else self.history.of_robot(robot, _Forwarded(self.faults))
+        history = None if self.history is None else self.history.of_robot(robot)
         try:
             alert_system = AlertSystem(
                 middleware,
@@ -324,17 +291,3 @@ def configured_ops(parameters: Mapping[str, object]) -> str:
 def robot_name(middleware: Middleware) -> str:
     """Returns the name of the robot that a node's parameters give it, as `AlertSystem` does."""
     return str(middleware.given_parameters().get("robot_name") or host_name())
-
-
-class _Forwarded(Faults):
-    """Passes the faults of one robot's history on, so that each robot can be removed alone."""
-
-    def __init__(self, target: Faults) -> None:
-        super().__init__()
-        self._target = target
-
-    def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
-        self._target.report(part, text, level)
-
-    def clear(self, part: str) -> None:
-        self._target.clear(part)

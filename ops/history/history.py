@@ -17,7 +17,6 @@ from robot_health_monitor.core.model import Transition
 
 from ..configuration import HistorySettings
 from .database_errors import is_file_error
-from .fault_reports import FaultReports
 from .queries import read_states
 from .reader import HistoryReader
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
@@ -42,12 +41,18 @@ _DEFAULT_KEEP = HistorySettings("")
 class History:
     """Writes a history file, or keeps a history in memory. All methods may be called from any thread."""
 
-    def __init__(self, settings: Optional[HistorySettings], wall_time_s: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        settings: Optional[HistorySettings],
+        wall_time_s: Callable[[], float] = time.time,
+        faults: Optional[Faults] = None,
+    ) -> None:
         """Opens the history, in its own thread. Whatever is wrong with the file is a fault, and the monitor goes on.
 
         Args:
             settings: the file and what to keep; None: a history in memory, with the same tables.
             wall_time_s: seconds since 1970.
+            faults: receives what is wrong with it; None: nobody does.
         """
         self.file = None if settings is None else settings.file
         """Path of the file; None: the history is in memory."""
@@ -55,11 +60,12 @@ class History:
         keep = settings or _DEFAULT_KEEP
         self._lock = threading.Lock()
         self._on_record: List[OnRecord] = []
-        self._faults = FaultReports()
+        self.faults = Faults() if faults is None else faults
+        """What is wrong with the history."""
         self._open_saves: Dict[str, Dict[str, str]] = {}
         self._evidence_until_s: Dict[Tuple[str, str], float] = {}
         self._lost = 0
-        self._storage = Storage(self.file, keep.keep_days, keep.keep_mb, self._faults, wall_time_s)
+        self._storage = Storage(self.file, keep.keep_days, keep.keep_mb, self.faults, wall_time_s)
         self._writer = Writer(self._storage)
 
     def on_record(self, hook: OnRecord) -> None:
@@ -70,16 +76,10 @@ class History:
         """
         self._on_record.append(hook)
 
-    def of_robot(self, robot: str, faults: Faults) -> RobotHistory:
-        """Returns the history of one robot, for its AlertSystem.
-
-        Args:
-            robot: its name.
-            faults: receives the faults of the history.
-        """
-        self._faults.add(faults)
+    def of_robot(self, robot: str) -> RobotHistory:
+        """Returns the history of one robot, for its AlertSystem."""
         self.put(lambda connection: self._storage.begin_watch(robot))
-        return RobotHistory(self, robot, faults)
+        return RobotHistory(self, robot)
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
         """Runs a function in the writer's thread, in a separate transaction. Not for the path of an alert.
@@ -105,7 +105,7 @@ class History:
             return self.run(function, timeout_s)
         with HistoryReader(self.file) as reader:
             result = function(reader.connection)
-            report_skipped(self._faults, reader.connection)
+            report_skipped(self.faults, reader.connection)
             return result
 
     def close(self) -> None:
@@ -140,7 +140,7 @@ class History:
             self._writer.wait(job, COMMIT_TIMEOUT_S)
         else:
             self._lost += 1
-            self._faults.report(LOST_PART, f"{self._lost} transitions were announced, but could not be stored in time")
+            self.faults.report(LOST_PART, f"{self._lost} transitions were announced, but could not be stored in time")
             self.save(robot, {transition.signal: state})
 
     def save(self, robot: str, states: Mapping[str, str]) -> None:
@@ -166,15 +166,14 @@ class History:
         self._check_progress()
         self._writer.put(Job(function))
 
-    def remove(self, robot: str, faults: Faults) -> None:
+    def remove(self, robot: str) -> None:
         """Stores that a robot is no longer watched."""
-        self._faults.remove(faults)
         self.put(lambda connection: self._storage.end_watch(robot))
 
     def _check_progress(self) -> None:
         busy_s = self._writer.busy_s
         if busy_s > SLOW_S:
-            self._faults.report(PART, f"{self.file}: the disk has not responded for {busy_s:.0f} s")
+            self.faults.report(PART, f"{self.file}: the disk has not responded for {busy_s:.0f} s")
 
     def _run_hook(
         self, hook: OnRecord, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float
@@ -187,20 +186,20 @@ class History:
             if is_file_error(error):
                 raise
             connection.execute("ROLLBACK TO hook")
-            self._faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
+            self.faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
         else:
-            self._faults.clear(_HOOK_PART)
+            self.faults.clear(_HOOK_PART)
         connection.execute("RELEASE hook")
 
 
 class RobotHistory:
     """The history of one robot: what its AlertSystem needs (`core.continuity.SignalHistory`)."""
 
-    def __init__(self, history: History, robot: str, faults: Faults) -> None:
+    def __init__(self, history: History, robot: str) -> None:
         """Use `History.of_robot`."""
         self._history = history
         self._robot = robot
-        self._faults = faults
+        self._faults = history.faults
 
     @property
     def is_kept(self) -> bool:
@@ -286,4 +285,4 @@ class RobotHistory:
 
     def close(self) -> None:
         """Stores that the robot is no longer watched. Not needed at the end of the process."""
-        self._history.remove(self._robot, self._faults)
+        self._history.remove(self._robot)

@@ -16,6 +16,7 @@ import sqlite3
 import time
 from typing import Callable, Dict, Optional, Tuple
 
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.version import package_version
 
@@ -24,7 +25,6 @@ from .checked_rows import CheckedConnection, is_text, is_time
 from .copying import copy_state, copy_table, number_from, write_states
 from .database_errors import is_damage, is_file_error, reason
 from .database_file import DatabaseFile, InUseError, NotAHistoryError, set_aside
-from .fault_reports import FaultReports
 from .reader import open_read_only
 from .retention import AgeClock, Retention
 
@@ -52,7 +52,7 @@ class Storage:
     """Owns the connection. Used by the writer's thread only."""
 
     def __init__(
-        self, file: Optional[str], keep_days: float, keep_mb: float, faults: FaultReports, wall_s: Callable[[], float]
+        self, file: Optional[str], keep_days: float, keep_mb: float, faults: Faults, wall_s: Callable[[], float]
     ) -> None:
         """Prepares; nothing is opened yet.
 
@@ -403,9 +403,9 @@ class Storage:
         self._faults.report(REPLACED_PART, text)
 
 
-def report_skipped(faults: FaultReports, connection: sqlite3.Connection) -> None:
+def report_skipped(faults: Faults, connection: sqlite3.Connection) -> None:
     """Reports the first row that was skipped because of its values; the fault lasts until the monitor is restarted."""
-    if isinstance(connection, CheckedConnection) and connection.skipped and not faults.has(ROWS_PART):
+    if isinstance(connection, CheckedConnection) and connection.skipped and ROWS_PART not in faults.current():
         faults.report(ROWS_PART, connection.skipped_text, Level.WARN)
 
 

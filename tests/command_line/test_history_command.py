@@ -20,7 +20,6 @@ from harness.histories import opened, transition
 
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.history_command import iso_time, time_text
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
@@ -43,7 +42,7 @@ def file(tmp_path: Path) -> Path:
     """Returns a history: 100 s of r1; WARN from 20 to 50 and a STALE cpu_usage at 90."""
     now_s = [START_S]
     history = History(HistorySettings(str(tmp_path / "history.db")), lambda: now_s[0])
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     robot.restore()
     robot.record_configuration({})
     statistics = {"last": 15.0}
@@ -275,7 +274,7 @@ def test_a_wrong_time_is_one_line(file: Path, capsys: pytest.CaptureFixture[str]
 
 def test_a_running_monitor_can_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     history = opened(tmp_path / "history.db")
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     robot.restore()
     robot.record(transition(7), {}, [])
     history.run(lambda connection: None)
@@ -296,7 +295,7 @@ def test_another_user_can_read_a_history_in_a_folder_of_the_service(open_folder:
         pytest.skip("needs root, to become another user")
     folder = open_folder / "state"
     history = opened(folder / "history.db")
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     robot.restore()
     robot.record(transition(7), {}, [])
     history.run(lambda connection: None)

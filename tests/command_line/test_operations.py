@@ -17,7 +17,7 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.outlets import Event
-from robot_health_monitor.operations import Operations, SharedFaults, configured_ops, open_operations
+from robot_health_monitor.operations import Operations, configured_ops, open_operations
 from robot_health_monitor.ops.configuration import HistorySettings, OpsConfig, TargetSettings
 from robot_health_monitor.ops.history.reader import HistoryReader
 from robot_health_monitor.ops.matchers import parse_matchers
@@ -194,16 +194,6 @@ def test_the_end_does_not_wait_for_a_disk_that_hangs(config: OpsConfig) -> None:
     operations.close()
     assert not hung.is_set()  # the disk still hangs, and we are here
     hung.set()
-
-
-def test_faults_of_the_process_reach_nodes_that_are_added_later_too() -> None:
-    faults, early, late = SharedFaults(), LocalBus().node("a").faults, LocalBus().node("b").faults
-    faults.add(early)
-    faults.report("history", "disk full")
-    faults.add(late)
-    assert [each.current()["history"].text for each in (faults, early, late)] == ["disk full"] * 3
-    faults.clear("history")
-    assert [dict(each.current()) for each in (faults, early, late)] == [{}, {}, {}]
 
 
 def test_a_wrong_ops_yaml_is_an_error_before_anything_is_opened(tmp_path: Path) -> None:

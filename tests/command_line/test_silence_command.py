@@ -18,7 +18,6 @@ from harness.waiting import wait_for
 
 from robot_health_monitor import silence_command
 from robot_health_monitor.__main__ import main
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
 
@@ -31,7 +30,7 @@ def file(tmp_path: Path) -> Path:
     history = History(HistorySettings(str(tmp_path / "history.db")))
     for robot in ("r3", "r4"):
         states = {"battery_level": {"announced": {"level": "WARN"}}, "temperature": {"announced": {"level": "OK"}}}
-        history.of_robot(robot, Faults()).save(states)
+        history.of_robot(robot).save(states)
     history.run(lambda connection: None, 30.0)
     history.close()
     return tmp_path / "history.db"

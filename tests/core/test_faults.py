@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from robot_health_monitor.core.faults import Fault, Faults
+from robot_health_monitor.core.faults import Fault, Faults, SharedFaults
 from robot_health_monitor.core.model import Level
 
 
@@ -79,3 +79,13 @@ def test_a_guarded_call_lets_an_interrupt_through() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         Faults().guard("disk", interrupt)
+
+
+def test_shared_faults_reach_nodes_that_are_added_later_too() -> None:
+    shared, early, late = SharedFaults(), Faults(), Faults()
+    shared.add(early)
+    shared.report("history", "disk full")
+    shared.add(late)
+    assert [each.current()["history"].text for each in (shared, early, late)] == ["disk full"] * 3
+    shared.clear("history")
+    assert [dict(each.current()) for each in (shared, early, late)] == [{}, {}, {}]

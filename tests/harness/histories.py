@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, List, Tuple
+from typing import Any, List, Optional, Tuple
 
 from harness.waiting import WAIT_S
 from robot_health_monitor.core import Level
@@ -38,9 +38,9 @@ def transition(
     return Transition(signal=signal, robot=robot, from_level=from_level, to_level=to_level, **values)
 
 
-def opened(file: Path, **settings: Any) -> History:
+def opened(file: Path, faults: Optional[Faults] = None, **settings: Any) -> History:
     """Returns an open history in a file."""
-    return History(HistorySettings(str(file), **settings))
+    return History(HistorySettings(str(file), **settings), faults=faults)
 
 
 def texts(history: History) -> List[str]:

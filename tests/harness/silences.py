@@ -6,7 +6,6 @@ import sqlite3
 from typing import Callable
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Status, Transition
 from robot_health_monitor.ops.history.history import History
 
@@ -35,7 +34,7 @@ def change(robot: str, signal: str, to_level: Level, from_level: Level = Level.O
 def announce(history: History, robot: str, signal: str, to_level: Level, from_level: Level = Level.OK) -> None:
     """Stores a transition as alert_system does."""
     saved = {"announced": {"level": to_level.name}}
-    history.of_robot(robot, Faults()).record(change(robot, signal, to_level, from_level), saved, [])
+    history.of_robot(robot).record(change(robot, signal, to_level, from_level), saved, [])
 
 
 def on_file(history: History, function: Callable[[sqlite3.Connection], object]) -> None:

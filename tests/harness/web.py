@@ -41,7 +41,7 @@ class Robots:
         node = self.bus.node(
             "alert_system", namespace=f"robot{len(self.bus.nodes)}", parameters={"robot_name": name, "signals": signals}
         )
-        history = None if self.history is None else self.history.of_robot(name, node.faults)
+        history = None if self.history is None else self.history.of_robot(name)
         return AlertSystem(node, {}, log_alerts=False, history=history, silence_of=partial(self.silence_text, name))
 
     def silence_text(self, robot: str, signal: str) -> Optional[str]:

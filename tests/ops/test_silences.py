@@ -10,7 +10,6 @@ from harness.silences import NOON_S, Clock, announce, on_file
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.history.reader import HistoryReader
@@ -148,7 +147,7 @@ def test_rows_that_cannot_be_read_are_left_out(history: History, silences: Silen
 
 def test_open_alerts_come_from_the_states_of_the_signals(history: History) -> None:
     announce(history, "r3", "link", Level.STALE)
-    robot = history.of_robot("r4", Faults())
+    robot = history.of_robot("r4")
     robot.save({"a": {"announced": {"level": "OK"}}, "b": {}, "c": {"announced": {"level": "WARN"}}})
     robot.save({"d": {"announced": {"level": "PURPLE"}}, "e": {"announced": 3}})
     assert history.run(open_alerts) == {("r3", "link"): Level.STALE, ("r4", "c"): Level.WARN}

@@ -56,9 +56,11 @@ def _monitor(folder: Path, start_s: float, chance: random.Random, steps: float) 
     # The time limit for the disk has its own tests; here, a busy machine must not look like a lost transition.
     history_module.COMMIT_TIMEOUT_S = 60.0
     bus = LocalBus(start_s=start_s, on_log=lambda line: None)
-    history = History(HistorySettings(str(folder / "history.db"), keep_days=1e4, keep_mb=1.0), lambda: bus.now_s)
     node = bus.node("alert_system", parameters={"robot_name": "r1", "signals": SIGNALS})
-    system = AlertSystem(node, {"announced": note}, history=history.of_robot("r1", node.faults))
+    history = History(
+        HistorySettings(str(folder / "history.db"), keep_days=1e4, keep_mb=1.0), lambda: bus.now_s, node.faults
+    )
+    system = AlertSystem(node, {"announced": note}, history=history.of_robot("r1"))
     robot = bus.node("robot")
     for name in SIGNALS:
         robot.advertise(name, FLOAT32)

@@ -68,9 +68,9 @@ def run(seconds: float, keep_mb: float, seed: int) -> List[Figure]:
     chance = random.Random(seed)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "history.db")
-        history = History(HistorySettings(str(file), keep_mb=keep_mb))
         faults = Faults()
-        robots = {name: history.of_robot(name, faults) for name in ("quiet", "noisy")}
+        history = History(HistorySettings(str(file), keep_mb=keep_mb), faults=faults)
+        robots = {name: history.of_robot(name) for name in ("quiet", "noisy")}
         for number in range(QUIET):
             _record(robots, "quiet", number, "battery_level", time.time(), chance)
         page = _Page(file)

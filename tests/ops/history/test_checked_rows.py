@@ -31,14 +31,14 @@ def file(tmp_path: Path) -> Path:
     path = tmp_path / "history.db"
     history = opened(path, keep_days=30_000.0)
     for number in range(4):
-        robot = history.of_robot(f"r{number % 2}", Faults())
+        robot = history.of_robot(f"r{number % 2}")
         level = (Level.WARN, Level.OK)[number // 2]
         state = {"announced": {"level": level.name}}
         robot.record(transition(number, level, robot=f"r{number % 2}"), state, [(NOW_S, 1.0)])
         robot.record_reset()
         robot.record_configuration({"a": {"number": number}})
     silences = Silences(history)
-    history.of_robot("r5", Faults()).record(transition(9, robot="r5"), {"announced": {"level": "WARN"}}, [(NOW_S, 1.0)])
+    history.of_robot("r5").record(transition(9, robot="r5"), {"announced": {"level": "WARN"}}, [(NOW_S, 1.0)])
     silences.add(parse_matchers("robot=r5"), until_resolved=True)
     silences.add(parse_matchers("robot=r1"), for_s=60.0)
     silences.close()
@@ -92,8 +92,8 @@ def test_an_odd_value_anywhere_stops_no_reader_and_no_monitor(file: Path, table:
         with HistoryReader(file) as reader:
             assert len(read_everything(reader.connection)) >= 4
         faults = Faults()
-        history = opened(file, keep_days=30_000.0)
-        robot = history.of_robot("r9", faults)
+        history = opened(file, faults, keep_days=30_000.0)
+        robot = history.of_robot("r9")
         silences = Silences(history, faults)
         robot.restore()
         robot.watched_until_s()

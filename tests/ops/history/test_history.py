@@ -9,7 +9,6 @@ from typing import Iterator, List
 import pytest
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
@@ -28,13 +27,13 @@ def low_battery(now_s: float = 1.0) -> Transition:
 @pytest.fixture
 def history(tmp_path: Path) -> Iterator[History]:
     opened = History(HistorySettings(str(tmp_path / "history.db")), wall_time_s=lambda: 1_000_000.0)
-    opened.of_robot("r1", Faults()).restore()  # waits until the file is open, as AlertSystem does
+    opened.of_robot("r1").restore()  # waits until the file is open, as AlertSystem does
     yield opened
     opened.close()
 
 
 def test_a_transition_is_committed_when_record_returns(history: History) -> None:
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     robot.record(low_battery(), {"level": 1}, [(999_999.0, 15.0)])
     assert history.file is not None
     with HistoryReader(history.file) as reader:
@@ -44,7 +43,7 @@ def test_a_transition_is_committed_when_record_returns(history: History) -> None
 
 
 def test_samples_that_several_transitions_have_are_stored_once(history: History) -> None:
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     first, second = [(1.0, 15.0), (2.0, 14.0)], [(2.0, 14.0), (3.0, 13.0)]
     robot.record(low_battery(), {"level": 1}, first)
     robot.record(low_battery(2.0), {"level": 1}, second)
@@ -60,15 +59,15 @@ def test_samples_that_several_transitions_have_are_stored_once(history: History)
 def test_a_restarted_monitor_finds_the_latest_state_of_each_signal(tmp_path: Path) -> None:
     settings = HistorySettings(str(tmp_path / "history.db"))
     first = History(settings)
-    robot = first.of_robot("r1", Faults())
+    robot = first.of_robot("r1")
     robot.save({"battery_level": {"level": 0}, "temperature": {"level": 0}})
     robot.record(low_battery(), {"level": 1}, [])
     robot.save({"temperature": {"level": 2}, "cpu_usage": {"level": 0}})
     robot.save({"cpu_usage": {}})
     first.close()
     second = History(settings)
-    assert second.of_robot("r1", Faults()).restore() == {"battery_level": {"level": 1}, "temperature": {"level": 2}}
-    assert second.of_robot("r2", Faults()).restore() == {}
+    assert second.of_robot("r1").restore() == {"battery_level": {"level": 1}, "temperature": {"level": 2}}
+    assert second.of_robot("r2").restore() == {}
     second.close()
 
 
@@ -84,7 +83,7 @@ def test_states_in_any_form_do_not_prevent_the_start(history: History) -> None:
     ]
     insert = "INSERT INTO signal_states VALUES ('r1', ?, ?)"
     history.run(lambda connection: connection.executemany(insert, rows))
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     assert set(robot.restore()) == {"a", "b", "c", "d", "f", "g"}
     bus = LocalBus()
     signals = {name: {"warn_below": 20.0} for name in "abcdefg"}
@@ -94,12 +93,12 @@ def test_states_in_any_form_do_not_prevent_the_start(history: History) -> None:
 
 
 def test_a_signal_whose_state_is_not_json_keeps_the_level_that_was_announced(history: History) -> None:
-    robot = history.of_robot("r1", Faults())
+    robot = history.of_robot("r1")
     robot.record(low_battery(), {"announced": {"level": "WARN"}}, [])
     history.run(lambda connection: connection.execute("UPDATE signal_states SET state = 'odd'"))
     bus, announced = LocalBus(), []
     node = bus.node("alert_system", parameters={"robot_name": "r1", "signals": {"battery_level": {"warn_below": 20.0}}})
-    AlertSystem(node, {"noted": announced.append}, history=history.of_robot("r1", Faults()))
+    AlertSystem(node, {"noted": announced.append}, history=history.of_robot("r1"))
     sensor = bus.node("sensor")
     sensor.advertise("battery_level", "std_msgs/Float32")
     sensor.publish("battery_level", {"data": 15.0})
@@ -111,19 +110,19 @@ def test_a_signal_whose_state_is_not_json_keeps_the_level_that_was_announced(his
 @pytest.mark.parametrize("in_file", [False, True])
 def test_only_a_history_in_a_file_is_kept(in_file: bool, tmp_path: Path) -> None:
     opened = History(HistorySettings(str(tmp_path / "history.db")) if in_file else None)
-    assert opened.of_robot("r1", Faults()).is_kept is in_file
+    assert opened.of_robot("r1").is_kept is in_file
     opened.close()
 
 
 def test_hooks_store_rows_in_the_transaction_of_the_transition(history: History) -> None:
     seen: List[object] = []
     history.on_record(lambda connection, number, transition, wall_s: seen.append((number, transition.signal, wall_s)))
-    history.of_robot("r1", Faults()).record(low_battery(), {}, [])
+    history.of_robot("r1").record(low_battery(), {}, [])
     assert seen == [(1, "battery_level", 1_000_000.0)]
 
 
 def test_without_a_file_the_history_is_in_memory() -> None:
     history = History(None, time.time)
-    history.of_robot("r1", Faults()).record(low_battery(), {}, [])
+    history.of_robot("r1").record(low_battery(), {}, [])
     assert history.run(lambda connection: connection.execute("SELECT count(*) FROM transitions").fetchone()) == (1,)
     history.close()

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from harness.histories import opened, stored_texts
 
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.history.reader import HistoryReader
 
 ROUNDS = 12
@@ -23,7 +22,7 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.history import history as module
 module.COMMIT_TIMEOUT_S = 600.0  # a busy machine must not look like a disk that hangs
 history = opened(Path(sys.argv[1]), keep_days=1000.0)
-robot = history.of_robot("r1", Faults())
+robot = history.of_robot("r1")
 number = robot.restore().get("battery_level", {"number": 0})["number"]
 while True:
     number += 1
@@ -55,7 +54,7 @@ def test_killed_at_random_points(tmp_path: Path) -> None:
             assert reader.connection.execute("SELECT count(*) FROM evidence").fetchone() == (len(numbers),)
             assert reader.connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
     history = opened(file)
-    state = history.of_robot("r1", Faults()).restore()
+    state = history.of_robot("r1").restore()
     assert state["battery_level"] == {"number": len(numbers)}
     assert state["temperature"]["after"] in (len(numbers) // 3 * 3, len(numbers) // 3 * 3 - 3)
     history.close()

@@ -30,9 +30,9 @@ def numbers(found: List[str]) -> List[int]:
     return [int(text.rpartition(" ")[2]) for text in found]
 
 
-def record(history: History, faults: Faults, *wanted: int) -> None:
+def record(history: History, *wanted: int) -> None:
     """Records transitions of the robot r1 with these numbers; the state after each is its number."""
-    robot = history.of_robot("r1", faults)
+    robot = history.of_robot("r1")
     for number in wanted:
         robot.record(transition(number), {"number": number}, [(1.0, 2.0)] * 300)
     history.run(lambda connection: None, 60.0)  # all of it is stored
@@ -53,18 +53,18 @@ class NotedFaults(Faults):
 def restored(file: Path) -> object:
     """Returns the state that a restarted monitor finds."""
     history = opened(file)
-    state = history.of_robot("r1", Faults()).restore()
+    state = history.of_robot("r1").restore()
     history.close()
     return state
 
 
 def test_a_full_disk_loses_nothing_once_there_is_space_again(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", NotedFaults()
-    history = opened(file)
-    record(history, faults, *range(5))
+    history = opened(file, faults)
+    record(history, *range(5))
     limit = history.run(lambda connection: connection.execute("PRAGMA page_count").fetchone()[0])
     history.run(lambda connection: connection.execute(f"PRAGMA max_page_count = {limit + 5}").fetchone())
-    record(history, faults, *range(5, 50))
+    record(history, *range(5, 50))
     assert faults.reported == [("history", f"{file}: database or disk is full; continuing in memory")]
     # The next attempt opens the file anew, without the limit.
     wait_for(lambda: not faults.current())
@@ -75,12 +75,12 @@ def test_a_full_disk_loses_nothing_once_there_is_space_again(tmp_path: Path) -> 
 
 def test_what_is_queued_in_the_database_survives_a_full_disk(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
-    history = opened(file)
+    history = opened(file, faults)
     add = "INSERT INTO silences (id, matchers, reason, author, created_s, until_resolved) VALUES (?, '', '', '', 0, 0)"
-    record(history, faults, 0)
+    record(history, 0)
     history.run(lambda connection: connection.execute(add, (1,)))
     history.run(lambda connection: connection.execute("PRAGMA max_page_count = 1").fetchone())
-    record(history, faults, *range(1, 30))
+    record(history, *range(1, 30))
     assert history.run(lambda connection: connection.execute("SELECT id FROM silences").fetchall()) == [(1,)]
     history.run(lambda connection: connection.execute(add, (2,)))
     wait_for(lambda: not faults.current())
@@ -93,11 +93,11 @@ def test_another_process_that_holds_the_database_only_delays_the_history(
 ) -> None:
     monkeypatch.setattr("robot_health_monitor.ops.history.database_file._BUSY_S", 0.2)
     file, faults = tmp_path / "history.db", Faults()
-    history = opened(file)
-    record(history, faults, 0)
+    history = opened(file, faults)
+    record(history, 0)
     other = sqlite3.connect(file, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
-    record(history, faults, 1, 2, 3)
+    record(history, 1, 2, 3)
     wait_for(lambda: bool(faults.current()))
     assert fault_texts(faults) == [("history", f"{file}: database is locked; continuing in memory")]
     other.execute("ROLLBACK")
@@ -109,18 +109,19 @@ def test_another_process_that_holds_the_database_only_delays_the_history(
 
 def test_a_reader_that_keeps_the_log_from_being_shortened_does_not_fill_the_disk(tmp_path: Path) -> None:
     file, log = tmp_path / "history.db", tmp_path / "history.db-wal"
-    history, faults = opened(file, keep_mb=1.0), NotedFaults()
-    record(history, faults, 0)
+    faults = NotedFaults()
+    history = opened(file, faults, keep_mb=1.0)
+    record(history, 0)
     reader = sqlite3.connect(str(file), isolation_level=None)
     reader.execute("BEGIN")
     assert reader.execute("SELECT count(*) FROM transitions").fetchone() == (1,)
     number = 0
     while "history" not in faults.current():
         number += 1
-        record(history, faults, number)
+        record(history, number)
         assert file.stat().st_size + log.stat().st_size <= 1_100_000
     assert "its log is locked: another program keeps reading it" in faults.current()["history"].text
-    record(history, faults, *range(number + 1, number + 10))
+    record(history, *range(number + 1, number + 10))
     reader.close()
     wait_for(lambda: "history" not in faults.current())
     assert numbers(stored_texts(file)) == list(range(number + 10))
@@ -129,15 +130,15 @@ def test_a_reader_that_keeps_the_log_from_being_shortened_does_not_fill_the_disk
 
 def test_a_file_that_is_damaged_while_it_is_used_is_kept_beside_a_new_one(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
-    history = opened(file)
-    record(history, faults, *range(40))
+    history = opened(file, faults)
+    record(history, *range(40))
     checkpoint = sqlite3.connect(file)
     checkpoint.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     checkpoint.close()
     garbage = b"\xa5" * file.stat().st_size
     with file.open("r+b") as damaged:
         damaged.write(garbage)
-    record(history, faults, *range(40, 45))
+    record(history, *range(40, 45))
     [(part, text)] = fault_texts(faults)
     assert part == "history file"
     # Which of the two SQLite reports depends on what it has read before.
@@ -153,8 +154,8 @@ def test_a_file_that_is_damaged_while_it_is_used_is_kept_beside_a_new_one(tmp_pa
 
 def test_the_state_survives_damage_even_if_nothing_changes_afterwards(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
-    history = opened(file)
-    robot = history.of_robot("r1", faults)
+    history = opened(file, faults)
+    robot = history.of_robot("r1")
     robot.save({"temperature": {"latched": True}})
     robot.record(transition(1), {}, [])
     checkpoint = sqlite3.connect(file)
@@ -170,8 +171,8 @@ def test_the_state_survives_damage_even_if_nothing_changes_afterwards(tmp_path: 
 @pytest.mark.parametrize("damage", ["garbage at its begin", "truncated"])
 def test_a_damaged_file_found_at_the_start_is_kept_beside_a_new_one(tmp_path: Path, damage: str) -> None:
     file, faults = tmp_path / "history.db", Faults()
-    history = opened(file)
-    record(history, faults, *range(40))
+    history = opened(file, faults)
+    record(history, *range(40))
     history.close()
     if damage == "truncated":
         os.truncate(file, file.stat().st_size // 2)
@@ -179,8 +180,8 @@ def test_a_damaged_file_found_at_the_start_is_kept_beside_a_new_one(tmp_path: Pa
         with file.open("r+b") as damaged:
             damaged.write(b"\xa5" * 200)
     content = file.read_bytes()
-    history = opened(file)
-    record(history, faults, 100)
+    history = opened(file, faults)
+    record(history, 100)
     assert [part for part, _ in fault_texts(faults)] == ["history file"]
     [aside] = tmp_path.glob("history.db.damaged-*Z")
     assert aside.read_bytes() == content
@@ -190,14 +191,14 @@ def test_a_damaged_file_found_at_the_start_is_kept_beside_a_new_one(tmp_path: Pa
 
 def test_a_file_that_is_deleted_while_it_is_used_is_begun_anew(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
-    history = opened(file)
-    record(history, faults, 1)
+    history = opened(file, faults)
+    record(history, 1)
     for path in tmp_path.glob("history.db*"):
         path.unlink()
     wait_for(lambda: bool(faults.current()))
     text = f"{file} was deleted or replaced while in use: the present state was written to a new file"
     assert fault_texts(faults) == [("history file", text)]
-    record(history, faults, 2)
+    record(history, 2)
     assert numbers(stored_texts(file)) == [2]
     query = "SELECT id FROM transitions"
     assert history.run(lambda connection: connection.execute(query).fetchall()) == [(2,)]  # numbers continue
@@ -207,8 +208,8 @@ def test_a_file_that_is_deleted_while_it_is_used_is_begun_anew(tmp_path: Path) -
 def test_another_file_is_left_alone(tmp_path: Path) -> None:
     file, faults = tmp_path / "thresholds.yaml", Faults()
     file.write_text("signals: {}\n")
-    history = opened(file)
-    record(history, faults, 1)
+    history = opened(file, faults)
+    record(history, 1)
     text = f"{file} is not used: it is not a history file; continuing without a history file"
     assert fault_texts(faults) == [("history", text)]
     assert numbers(texts(history)) == [1]
@@ -222,8 +223,8 @@ def test_another_database_is_left_alone(tmp_path: Path) -> None:
     songs.execute("CREATE TABLE songs (title)")
     songs.close()
     content = file.read_bytes()
-    history = opened(file)
-    record(history, faults, 1)
+    history = opened(file, faults)
+    record(history, 1)
     history.close()
     text = "it is an SQLite database, but not a history; continuing without a history file"
     assert fault_texts(faults) == [("history", f"{file} is not used: {text}")]
@@ -232,13 +233,13 @@ def test_another_database_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_history_of_a_newer_version_is_not_touched(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
-    opened(file).close()
+    opened(file, faults).close()
     newer = sqlite3.connect(file)
     newer.execute("PRAGMA user_version = 99")
     newer.close()
     content = file.read_bytes()
-    history = opened(file)
-    record(history, faults, 1)
+    history = opened(file, faults)
+    record(history, 1)
     history.close()
     [(_, text)] = fault_texts(faults)
     assert text.startswith(f"{file} is not used: it was written by a newer version (schema 99; ")
@@ -251,9 +252,9 @@ def test_a_second_monitor_continues_without_the_file(tmp_path: Path) -> None:
     second.close()
     (tmp_path / "link.db").unlink()
     (tmp_path / "link.db").symlink_to(file)
-    record(first, Faults(), 1)
-    second = opened(tmp_path / "link.db")
-    record(second, faults, 2)
+    record(first, 1)
+    second = opened(tmp_path / "link.db", faults)
+    record(second, 2)
     text = f"it is in use by another monitor (process {os.getpid()}); continuing without a history file"
     assert fault_texts(faults) == [("history", f"{tmp_path / 'link.db'} is not used: {text}")]
     assert numbers(texts(second)) == [2]
@@ -264,8 +265,8 @@ def test_a_second_monitor_continues_without_the_file(tmp_path: Path) -> None:
 
 def test_a_folder_in_place_of_the_file_is_one_fault(tmp_path: Path) -> None:
     faults = Faults()
-    history = opened(tmp_path)
-    record(history, faults, 1)
+    history = opened(tmp_path, faults)
+    record(history, 1)
     assert fault_texts(faults) == [("history", f"{tmp_path}: Is a directory; continuing in memory")]
     assert numbers(texts(history)) == [1]
     history.close()
@@ -273,8 +274,8 @@ def test_a_folder_in_place_of_the_file_is_one_fault(tmp_path: Path) -> None:
 
 def test_missing_folders_are_created(tmp_path: Path) -> None:
     file, faults = tmp_path / "one" / "two" / "history.db", Faults()
-    history = opened(file)
-    record(history, faults, 1)
+    history = opened(file, faults)
+    record(history, 1)
     assert numbers(stored_texts(file)) == [1]
     assert fault_texts(faults) == []
     history.close()
@@ -283,11 +284,11 @@ def test_missing_folders_are_created(tmp_path: Path) -> None:
 def test_a_file_that_becomes_usable_later_is_used(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
     file.mkdir()
-    history = opened(file)
-    record(history, faults, 1)
+    history = opened(file, faults)
+    record(history, 1)
     file.rmdir()
     wait_for(lambda: not faults.current())
-    record(history, faults, 2)
+    record(history, 2)
     history.close()
     assert numbers(stored_texts(file)) == [1, 2]
 
@@ -297,8 +298,8 @@ def test_what_is_in_memory_is_stored_at_the_end_if_possible(tmp_path: Path, monk
     monkeypatch.setattr(storage, "_LAST_RETRY_S", 3600.0)
     file, faults = tmp_path / "history.db", Faults()
     file.mkdir()
-    history = opened(file)
-    record(history, faults, 1)
+    history = opened(file, faults)
+    record(history, 1)
     assert faults.current()
     file.rmdir()
     history.close()
@@ -307,12 +308,12 @@ def test_what_is_in_memory_is_stored_at_the_end_if_possible(tmp_path: Path, monk
 
 def test_numbers_of_transitions_continue_after_a_time_in_memory(tmp_path: Path) -> None:
     file, faults = tmp_path / "history.db", Faults()
-    history = opened(file)
-    record(history, faults, 1, 2)
+    history = opened(file, faults)
+    record(history, 1, 2)
     history.run(lambda connection: connection.execute("PRAGMA max_page_count = 1").fetchone())
-    record(history, faults, *range(3, 30))
+    record(history, *range(3, 30))
     wait_for(lambda: not faults.current())
-    record(history, faults, 30)
+    record(history, 30)
     ids = history.run(lambda connection: connection.execute("SELECT id FROM transitions ORDER BY id").fetchall())
     assert [number for (number,) in ids] == list(range(1, 31))
     history.close()
@@ -328,7 +329,7 @@ def test_a_clock_that_is_wrong_by_decades_deletes_nothing(tmp_path: Path, monkey
         """Records transitions; after that, or from the start, the clock is wrong, and entries are deleted by age."""
         clock = [right_s if wanted else wrong_s]
         history = History(HistorySettings(str(file)), lambda: clock[0])
-        record(history, Faults(), *wanted)
+        record(history, *wanted)
         clock[0] = wrong_s + 1.0
         query = "SELECT max(alive_s) FROM runs WHERE stopped_s IS NULL"
         wait_for(lambda: history.run(lambda connection: connection.execute(query).fetchone()) == (wrong_s + 1.0,))
@@ -343,7 +344,7 @@ def test_a_clock_that_is_wrong_by_decades_deletes_nothing(tmp_path: Path, monkey
 
 def test_the_gap_after_a_run_that_was_killed_begins_at_its_last_sign_of_life(tmp_path: Path) -> None:
     file, now_s = tmp_path / "history.db", [1000.0]
-    store = storage.Storage(str(file), 90.0, 100.0, storage.FaultReports(), lambda: now_s[0])
+    store = storage.Storage(str(file), 90.0, 100.0, Faults(), lambda: now_s[0])
     store.open()
     now_s[0] = 1050.0
     store.maintain()

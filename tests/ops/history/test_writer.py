@@ -10,14 +10,14 @@ from typing import Iterator, List
 import pytest
 
 from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.ops.history.fault_reports import FaultReports
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.history.storage import Storage
 from robot_health_monitor.ops.history.writer import MAX_WAITING, Job, Writer
 
 
 @pytest.fixture
 def writer() -> Iterator[Writer]:
-    opened = Writer(Storage(None, 90.0, 100.0, FaultReports(), time.time))
+    opened = Writer(Storage(None, 90.0, 100.0, Faults(), time.time))
     yield opened
     opened.close(5.0)
 

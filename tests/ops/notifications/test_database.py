@@ -28,10 +28,10 @@ DAMAGE = ("DROP TABLE {0}", "ALTER TABLE {0} RENAME TO other", "ALTER TABLE {0} 
 @contextmanager
 def running(file: Path, server: HttpServer) -> Iterator[Tuple[History, Notifier, Faults, Silences]]:
     faults = Faults()
-    history = History(HistorySettings(str(file)))
+    history = History(HistorySettings(str(file)), faults=faults)
     silences = Silences(history)
     notifier = Notifier(history, [TargetSettings("chat", "webhook", url=server.url)], silences, faults)
-    history.of_robot("r3", faults)
+    history.of_robot("r3")
     try:
         yield history, notifier, faults, silences
     finally:

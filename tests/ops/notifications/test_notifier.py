@@ -55,7 +55,7 @@ def running(
     history = History(HistorySettings(file) if file else None)
     notifier = Notifier(history, targets, silences, faults)
     try:
-        yield notifier, history.of_robot("r3", Faults())
+        yield notifier, history.of_robot("r3")
     finally:
         notifier.close()
         history.close()
@@ -128,7 +128,7 @@ def test_stored_silences_are_respected(server: HttpServer, tmp_path: Path) -> No
     history = History(HistorySettings(str(tmp_path / "history.db")))
     silences = Silences(history)
     notifier = Notifier(history, [TargetSettings("chat", "webhook", url=server.url)], silences)
-    robot = history.of_robot("r3", Faults())
+    robot = history.of_robot("r3")
     try:
         silence = silences.add(parse_matchers("signal=batt*"), for_s=3600.0)
         record(robot, "WARN")
@@ -150,7 +150,7 @@ def test_a_silence_of_another_process_is_in_force_at_once(
     history = History(HistorySettings(file))
     silences = Silences(history)
     notifier = Notifier(history, [TargetSettings("chat", "webhook", url=server.url)], silences)
-    robot = history.of_robot("r3", Faults())
+    robot = history.of_robot("r3")
     try:
         for number in range(20):
             with closing(sqlite3.connect(file, timeout=DEADLINE_S)) as connection, connection:
@@ -173,7 +173,7 @@ def test_nothing_is_lost_or_repeated_when_the_monitor_is_killed(server: HttpServ
         history = History(HistorySettings({file!r}))
         notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})])
         for number in range(20):
-            record(history.of_robot("r3", Faults()), "WARN", f"s{{number}}")
+            record(history.of_robot("r3"), "WARN", f"s{{number}}")
         print("recorded", flush=True)
         time.sleep(1000)
     """
@@ -209,7 +209,7 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
         from test_notifier import *
         history = History(HistorySettings({file!r}))
         notifier = Notifier(history, [TargetSettings("chat", "webhook", url={server.url!r})])
-        robot = history.of_robot("r3", Faults())
+        robot = history.of_robot("r3")
         for number in itertools.count(int(sys.argv[1])):
             level = ("WARN", "ERROR", "OK")[number // 3 % 3]
             record(robot, level, f"s{{number % 3}}", text=str(number))
