@@ -251,7 +251,7 @@ def test_a_duration_is_at_most_a_year() -> None:
 @pytest.fixture
 def with_a_new_key(tmp_path: Path) -> Path:
     """Returns a copy of the project whose table of keys has one more line."""
-    for folder in (*FOLDERS, NAME):
+    for folder in (*FOLDERS, NAME, "launch"):
         shutil.copytree(ROOT / folder, tmp_path / folder, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "docs", tmp_path / "docs", ignore=shutil.ignore_patterns("pictures"))
     shutil.copy(ROOT / "package.xml", tmp_path)
