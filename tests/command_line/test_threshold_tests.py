@@ -70,7 +70,7 @@ def test_repeated_announcements_are_no_transitions() -> None:
 
 
 def test_the_link_needs_no_configuration() -> None:
-    assert alerts(BATTERY, {"link": "1 0 1x9", "battery": "25x10"}) == [(1.0, "link", ERROR), (4.0, "link", OK)]
+    assert alerts(BATTERY, {"link": "1 0 1x19", "battery": "25x20"}) == [(1.0, "link", ERROR), (12.0, "link", OK)]
 
 
 def test_alerts_of_one_instant_match_in_any_order() -> None:
