@@ -216,7 +216,7 @@ def _link_reason(judgement: Judgement) -> str:
     if judgement.level is Level.OK:
         return "up"
     if judgement.rule is not None and judgement.rule.state is State.KEEPING:
-        return "up, held by keep_firing_for_s"
+        return "up, still firing until keep_firing_for_s has passed"
     return down
 
 
@@ -258,14 +258,14 @@ def _value_reason(judgement: Judgement) -> str:
         text = f"{value} was {side}, clears at {with_unit(number_text(clears_at, judged), unit)}"
     else:
         text = f"{value} is no longer {side}"
-    if rule.held_back:
-        text += f", which counts only if {config.only_if}"
+    if rule.held_back and config.only_if is not None:
+        text += f" (ignored: {config.only_if.opposite})"
     if rule.state is State.PENDING and judgement.level is Level.OK:
         return f"{text}, pending for {duration_text(rule.waited_s(judgement.now_s))}"
     if rule.condition or judgement.level is Level.OK:
         return text
     if rule.fires:
-        return f"{text}, held by keep_firing_for_s"
+        return f"{text}, still firing until keep_firing_for_s has passed"
     release = f" or {config.latch_release_if}" if config.latch_release_if else ""
     return f"{text}, latched until reset{release}"
 

@@ -120,7 +120,7 @@ class Rule:
         self.since_s = 0.0
         """When the state began, in seconds; moved forward by the time for which the rule was frozen."""
         self.fires = False
-        """Whether the rule is firing or held by keep_firing_for_s."""
+        """Whether the rule is firing, or still firing until keep_firing_for_s has passed."""
         self.condition = False
         """Whether the value last judged was beyond a bound, and `only_if` holds."""
         self._crossed = False

@@ -53,8 +53,17 @@ class Condition:
     """Number with which its value is compared, in its unit."""
 
     def __str__(self) -> str:
-        comparison = {"is": "is", "is_not": "is not"}.get(self.comparison, f"is {self.comparison}")
-        return f"{self.signal} {comparison} {bound_text(self.number)}"
+        return self._text(True)
+
+    @property
+    def opposite(self) -> str:
+        """The text while it does not hold."""
+        return self._text(False)
+
+    def _text(self, holds: bool) -> str:
+        verb = "is" if holds is (self.comparison != "is_not") else "is not"
+        side = "" if self.comparison in ("is", "is_not") else f" {self.comparison}"
+        return f"{self.signal} {verb}{side} {bound_text(self.number)}"
 
     def holds(self, value: float) -> bool:
         """Returns whether the condition is true for this value of the other signal."""

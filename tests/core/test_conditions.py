@@ -49,7 +49,7 @@ def test_a_low_battery_on_the_charger_is_silent() -> None:
     robot.tick(1.0)
     assert robot.transitions == []
     assert robot.monitor.report(1.0).statuses["battery"].level is Level.OK
-    assert robot.message(1.0) == "15 % is below 20 %, which counts only if charging is 0"
+    assert robot.message(1.0) == "15 % is below 20 % (ignored: charging is not 0)"
 
 
 def test_a_low_battery_alerts_when_it_leaves_the_charger_without_another_sample() -> None:
@@ -65,7 +65,7 @@ def test_an_alert_ends_on_the_charger_and_says_why() -> None:
     robot.see(4.0, charging=1.0)
     assert [change.text for change in robot.transitions] == [
         "battery WARN: 15 % is below 20 % (was unknown for 0 s)",
-        "battery OK: 15 % is below 20 %, which counts only if charging is 0 (was WARN for 4 s)",
+        "battery OK: 15 % is below 20 % (ignored: charging is not 0) (was WARN for 4 s)",
     ]
 
 
@@ -158,7 +158,9 @@ def test_an_alert_that_is_held_back_keeps_firing_for_a_while() -> None:
     robot = Robot({"only_if": NOT_CHARGING, "keep_firing_for_s": 3.0})
     robot.see(0.0, charging=0.0, battery=15.0)
     robot.see(1.0, charging=1.0)
-    assert robot.message(1.0) == ("15 % is below 20 %, which counts only if charging is 0, held by keep_firing_for_s")
+    assert robot.message(1.0) == (
+        "15 % is below 20 % (ignored: charging is not 0), still firing until keep_firing_for_s has passed"
+    )
     robot.tick(3.9)
     assert robot.battery == [(0.0, "WARN")]
     robot.tick(4.0)
@@ -169,7 +171,7 @@ def test_hysteresis_is_followed_while_the_bound_does_not_count() -> None:
     robot = Robot({"only_if": NOT_CHARGING, "hysteresis": 2.0})
     robot.see(0.0, charging=1.0, battery=15.0)
     robot.see(1.0, battery=21.0)
-    assert robot.message(1.0) == "21 % was below 20 %, clears at 22 %, which counts only if charging is 0"
+    assert robot.message(1.0) == "21 % was below 20 %, clears at 22 % (ignored: charging is not 0)"
     robot.see(2.0, charging=0.0)
     assert [change.text for change in robot.transitions] == [
         "battery WARN: 21 % was below 20 %, clears at 22 % (was OK for 2 s)"
@@ -443,3 +445,13 @@ def test_a_bound_that_does_not_count_never_fires(settings: Dict[str, Any], calls
     assert [
         change for change in robot.transitions if change.bound is not None and change.to_level is not Level.OK
     ] == []
+
+
+@pytest.mark.parametrize(
+    ("comparison", "charging", "reason"),
+    [("is_not", 1.0, "charging is 1"), ("is", 2.0, "charging is not 1"), ("above", 0.5, "charging is not above 1")],
+)
+def test_the_reason_names_the_condition_that_is_not_met(comparison: str, charging: float, reason: str) -> None:
+    robot = Robot({"only_if": {"signal": "charging", comparison: 1.0}})
+    robot.see(0.0, charging=charging, battery=15.0)
+    assert robot.message(1.0) == f"15 % is below 20 % (ignored: {reason})"

@@ -133,7 +133,7 @@ def test_a_warning_that_keeps_firing_says_that_the_value_is_back() -> None:
     signal = watch(warn_below=20.0, keep_firing_for_s=10.0)
     signal.observe(15.0, 1.0)
     signal.observe(25.0, 2.0)
-    assert message(signal, 2.0) == "25 is no longer below 20, held by keep_firing_for_s"
+    assert message(signal, 2.0) == "25 is no longer below 20, still firing until keep_firing_for_s has passed"
 
 
 def test_a_pending_rule_says_for_how_long() -> None:
@@ -168,7 +168,7 @@ def test_a_link_is_up_or_down_in_words() -> None:
     down = signal.observe(0.0, 4.0)
     assert down is not None and down.text == "link ERROR: down (was OK for 4 s)"
     signal.observe(1.0, 5.0)
-    assert message(signal, 5.0) == "up, held by keep_firing_for_s"
+    assert message(signal, 5.0) == "up, still firing until keep_firing_for_s has passed"
     assert signal.tick(14.9) is None
     up = signal.tick(15.0)
     assert up is not None and up.text == "link OK: up (was ERROR for 11 s)"

@@ -333,7 +333,7 @@ class TestConditionsOnOtherSignals:
         robot.restart(10.0)
         robot.run_for(3, battery=15.0, current=1.0)
         assert robot.announced() == []
-        assert robot.shown() == ("OK", "15 % is below 20 %, which counts only if current is below 0")
+        assert robot.shown() == ("OK", "15 % is below 20 % (ignored: current is not below 0)")
 
     def test_an_open_alert_ends_when_its_condition_no_longer_holds(self) -> None:
         robot = Robot(battery=self.CONDITIONAL, current=self.CURRENT)
