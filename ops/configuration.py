@@ -48,7 +48,7 @@ _TYPE = Parameter("type", str, None, "kind of target", choices=TARGET_TYPES)
 
 TARGET_PARAMETERS = (
     _TYPE,
-    Parameter("url", str, "", "address; an address that contains a secret belongs into a file"),
+    Parameter("url", str, "", "address; put an address with a secret in url_file"),
     Parameter("url_file", str, "", "path of a file that contains the address"),
     Parameter("command", tuple, (), "program and arguments; a program with a / is relative to this file's folder"),
     Parameter("min_level", str, "WARN", "lowest level that is sent", choices=("WARN", "STALE", "ERROR")),

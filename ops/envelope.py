@@ -20,7 +20,7 @@ class Envelope:
             buckets: how many; even.
         """
         self._start_s = start_s
-        # The last sample of the span belongs into the last bucket.
+        # The last sample of the span belongs to the last bucket.
         self._width_s = max(span_s, 1e-6) / buckets * (1.0 + 1e-9)
         self._low = np.full(buckets, math.inf)
         self._high = np.full(buckets, -math.inf)

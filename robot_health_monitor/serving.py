@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 9090
 DEFAULT_ADDRESS = "127.0.0.1"
-_FAULT = "rosbridge"
+_FAULT = "server"
+_OFF = "web page and rosbridge are off"
 _CLOSE_S = 2.5
 """Longest time to close the port and the connections; the server itself takes at most 2 s."""
 _SEVERITY_OF_LEVEL = {
@@ -286,14 +287,14 @@ async def serve(
         await server.start()
     except ModuleNotFoundError as error:
         node.close()
-        monitor.faults.report(_FAULT, f"not served: {_missing(error)}")
+        monitor.faults.report(_FAULT, f"{_OFF}: {_missing(error)}")
         return None
     except OSError as error:
         node.close()
         problem = f"port {settings.port} of {settings.address} cannot be opened: {_cause(error)}"
         if required:
             raise ConfigError(f"{problem}; --port 0 picks a free one") from None
-        monitor.faults.report(_FAULT, f"not served: {problem}; --port chooses another")
+        monitor.faults.report(_FAULT, f"{_OFF}: {problem}; --port chooses another")
         return None
     monitor.on_new_alert_system(web.watch)
     _show_log(monitor, server)
@@ -350,12 +351,12 @@ def serve_in_thread(
         return thread
     if node is not None:
         node.close()
-    middleware.faults.report(_FAULT, f"not served: {problem}")
+    middleware.faults.report(_FAULT, f"{_OFF}: {problem}")
     return None
 
 
 def _missing(error: ModuleNotFoundError) -> str:
-    return f"{error.name} is not installed; the web page and /metrics need it too"
+    return f"install {error.name}"
 
 
 def _cause(error: OSError) -> str:

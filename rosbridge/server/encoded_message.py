@@ -52,7 +52,7 @@ class EncodedMessage:
         self.size = estimated_bytes(data if message is None else message)
         """Estimated memory in bytes."""
         self.is_large = self.size > LARGE_BYTES
-        """Whether encoding takes so long that it belongs into a thread."""
+        """Whether encoding takes so long that a thread should do it."""
         self._topic = topic
         self._message = message
         self._data = data

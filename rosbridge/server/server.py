@@ -258,7 +258,7 @@ class Server:
             )
 
     def _report_full(self) -> None:
-        self.log(f"{self._max_clients} connections are open: new ones replace the oldest without a request or token")
+        self.log(f"connection limit reached; closing the oldest idle ones (limit {self._max_clients})")
 
     def _sweep(self) -> None:
         self._connections.sweep()

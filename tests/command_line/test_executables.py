@@ -208,7 +208,7 @@ def fail_at_start() -> None:
 def test_a_rosbridge_server_that_cannot_start_stops_nothing_else() -> None:
     process = LocalProcess({"alert_system": {"rosbridge_port": 1, "rosbridge_address": "192.0.2.1"}})
     assert start("alert_system", process) == SUCCESS
-    assert "rosbridge" in process.middlewares[0].faults.current()
+    assert "server" in process.middlewares[0].faults.current()
 
 
 @pytest.mark.parametrize("executable", ["alert_system", "battery_sensor"])

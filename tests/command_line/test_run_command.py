@@ -303,9 +303,7 @@ def test_without_aiohttp_it_monitors_and_says_what_is_missing(
     (hidden / "aiohttp.py").write_text("raise ModuleNotFoundError(\"No module named 'aiohttp'\", name='aiohttp')\n")
     path = f"{hidden}{os.pathsep}{Path(__file__).resolve().parents[2]}"
     process = robot_health("run", "--thresholds", restless, "--port", 0, PYTHONPATH=path)
-    process.wait_for_text(
-        "[ERROR] alert_system: rosbridge: not served: aiohttp is not installed; the web page and /metrics need it too"
-    )
+    process.wait_for_text("[ERROR] alert_system: server: web page and rosbridge are off: install aiohttp")
     process.wait_for_text("battery_level OK: ")
     process.signal()
     assert process.wait() == 0
@@ -320,7 +318,8 @@ def test_a_default_port_in_use_disables_only_the_server(robot_health: Start, res
         file = tmp_path / "port.yaml"
         file.write_text(re.sub(r"rosbridge_port: \d+", f"rosbridge_port: {port}", restless.read_text()))
         process = robot_health("run", "--thresholds", file)
-        process.wait_for_text(f"[ERROR] alert_system: rosbridge: not served: port {port} of 127.0.0.1 cannot be opened")
+        off = "[ERROR] alert_system: server: web page and rosbridge are off: "
+        process.wait_for_text(f"{off}port {port} of 127.0.0.1 cannot be opened")
         process.wait_for_text("battery_level OK: ")
         requested = robot_health("run", "--thresholds", restless, "--port", port)
         assert requested.wait() == 2

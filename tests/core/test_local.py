@@ -37,7 +37,8 @@ EXPECTED = [
     "106.500 battery_level WARN: 12 % is below 20 % (was ERROR for 1 s)",
     "107.000 temperature WARN: 82 degC is above 80 degC (was OK for 6.5 s)",
     "109.250 battery_level ERROR: invalid data: nan (was WARN for 2.75 s)",
-    "111.000 temperature WARN: 74 degC is no longer above 80 degC, still firing until keep_firing_for_s has passed (for 4 s)",
+    "111.000 temperature WARN: 74 degC is no longer above 80 degC, "
+    "still firing until keep_firing_for_s has passed (for 4 s)",
     "111.500 battery_level OK: 50 % (was ERROR for 2.25 s)",
     "112.000 temperature OK: 74 degC is no longer above 80 degC (was WARN for 5 s)",
     "112.250 cpu_usage WARN: mean 100 % is above 90 % (was OK for 11.8 s)",

@@ -68,7 +68,7 @@ def test_a_port_in_use_stops_only_the_server(start: Any, ros: Any, parameters: A
         text = settings(tmp_path, taken.getsockname()[1], "s3cret")
         parameters("/alert_system", yaml.safe_load(text)["alert_system"])
         process = start("alert_system")
-        process.wait_for_text("rosbridge: not served: ")
+        process.wait_for_text("server: web page and rosbridge are off: ")
         alerts = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
         ros.publish("/battery_level", "std_msgs/Float32", {"data": 15.0})
         ros.wait_until(lambda: any(alert["name"] == "alert_system: battery_level" for alert in alerts))
@@ -81,7 +81,7 @@ def test_without_the_library_only_the_server_is_missing(start: Any, ros: Any, pa
     (tmp_path / "aiohttp.py").write_text("raise ModuleNotFoundError(\"No module named 'aiohttp'\", name='aiohttp')")
     parameters("/alert_system", yaml.safe_load(settings(tmp_path, 9, "s3cret"))["alert_system"])
     process = start("alert_system", environment={"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"})
-    process.wait_for_text("rosbridge: not served: aiohttp is not installed")
+    process.wait_for_text("server: web page and rosbridge are off: install aiohttp")
     ros.publish("/battery_level", "std_msgs/Float32", {"data": 15.0})
     process.wait_for_text("battery_level WARN")
 

@@ -70,7 +70,7 @@ def test_a_port_in_use_stops_only_the_server(start: Any, ros: Any, tmp_path: Any
         file = tmp_path / "thresholds.yaml"
         file.write_text(settings(tmp_path, taken.getsockname()[1], "s3cret"))
         process = start("alert_system", "--ros-args", "--params-file", str(file))
-        process.wait_for_text("rosbridge: not served: ")
+        process.wait_for_text("server: web page and rosbridge are off: ")
         ros.connect_to_process("/battery_level", {"data": 50.0}, "battery_level")
         ros.publish_to_process("/battery_level", "std_msgs/Float32", {"data": 15.0})
         ros.wait_until(lambda: any(alert["name"] == "alert_system: battery_level" for alert in alerts))

@@ -355,7 +355,7 @@ async def test_idle_connections_lock_no_client_out_and_are_reported_once(robot: 
         async with robot.peer() as peer:
             await peer.settle()
             assert len(robot.server._connections) <= 40
-    assert robot.log == ["40 connections are open: new ones replace the oldest without a request or token"]
+    assert robot.log == ["connection limit reached; closing the oldest idle ones (limit 40)"]
     for connection in idle:
         connection.close()
 

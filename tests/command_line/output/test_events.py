@@ -44,8 +44,8 @@ def test_entries_have_the_silence_of_their_signal() -> None:
 
 def test_a_notice_becomes_a_log_line_of_its_node() -> None:
     entries: List[Entry] = []
-    Events(entries.append, wall_time_s=lambda: 5.0).outlet("husky")(Notice(2.0, Severity.WARN, "rosbridge: not served"))
-    assert entries == [Entry(5.0, LogLine(2.0, "husky", Severity.WARN, "rosbridge: not served"))]
+    Events(entries.append, wall_time_s=lambda: 5.0).outlet("husky")(Notice(2.0, Severity.WARN, "server: off"))
+    assert entries == [Entry(5.0, LogLine(2.0, "husky", Severity.WARN, "server: off"))]
 
 
 def test_each_entry_has_the_wall_time_of_its_moment_even_after_the_clock_was_set() -> None:
