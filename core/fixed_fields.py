@@ -1,102 +1,144 @@
-"""Numbers at a fixed place in serialized messages, read without deserializing.
+"""Numbers in serialized messages, read without deserializing.
 
-Most of what a monitor watches is such a number: `data` of a Float32, or any number before the first string or array
-of its message. Formats: CDR (OMG DDS-XTypes 1.3, section 7.4, encapsulations CDR_BE and CDR_LE) and ROS 1's, which has
-no padding.
+Most of what a monitor watches is such a number: `data` of a Float32, `percentage` of a BatteryState, or any number that
+only numbers, arrays of fixed size and strings precede. Formats: CDR (OMG DDS-XTypes 1.3, section 7.4, encapsulations
+CDR_BE and CDR_LE) and ROS 1's, which has no padding.
 """
 
 from __future__ import annotations
 
+import itertools
 import struct
-from typing import Any, Callable, Iterator, Mapping, Optional, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
+from .definitions import NUMBERS
 from .errors import MessageError
 from .native_messages import FieldType
 
 Getter = Callable[[bytes], Any]
 """Returns the number in a serialized message; raises MessageError if the message is too short."""
 
-_FORMATS = {
-    "bool": "?", "octet": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
-    "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
-}  # fmt: skip
-"""struct's letter for each kind of field."""
-_CDR_HEADER = 4
-"""Bytes before a CDR message: two for the encapsulation, two for options."""
-_CDR_BE, _CDR_LE = b"\0\0", b"\0\1"
-_MAX_DEPTH = 32
-
 FieldTypes = Callable[[Any], Mapping[str, FieldType]]
+"""Returns the type of every field of a message class, by name."""
+
+Place = Tuple[str, int]
+"""struct's letter, and how many of them: an array of fixed size has several. A string: `STRING`, 1."""
+
+STRING = "s"
+_LETTERS: Mapping[str, str] = {**NUMBERS, "octet": "B", "string": STRING}
+_CDR_HEADER = 4
+"""Bytes before a CDR message, to which its alignment does not refer; the second is its byte order."""
+_MOST_FIELDS = 4096
+"""Plain fields of a type that are looked at."""
+_DEEPEST = 32
+"""Types that a plain field may be in; a damaged definition may contain itself."""
 
 
-def cdr_getter(field_types: FieldTypes, native_class: Any, field: str) -> Optional[Getter]:
-    """Returns a getter of a number in CDR messages; None if its place depends on the message.
+def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
+    """Returns a getter of a number in serialized messages; None if something of variable size precedes it.
 
     Args:
-        field_types: returns the type of every field of a message class, by name.
+        field_types: returns the fields of a message class.
         native_class: the class of the messages.
         field: path of the field, `orientation.x`.
+        is_cdr: the messages are CDR, with a header; else they are those of ROS 1.
     """
-    place = _place(field_types, native_class, field, aligned=True)
-    if place is None:
-        return None
-    letter, offset = place
-    little, big = struct.Struct(f"<{letter}").unpack_from, struct.Struct(f">{letter}").unpack_from
-    start = _CDR_HEADER + offset
-
-    def get(data: bytes) -> Any:
-        try:
-            encapsulation = data[:2]
-            if encapsulation == _CDR_LE:
-                return little(data, start)[0]
-            if encapsulation == _CDR_BE:
-                return big(data, start)[0]
-        except struct.error as error:
-            raise MessageError(f"too short for {field}: {error}") from None
-        raise MessageError(f"expected a message in CDR, got encapsulation {encapsulation.hex()}")
-
-    return get
-
-
-def ros1_getter(field_types: FieldTypes, native_class: Any, field: str) -> Optional[Getter]:
-    """Returns a getter of a number in ROS 1 messages; the arguments are those of `cdr_getter`."""
-    place = _place(field_types, native_class, field, aligned=False)
-    if place is None:
-        return None
-    letter, offset = place
-    unpack = struct.Struct(f"<{letter}").unpack_from
-
-    def get(data: bytes) -> Any:
-        try:
-            return unpack(data, offset)[0]
-        except struct.error as error:
-            raise MessageError(f"too short for {field}: {error}") from None
-
-    return get
-
-
-def _place(field_types: FieldTypes, native_class: Any, field: str, *, aligned: bool) -> Optional[Tuple[str, int]]:
-    """Returns struct's letter and the offset of a field."""
-    offset = 0
-    for path, letter in _leaves(field_types, native_class, "", _MAX_DEPTH):
-        if letter is None:
+    before: List[Place] = []
+    for path, place in plain_fields(field_types, native_class):
+        if place is None:
             return None
-        size = struct.calcsize(f"<{letter}")
-        if aligned:
-            offset = -(-offset // size) * size
         if path == field:
-            return letter, offset
-        offset += size
+            return None if place[0] == STRING else _getter(before, place[0], is_cdr)
+        before.append(place)
     return None
 
 
-def _leaves(field_types: FieldTypes, native_class: Any, prefix: str, depth: int) -> Iterator[Tuple[str, Optional[str]]]:
-    """Yields path and struct letter of each plain field, in the order of the message; None where sizes vary."""
-    for name, field_type in field_types(native_class).items():
+def plain_fields(field_types: FieldTypes, native_class: Any) -> Iterator[Tuple[str, Optional[Place]]]:
+    """Yields path and place of each plain field, in the order of the message; None for one of variable size.
+
+    The path of an array ends with `[]`: no field has it.
+    """
+    return itertools.islice(_plain_fields(field_types, native_class, "", 0), _MOST_FIELDS)
+
+
+def _plain_fields(
+    field_types: FieldTypes, native_class: Any, prefix: str, depth: int
+) -> Iterator[Tuple[str, Optional[Place]]]:
+    fields = {} if depth > _DEEPEST else field_types(native_class)
+    if not fields:
+        yield "", None
+    for name, field_type in fields.items():
         path = f"{prefix}{name}"
-        if field_type.is_array or depth == 0:
-            yield path, None
+        letter = None if field_type.message is not None else _LETTERS.get(field_type.kind)
+        if field_type.is_array:
+            is_fixed = field_type.size and letter and letter != STRING
+            yield f"{path}[]", (letter, field_type.size) if is_fixed else None  # type: ignore[misc]
         elif field_type.message is not None:
-            yield from _leaves(field_types, field_type.message, f"{path}.", depth - 1)
+            yield from _plain_fields(field_types, field_type.message, f"{path}.", depth + 1)
         else:
-            yield path, _FORMATS.get(field_type.kind)
+            yield path, (letter, 1) if letter else None
+
+
+def _getter(before: Sequence[Place], letter: str, is_cdr: bool) -> Getter:
+    """Returns a getter for a number after places.
+
+    The places up to a string have a fixed size except for their alignment, which depends on where the string before
+    them ended: a table per string gives the bytes up to the next string for each of the eight alignments.
+    """
+    steps: List[List[Place]] = [[]]
+    for place in before:
+        if place[0] == STRING:
+            steps[-1].append(("I", 1))
+            steps.append([])
+        else:
+            steps[-1].append(place)
+    steps[-1].append((letter, 1))
+    first, *tables = (_distances(step, is_cdr) for step in steps)
+    header = _CDR_HEADER if is_cdr else 0
+    start = header + first[0]
+    numbers = [struct.Struct(f"{order}{letter}").unpack_from for order in "><"]
+    lengths = [struct.Struct(f"{order}I").unpack_from for order in "><"]
+    little = numbers[1]
+
+    def get_fixed_ros1(data: bytes) -> Any:
+        try:
+            return little(data, start)[0]
+        except struct.error as error:
+            raise MessageError(f"too short: {error}") from None
+
+    def get_fixed_cdr(data: bytes) -> Any:
+        try:
+            return numbers[data[1]](data, start)[0]
+        except (struct.error, IndexError) as error:
+            raise MessageError(f"too short, or not CDR: {error}") from None
+
+    def get(data: bytes) -> Any:
+        try:
+            order = data[1] if is_cdr else 1
+            length = lengths[order]
+            offset = start
+            for table in tables:
+                offset += 4 + length(data, offset)[0]
+                offset += table[(offset - header) & 7]
+            return numbers[order](data, offset)[0]
+        except (struct.error, IndexError) as error:
+            raise MessageError(f"too short, or not CDR: {error}") from None
+
+    if tables:
+        return get
+    return get_fixed_cdr if is_cdr else get_fixed_ros1
+
+
+def _distances(places: Sequence[Place], is_aligned: bool) -> Tuple[int, ...]:
+    """Returns, for each alignment of the start, the bytes from there to the last of the places."""
+    distances = []
+    for start in range(8):
+        offset = size = 0
+        for letter, count in places:
+            offset += size
+            item = struct.calcsize(f"<{letter}")
+            if is_aligned:
+                offset += -(start + offset) % item
+            size = item * count
+        distances.append(offset)
+    return tuple(distances)

@@ -38,6 +38,7 @@ Result = TypeVar("Result")
 NOTHING_CHANGED = "nothing changed"
 """What `on_change` of `Middleware.declare_parameters` returns for the configuration that is in force."""
 
+_LONG_TYPE = re.compile(r"\A(\w+)/(?:msg|srv|action)/(\w+)\Z")
 _NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?", re.ASCII)
 
 
@@ -290,6 +291,11 @@ def split_type_name(type_name: str) -> Optional[Sequence[str]]:
     if len(parts) != 2 or not all(part.isidentifier() for part in parts):
         return None
     return parts
+
+
+def canonical_type(type_name: str) -> str:
+    """Returns `pkg/Type` for `pkg/msg/Type`, `pkg/srv/Type` and `pkg/action/Type`; another text as it is."""
+    return _LONG_TYPE.sub(r"\1/\2", type_name)
 
 
 def is_namespace(text: str) -> bool:

@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Callable, Container, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from .formatting import printable
-from .middleware import split_type_name
+from .middleware import canonical_type
 
 __all__ = ["INCOMPATIBLE_QOS", "Answer", "Hints", "explain", "similar_topics", "with_similar"]
 
@@ -95,8 +95,8 @@ def explain(topic: str, type_name: str, types: Sequence[str], similar: Iterable[
     """
     if not types:
         return with_similar(f"no publisher on {_shown(topic)}", similar)
-    wanted = _canonical(type_name)
-    found = [_canonical(name) for name in types]
+    wanted = canonical_type(type_name)
+    found = [canonical_type(name) for name in types]
     if not wanted or wanted in found:
         return None
     return f"{_shown(topic)} is published as {_shown(found[0])}, configured as {wanted}"
@@ -121,7 +121,7 @@ def similar_topics(topic: str, type_name: str, topics: Mapping[str, str], own: C
         own: topics that the node itself uses.
     """
     namespace, base = topic.rpartition("/")[0], _base(topic)
-    wanted_type = _canonical(type_name)
+    wanted_type = canonical_type(type_name)
     spellings = {wanted_type, wanted_type.replace("/", "/msg/")} - {""}
     tells_by_type = not wanted_type.startswith("std_msgs/")
     found: List[Tuple[int, bool, bool, str]] = []
@@ -162,11 +162,6 @@ def _differ_in_one_letter(a: str, b: str) -> bool:
         begin += 1
     a, b = a[begin:], b[begin:]
     return a[1:] == b[1:] or a[1:] == b or a == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])
-
-
-def _canonical(type_name: str) -> str:
-    """Returns `pkg/Type` for either spelling; another text as it is."""
-    return "/".join(split_type_name(type_name) or (type_name,))
 
 
 def _shown(name: str) -> str:

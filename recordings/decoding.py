@@ -1,39 +1,25 @@
 """Values of fields from serialized messages, by the definitions in the recording.
 
-A number that only numbers, fixed arrays and strings precede, such as `data` of a Float32 or `percentage` of a
-BatteryState, is read from the bytes directly, which is ten times as fast as deserializing the message.
+Where core/fixed_fields.py can read a number from the bytes, the message is not deserialized: that is ten times as fast.
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
-import struct
-from typing import Any, Callable, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, List, Mapping, Tuple
 
+from robot_health_monitor.core.definitions import SEQUENCE, TIMES, Definitions, Field, parse_definition
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.fixed_fields import STRING, Getter, number_getter, plain_fields
 from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.middleware import canonical_type
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
 
-from .definitions import NUMBERS, SEQUENCE, TIMES, Definitions, Field, parse_definition
 from .deserialization import EMPTY, Deserializer
-from .recording import Channel, canonical_type, libraries
+from .recording import Channel, libraries
 
-Getter = Callable[[bytes], Any]
-"""Reads a value from a serialized message; raises ValueError if the bytes do not match the type."""
-
-_CDR_HEADER = 4
-"""Bytes before a CDR message; the second is its byte order."""
-_STRING = "s"
-_MOST_NUMBERS = 4096
-"""Plain fields of a type that are looked at."""
-_DEEPEST = 32
-"""Types that a plain field may be in; a damaged definition may contain itself."""
 _LONGEST_PROBLEM = 300
 """Characters of an error."""
-
-_Place = Tuple[str, int]
-"""struct's letter, and how many of them: an array of fixed size has several. A string: `s`, 1."""
 
 
 @functools.lru_cache(maxsize=256)
@@ -82,7 +68,8 @@ class Types:
         """
         try:
             read = self._messages.field_getter(self._channel.topic, self._channel.type_name, field)
-            direct = self._number_getter(field)
+            own = self._deserializer.classes[self._channel.type_name]
+            direct = number_getter(self._field_types, own, field, is_cdr=self._channel.encoding != "ros1")
             if direct is not None:
                 return direct
             deserialize = self._deserializer.bind(self._channel.type_name)
@@ -109,10 +96,10 @@ class Types:
             ConfigError: the definition lacks a type.
         """
         try:
-            places = list(self._places())
+            fields = list(plain_fields(self._field_types, self._deserializer.classes[self._channel.type_name]))
         except KeyError as error:
             raise self._unusable(error) from None
-        return [(path, place[0]) for path, place in places if place and place[0] != _STRING and path[-2:] != "[]"]
+        return [(path, place[0]) for path, place in fields if place and place[0] != STRING and path[-2:] != "[]"]
 
     def _field_types(self, native_class: Any) -> Mapping[str, FieldType]:
         return {field.name: self._field_type(field) for field in self._definitions[native_class.type_name]}
@@ -121,119 +108,6 @@ class Types:
         message = self._deserializer.classes[field.kind] if "/" in field.kind else None
         size = None if field.size == SEQUENCE else field.size
         return FieldType(field.kind, field.kind, message, field.size is not None, size)
-
-    def _number_getter(self, field: str) -> Optional[Getter]:
-        """Returns a getter that reads a number from the bytes; None if something of variable size precedes it."""
-        before: List[_Place] = []
-        for path, place in self._places():
-            if place is None:
-                return None
-            if path == field:
-                letter, _ = place
-                return None if letter == _STRING else self._getter(before, letter)
-            before.append(place)
-        return None
-
-    def _places(self) -> Iterator[Tuple[str, Optional[_Place]]]:
-        """Yields path and place of each plain field, in their order; None where neither is supported here."""
-        return itertools.islice(self._places_in(self._channel.type_name, "", 0), _MOST_NUMBERS)
-
-    def _places_in(self, name: str, prefix: str, depth: int) -> Iterator[Tuple[str, Optional[_Place]]]:
-        fields = self._definitions[name]
-        if depth > _DEEPEST or not fields:
-            yield "", None
-            return
-        for field in fields:
-            path = f"{prefix}{field.name}"
-            letter = NUMBERS.get(field.kind)
-            if field.size is None and "/" in field.kind:
-                yield from self._places_in(field.kind, f"{path}.", depth + 1)
-            elif field.size is None and field.kind == "string":
-                yield path, (_STRING, 1)
-            elif field.size is None and letter:
-                yield path, (letter, 1)
-            elif field.size not in (None, 0, SEQUENCE) and letter:
-                # No field has this path: the array itself is read by deserializing.
-                yield f"{path}[]", (letter, field.size)
-            else:
-                yield path, None
-
-    def _getter(self, before: List[_Place], letter: str) -> Getter:
-        """Returns a getter for a number after places.
-
-        The places up to a string have a fixed size except for their alignment, which depends on where the string before
-        them ended: a table per string gives the bytes up to the next string for each of the eight alignments.
-        """
-        is_cdr = self._channel.encoding != "ros1"
-        steps: List[List[_Place]] = [[]]
-        for place in before:
-            if place[0] == _STRING:
-                steps[-1].append(("I", 1))
-                steps.append([])
-            else:
-                steps[-1].append(place)
-        steps[-1].append((letter, 1))
-        first, *rest = (_distances(step, is_cdr) for step in steps)
-        return _number_getter(letter, first[0], [tuple(table) for table in rest], is_cdr)
-
-
-def _distances(places: List[_Place], is_aligned: bool) -> List[int]:
-    """Returns, for each alignment of the start, the bytes from there to the last of the places."""
-    distances = []
-    for start in range(8):
-        offset = size = 0
-        for letter, count in places:
-            offset += size
-            item = struct.calcsize(f"<{letter}")
-            if is_aligned:
-                offset += -(start + offset) % item
-            size = item * count
-        distances.append(offset)
-    return distances
-
-
-def _number_getter(letter: str, first: int, tables: List[Tuple[int, ...]], is_cdr: bool) -> Getter:
-    """Returns a getter for a number.
-
-    Args:
-        letter: struct's letter of the number.
-        first: bytes up to the length of the first string, or to the number if there is no string.
-        tables: per string, the bytes from its end to the next length or to the number, by alignment of its end.
-        is_cdr: the message is CDR, with a header; else it is ROS 1.
-    """
-    numbers = [struct.Struct(f"{order}{letter}").unpack_from for order in "><"]
-    lengths = [struct.Struct(f"{order}I").unpack_from for order in "><"]
-    header = _CDR_HEADER if is_cdr else 0
-    start = header + first
-
-    def get_fixed_ros1(data: bytes) -> Any:
-        try:
-            return little(data, start)[0]
-        except struct.error as error:
-            raise ValueError(f"too short: {error}") from None
-
-    def get_fixed_cdr(data: bytes) -> Any:
-        try:
-            return numbers[data[1]](data, start)[0]
-        except (struct.error, IndexError) as error:
-            raise ValueError(f"too short, or not CDR: {error}") from None
-
-    def get(data: bytes) -> Any:
-        try:
-            order = data[1] if is_cdr else 1
-            length = lengths[order]
-            offset = start
-            for table in tables:
-                offset += 4 + length(data, offset)[0]
-                offset += table[(offset - header) & 7]
-            return numbers[order](data, offset)[0]
-        except (struct.error, IndexError) as error:
-            raise ValueError(f"too short, or not CDR: {error}") from None
-
-    little = numbers[1]
-    if tables:
-        return get
-    return get_fixed_cdr if is_cdr else get_fixed_ros1
 
 
 def _definitions_of(channel: Channel) -> Definitions:

@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Set, Tuple
 
 import numpy as np
 
-from .definitions import NUMBERS, SEQUENCE, Definitions, Field
+from robot_health_monitor.core.definitions import NUMBERS, SEQUENCE, Definitions, Field
 
 _DEEPEST = 32
 """Types in one another."""

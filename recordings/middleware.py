@@ -16,14 +16,14 @@ from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.formatting import count_text, list_text
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
-from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.middleware import Message, Severity, canonical_type
 from robot_health_monitor.core.missing_samples import Answer, similar_topics, with_similar
 from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
 
 from .decoding import types_of
 from .reading import Recordings
-from .recording import Channel, RecordingError, canonical_type
+from .recording import Channel, RecordingError
 
 Callback = Callable[[Any, float], None]
 

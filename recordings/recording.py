@@ -10,6 +10,8 @@ import contextlib
 from operator import itemgetter
 from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
+from robot_health_monitor.core.middleware import canonical_type
+
 LARGEST = 64 << 20
 """Bytes of a record, a chunk or a message, packed or unpacked: several of them are in memory at the same time."""
 _LARGEST_RATIO = 10_000
@@ -152,12 +154,6 @@ def new_channel(topic: str, type_name: str, encoding: str, definition: str, defi
         if len(name) > _LONGEST_NAME:
             raise Damaged(f"a name of {len(name)} characters, expected at most {_LONGEST_NAME}")
     return Channel("/" + topic.strip("/"), canonical_type(type_name), encoding, definition, definition_format)
-
-
-def canonical_type(name: str) -> str:
-    """Returns `package/Type` for `package/msg/Type` and `package/Type`."""
-    package, _, rest = name.partition("/")
-    return f"{package}/{rest.rpartition('/')[2]}"
 
 
 def until(span_ns: Optional[Tuple[int, int]], last_ns: int) -> Optional[Tuple[int, int]]:

@@ -7,10 +7,12 @@ import importlib
 import os
 import re
 import sys
-from typing import Any, Mapping
+from typing import Any, Callable, Mapping, Optional
 
 import genpy
+import rospy
 
+from robot_health_monitor.core.fixed_fields import number_getter
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is
 
 _KINDS = {"byte": "int8", "char": "uint8"}
@@ -84,3 +86,15 @@ to_mapping = _native.to_mapping
 to_native = _native.to_native
 field_getter = _native.field_getter
 is_stamped = _native.is_stamped
+
+
+def serialized_getter(native_class: Any, field: str) -> Optional[Callable[[bytes], Any]]:
+    """Returns a getter of a number from serialized messages; None if it needs all of them."""
+    return number_getter(field_types, native_class, field, is_cdr=False)
+
+
+@functools.lru_cache(maxsize=None)
+def serialized_class(native_class: Any) -> Any:
+    """Returns a class to subscribe with whose messages stay bytes, of the type and checksum of `native_class`."""
+    names = ("_type", "_md5sum", "_full_text")
+    return type(native_class.__name__, (rospy.AnyMsg,), {name: getattr(native_class, name) for name in names})

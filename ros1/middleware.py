@@ -267,9 +267,12 @@ class Ros1Middleware:
             return rospy.AnyMsg, self._raw_reader(topic, "", field)
         type_name = type_name or messages.type_name(shared)
         cls, get = messages.message_class(type_name), messages.field_getter(topic, type_name, field)
-        if shared is rospy.AnyMsg:
+        if shared is not rospy.AnyMsg:
+            _require_same_class(topic, cls, shared)
+        if shared is None and messages.serialized_getter(cls, field) is not None:
+            shared = messages.serialized_class(cls)
+        if shared is not None and issubclass(shared, rospy.AnyMsg):
             return shared, self._raw_reader(topic, type_name, field)
-        _require_same_class(topic, cls, shared)
         return cls, get
 
     def _raw_reader(self, topic: str, expected: str, field: str) -> _RawReader:
@@ -319,30 +322,34 @@ class _RawReader:
         self._field = field
         self._decoder = decoder
         self._log_error = log_error
-        self._readers: Dict[str, Callable[[Any], Any]] = {}
+        self._readers: Dict[Tuple[str, str], Callable[[Any], Any]] = {}
         self._has_failed = False
 
     def __call__(self, native: Any) -> Any:
-        type_name = native._connection_header["type"]
-        if type_name not in self._readers:
+        header = native._connection_header
+        type_name, checksum = key = header["type"], header.get("md5sum", "")
+        if key not in self._readers:
             try:
-                self._readers[type_name] = self._reader(type_name)
+                self._readers[key] = self._reader(type_name, checksum)
             except ConfigError as error:
                 self._log_error(str(error))
-                self._readers[type_name] = _absent
+                self._readers[key] = _absent
         try:
-            return self._readers[type_name](native)
-        except genpy.MessageException as error:
+            return self._readers[key](native)
+        except (genpy.MessageException, MessageError) as error:
             if not self._has_failed:
                 self._has_failed = True
                 self._log_error(f"{self._topic}: a message does not match {type_name}: {error}")
             return ABSENT
 
-    def _reader(self, type_name: str) -> Callable[[Any], Any]:
+    def _reader(self, type_name: str, checksum: str) -> Callable[[Any], Any]:
         if self._expected and type_name != self._expected:
             raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {type_name}")
         get = messages.field_getter(self._topic, type_name, self._field)
         cls, decode = messages.message_class(type_name), self._decoder.decode
+        direct = messages.serialized_getter(cls, self._field) if checksum == cls._md5sum else None
+        if direct is not None:
+            return lambda native: direct(native._buff)
         return lambda native: get(decode(native, cls))
 
 
@@ -435,5 +442,5 @@ def _shared_class(impl: Any) -> Any:
 
 def _require_same_class(topic: str, cls: Any, shared: Any) -> None:
     """Raises ConfigError if this process already uses the topic with another class, which rospy does not check."""
-    if shared not in (None, cls):
+    if shared not in (None, cls, messages.serialized_class(cls)):
         raise ConfigError(f"{topic}: expected {shared._type}, the type that this process already uses, got {cls._type}")

@@ -9,7 +9,7 @@ import re
 import sys
 from typing import Any, Callable, Mapping, Optional
 
-from robot_health_monitor.core.fixed_fields import cdr_getter
+from robot_health_monitor.core.fixed_fields import number_getter
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
@@ -88,5 +88,5 @@ is_stamped = _native.is_stamped
 
 
 def serialized_getter(native_class: Any, field: str) -> Optional[Callable[[bytes], Any]]:
-    """Returns a getter of a number from serialized messages; None if its place depends on the message."""
-    return cdr_getter(field_types, native_class, field)
+    """Returns a getter of a number from serialized messages; None if it needs all of them."""
+    return number_getter(field_types, native_class, field, is_cdr=True)

@@ -288,7 +288,7 @@ class Ros2Middleware:
         if field is not None:
             subscription.get = messages.field_getter(topic, type_name, field)
             serialized = messages.serialized_getter(cls, field)
-        # rclpy need not make a message of the bytes where nothing in it, or a number at a fixed place, is wanted.
+        # rclpy need not make messages where only their arrival, or a number that can be read from the bytes, counts.
         is_raw = serialized is not None and (topic, cls, False) not in self._channels
         if is_raw and serialized is not None:
             subscription.get = serialized

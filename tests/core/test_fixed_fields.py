@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Any, Dict, Mapping
+from typing import Any, Dict, Mapping, Optional
 
 import pytest
 
 from robot_health_monitor.core.errors import MessageError
-from robot_health_monitor.core.fixed_fields import cdr_getter, ros1_getter
+from robot_health_monitor.core.fixed_fields import Getter, number_getter
 from robot_health_monitor.core.native_messages import FieldType
 
 
@@ -23,6 +23,9 @@ TYPES: Dict[str, Mapping[str, FieldType]] = {
     "Nested": {"byte": plain("uint8"), "inner": FieldType("Mixed", "Mixed", "Mixed"), "last": plain("int32")},
     "Named": {"count": plain("int64"), "name": plain("string"), "after": plain("float32")},
     "Listed": {"values": FieldType("float32", "float32", is_array=True, size=3), "after": plain("float32")},
+    "Counted": {"values": FieldType("float32", "float32", is_array=True), "after": plain("float32")},
+    "Wide": {"text": plain("wstring"), "after": plain("float32")},
+    "Empty": {},
     "Endless": {"again": FieldType("Endless", "Endless", "Endless")},
 }
 
@@ -31,8 +34,16 @@ def types(name: Any) -> Mapping[str, FieldType]:
     return TYPES[name]
 
 
+def cdr_getter(name: str, field: str) -> Optional[Getter]:
+    return number_getter(types, name, field, is_cdr=True)
+
+
+def ros1_getter(name: str, field: str) -> Optional[Getter]:
+    return number_getter(types, name, field, is_cdr=False)
+
+
 def test_a_float32_follows_the_header_of_cdr() -> None:
-    get = cdr_getter(types, "Float32", "data")
+    get = cdr_getter("Float32", "data")
     assert get is not None
     assert get(b"\x00\x01\x00\x00" + struct.pack("<f", 19.5)) == 19.5
     assert get(b"\x00\x00\x00\x00" + struct.pack(">f", 19.5)) == 19.5
@@ -43,7 +54,7 @@ def test_cdr_aligns_each_number_to_its_size() -> None:
     # flag at 0, small at 2, real at 8, level at 16
     body = b"\x01\xaa" + struct.pack("<H", 7) + b"\xaa" * 4 + struct.pack("<d", 2.5) + b"\x03"
     data = b"\x00\x01\x00\x00" + body
-    found = {field: cdr_getter(types, "Mixed", field) for field in TYPES["Mixed"]}
+    found = {field: cdr_getter("Mixed", field) for field in TYPES["Mixed"]}
     assert {field: get and get(data) for field, get in found.items()} == {
         "flag": True,
         "small": 7,
@@ -56,46 +67,71 @@ def test_a_number_in_an_inner_message_has_its_path() -> None:
     # byte at 0, inner.flag at 1, inner.small at 2, inner.real at 8, inner.level at 16, last at 20
     body = b"\x09\x01" + struct.pack("<H", 7) + b"\xaa" * 4 + struct.pack("<d", 2.5) + b"\x03\xaa\xaa\xaa"
     data = b"\x00\x01\x00\x00" + body + struct.pack("<i", -4)
-    inner, last = cdr_getter(types, "Nested", "inner.real"), cdr_getter(types, "Nested", "last")
+    inner, last = cdr_getter("Nested", "inner.real"), cdr_getter("Nested", "last")
     assert inner is not None and inner(data) == 2.5
     assert last is not None and last(data) == -4
 
 
 def test_ros1_has_no_padding() -> None:
     data = b"\x01" + struct.pack("<H", 7) + struct.pack("<d", 2.5) + b"\x03"
-    real, level = ros1_getter(types, "Mixed", "real"), ros1_getter(types, "Mixed", "level")
+    real, level = ros1_getter("Mixed", "real"), ros1_getter("Mixed", "level")
     assert real is not None and real(data) == 2.5
     assert level is not None and level(data) == 3
 
 
 @pytest.mark.parametrize(
     ("name", "field"),
-    [("Named", "after"), ("Named", "name"), ("Listed", "after"), ("Listed", "values"), ("Float32", "none")],
+    [
+        ("Named", "name"),
+        ("Listed", "values"),
+        ("Listed", "values[0]"),
+        ("Counted", "after"),
+        ("Wide", "after"),
+        ("Empty", "none"),
+        ("Float32", "none"),
+    ],
 )
-def test_what_has_no_fixed_place_has_no_getter(name: str, field: str) -> None:
-    assert cdr_getter(types, name, field) is None
-    assert ros1_getter(types, name, field) is None
+def test_what_is_no_number_or_follows_an_array_of_any_length_has_no_getter(name: str, field: str) -> None:
+    assert cdr_getter(name, field) is None
+    assert ros1_getter(name, field) is None
 
 
 def test_a_number_before_a_string_has_a_fixed_place() -> None:
-    get = ros1_getter(types, "Named", "count")
+    get = ros1_getter("Named", "count")
     assert get is not None and get(struct.pack("<q", -5) + b"\x00\x00\x00\x00") == -5
 
 
+def test_a_number_may_follow_a_string_and_an_array_of_fixed_size() -> None:
+    named, listed = ros1_getter("Named", "after"), ros1_getter("Listed", "after")
+    assert named is not None and named(bytes(8) + b"\x03\0\0\0abc" + struct.pack("<f", 2.5)) == 2.5
+    assert listed is not None and listed(bytes(12) + struct.pack("<f", 2.5)) == 2.5
+    aligned = cdr_getter("Named", "after")
+    # count at 0, length at 8, "ab" and its zero at 12, after at 16
+    body = bytes(8) + b"\x03\0\0\0ab\0\xaa" + struct.pack("<f", 2.5)
+    assert aligned is not None and aligned(b"\x00\x01\x00\x00" + body) == 2.5
+
+
+def test_a_string_that_ends_behind_its_message_is_refused() -> None:
+    get = ros1_getter("Named", "after")
+    assert get is not None
+    with pytest.raises(MessageError):
+        get(bytes(8) + b"\xff\xff\xff\xff")
+
+
 def test_types_that_contain_themselves_have_no_getter() -> None:
-    assert cdr_getter(types, "Endless", "again") is None
+    assert cdr_getter("Endless", "again") is None
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00\x01", b"\x00\x01\x00\x00\x00", b"\x00\x07\x00\x00\x00\x00\x00\x00"])
 def test_other_bytes_are_refused(data: bytes) -> None:
-    get = cdr_getter(types, "Float32", "data")
+    get = cdr_getter("Float32", "data")
     assert get is not None
     with pytest.raises(MessageError):
         get(data)
 
 
 def test_a_ros1_message_that_is_too_short_is_refused() -> None:
-    get = ros1_getter(types, "Float32", "data")
+    get = ros1_getter("Float32", "data")
     assert get is not None
     with pytest.raises(MessageError):
         get(b"\x00")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from harness.recorded import ROS1, ROS2, definition, fields_of, random_message, serialized
 
-from robot_health_monitor.recordings.definitions import SEQUENCE, Field, parse_definition
+from robot_health_monitor.core.definitions import SEQUENCE, Field, parse_definition
 from robot_health_monitor.recordings.deserialization import Deserializer
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
-from robot_health_monitor.recordings.recording import canonical_type, in_time_order
+from robot_health_monitor.recordings.recording import in_time_order
 
 
 def entries(*times: int) -> list:  # type: ignore[type-arg]
@@ -26,8 +24,3 @@ def test_neighbouring_chunks_may_overlap() -> None:
 def test_messages_at_the_same_time_stay_in_their_order() -> None:
     chunks = [[(1, 1, b"a"), (1, 2, b"b")], [(1, 1, b"c"), (0, 1, b"z")]]
     assert [data for _, _, data in in_time_order(chunks)] == [b"z", b"a", b"b", b"c"]
-
-
-@pytest.mark.parametrize("name", ["std_msgs/Float32", "std_msgs/msg/Float32"])
-def test_both_spellings_of_a_type_are_the_same_type(name: str) -> None:
-    assert canonical_type(name) == "std_msgs/Float32"

@@ -90,3 +90,27 @@ def test_a_type_name_imports_nothing_but_messages(tmp_path: Path, monkeypatch: p
 def test_a_class_that_is_not_a_message_is_an_unknown_type(type_name: str) -> None:
     with pytest.raises(ConfigError):
         message_class(type_name)
+
+
+def test_numbers_are_read_from_serialized_messages() -> None:
+    import io
+
+    from sensor_msgs.msg import BatteryState, LaserScan
+    from std_msgs.msg import Float32, Header
+
+    from robot_health_monitor.ros1.messages import serialized_class, serialized_getter
+
+    for message, field, value in (
+        (Float32(data=19.5), "data", 19.5),
+        (BatteryState(header=Header(frame_id="base"), percentage=0.5, cell_voltage=[3.5]), "percentage", 0.5),
+        (LaserScan(header=Header(frame_id="laser"), range_max=8.0, ranges=[1.0] * 9), "range_max", 8.0),
+        (Header(seq=7), "seq", 7),
+    ):
+        buffer = io.BytesIO()
+        message.serialize(buffer)
+        get = serialized_getter(type(message), field)
+        assert get is not None
+        assert get(serialized_class(type(message))().deserialize(buffer.getvalue())._buff) == value
+    assert serialized_getter(BatteryState, "cell_voltage[0]") is None
+    assert serialized_getter(BatteryState, "location") is None
+    assert serialized_class(Float32)._md5sum == Float32._md5sum

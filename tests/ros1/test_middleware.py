@@ -116,6 +116,25 @@ def test_a_publisher_of_another_type_is_one_error_line(ros: Any) -> None:
     assert typed.values == []
 
 
+def test_numbers_are_read_from_bytes_beside_fields_that_are_not(ros: Any) -> None:
+    """All subscriptions of a process to a topic share its connection, whichever comes first."""
+    import rospy
+
+    recorders = {field: Recorder() for field in ("percentage", "cell_voltage[1]", "header.frame_id", "voltage")}
+    node = ros.node("alert_system")
+    for field, recorder in recorders.items():
+        node.subscribe("battery", "sensor_msgs/BatteryState", recorder, field=field)
+    shared = rospy.topics.get_topic_manager().get_subscriber_impl("/battery").data_class
+    assert issubclass(shared, rospy.AnyMsg)
+    assert dict(rospy.get_published_topics()).get("/battery", shared._type) == "sensor_msgs/BatteryState"
+    message = {"header": {"frame_id": "base"}, "percentage": 0.5, "voltage": 24.0, "cell_voltage": [3.5, 3.75]}
+    ros.publish("/battery", "sensor_msgs/BatteryState", message)
+    ros.wait_until(lambda: all(recorder.values for recorder in recorders.values()))
+    assert [recorder.values for recorder in recorders.values()] == [[0.5], [3.75], ["base"], [24.0]]
+    with pytest.raises(ConfigError, match=r"/battery.*BatteryState"):
+        node.subscribe("battery", FLOAT32, Recorder(), field="data")
+
+
 @pytest.mark.parametrize("type_name", ["", FLOAT32])
 def test_messages_that_do_not_match_their_type_are_one_error_line(ros: Any, type_name: str) -> None:
     """A publisher with the checksum of std_msgs/Float32 that sends one byte instead of four."""

@@ -1,6 +1,6 @@
-"""Definitions of message types in recordings: the formats .msg and .idl, parsed with bounded work.
+"""Definitions of message types: the formats .msg and .idl, parsed with bounded work.
 
-A recording may come from anyone. The grammars of rosbags try every alternative again at each level, so that a line of
+Definitions may come from anyone. The grammars of rosbags try every alternative again at each level, so that a line of
 nested brackets takes hours, and it evaluates constants. Here a text is read once from its start to its end, and
 constants are not evaluated: only an array's size can depend on one, which must be a plain number then.
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from .recording import canonical_type
+from .middleware import canonical_type
 
 SEQUENCE = -1
 """The size of an array of any length."""

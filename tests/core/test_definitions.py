@@ -7,7 +7,8 @@ from typing import Any, Dict, List, Tuple
 import pytest
 from harness.recorded import ROS1, ROS2, definition
 
-from robot_health_monitor.recordings.definitions import MOST_FIELDS, SEQUENCE, Field, parse_definition
+from robot_health_monitor.core.definitions import MOST_FIELDS, SEQUENCE, Field, parse_definition
+from robot_health_monitor.core.middleware import canonical_type
 
 SEPARATOR = "=" * 80
 
@@ -158,3 +159,13 @@ def test_defaults_are_not_parsed() -> None:
 def test_the_largest_definitions_are_parsed() -> None:
     text = "".join(f"float64[36] field_{number}\n" for number in range(MOST_FIELDS))
     assert len(parse_definition("a/T", text, "msg")["a/T"]) == MOST_FIELDS
+
+
+@pytest.mark.parametrize("folder", ["", "msg/", "srv/", "action/"])
+def test_all_spellings_of_a_type_are_the_same_type(folder: str) -> None:
+    assert canonical_type(f"std_msgs/{folder}Float32") == "std_msgs/Float32"
+
+
+@pytest.mark.parametrize("text", ["", "Float32", "/", "a/b/c", "a/msg/b/c", "a/msg/"])
+def test_what_is_no_type_stays_as_it_is(text: str) -> None:
+    assert canonical_type(text) == text
