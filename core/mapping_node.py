@@ -18,7 +18,7 @@ from .field_path import ABSENT, mapping_getter
 from .formatting import printable
 from .middleware import Message, Result, Severity, resolve_name
 from .missing_samples import Answer, Hints
-from .parameters import Parameter, flatten, unflatten
+from .parameters import Parameter
 from .standard_messages import check_field, complete
 from .timers import ClockTimer, ClockTimers
 
@@ -205,17 +205,6 @@ class MappingNode(abc.ABC):
                     raise ConfigError(self.log_failure(error)) from error
             self._given = tree
             return changes
-
-    def set_parameter(self, name: str, value: object) -> str:
-        """Proposes one changed value, by its dotted name.
-
-        Returns:
-            What changed, as one line.
-
-        Raises:
-            ConfigError: the node rejects it; the old value stays in force.
-        """
-        return self.set_parameters(unflatten({**dict(flatten(self._given)), name: value}))
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         """See `Middleware.create_timer`."""

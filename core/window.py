@@ -66,7 +66,6 @@ class Window:
         "_front_sums",
         "_times",
         "_values",
-        "flips",
         "window_min_s",
         "window_s",
         "window_samples",
@@ -86,7 +85,6 @@ class Window:
         self.window_s = window_s
         self.window_samples = window_samples
         self.window_min_s = window_min_s
-        self.flips = 0
         """How often the back became the front: each costs the window's length."""
         self.clear()
 
@@ -249,7 +247,6 @@ class Window:
 
     def _flip(self) -> None:
         """Makes the back the front, which is empty."""
-        self.flips += 1
         del self._times[: self._first]
         del self._values[: self._first]
         self._first = 0

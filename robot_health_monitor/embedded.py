@@ -64,8 +64,6 @@ class EmbeddedMonitor:
         self._middlewares: Dict[str, LocalMiddleware] = {}
         self._file = file
         self._sections = {} if file is None else sections_of_nodes(file)
-        self.unused_sections = sorted(self._sections.keys() - set(NODES))
-        """Names of nodes in the file that do not run here."""
         self._robot = robot
         self._source = source
         outlets = {} if outlet is None else {"output": outlet}

@@ -7,7 +7,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
 
-from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, load_config
+from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
 from ..continuity import Continuity, SignalHistory
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
@@ -91,7 +91,7 @@ class AlertSystem:
         self._excused_since_s: Optional[float] = None
         self._node = base_name(middleware)
         given = middleware.given_parameters()
-        self._watches_defaults = "signals" not in given
+        self._watches_defaults = "signals" not in given and not is_whole_file(given)
         config = self._read_config(given)
         self._config = config
         self._unavailable: Set[str] = set()

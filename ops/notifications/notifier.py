@@ -121,11 +121,7 @@ class Notifier:
     @property
     def waiting(self) -> int:
         """How many notifications wait, over all targets."""
-        return sum(self.waiting_by_target().values())
-
-    def waiting_by_target(self) -> Dict[str, int]:
-        """Returns how many notifications wait for each target."""
-        return {name: self._queue.waiting(name) for name in tuple(self._deliveries)}
+        return sum(map(self._queue.waiting, tuple(self._deliveries)))
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""

@@ -82,8 +82,6 @@ class Updates:
         self._loop: Optional[asyncio.AbstractEventLoop] = None
         self._reading: Optional[asyncio.Lock] = None
         self._closed = False
-        self.encodings = 0
-        """How often an event was encoded."""
 
     @property
     def pages(self) -> int:
@@ -237,7 +235,6 @@ class Updates:
         return self._event("samples", data)
 
     def _event(self, kind: str, data: object) -> bytes:
-        self.encodings += 1
         return b"event: %s\ndata: %s\n\n" % (kind.encode("ascii"), json_bytes(data))
 
 

@@ -106,10 +106,6 @@ class Subscriptions:
         """Returns True if no receiver of a topic needs its messages decoded."""
         return all(receiver.arrivals_only for receiver in self._receivers.get(topic, ()))
 
-    def waits_for_type(self, topic: str) -> bool:
-        """Returns True for a topic whose type the server has not answered yet."""
-        return topic in self._untyped
-
     async def find_types(self) -> None:
         """Asks the server for the types of topics subscribed to without one. Runs until it is cancelled."""
         while True:

@@ -53,11 +53,6 @@ class EncodingQueue(Generic[R]):
         """Whether messages are waiting or being encoded; later ones must wait, to keep their order."""
         return self._running
 
-    @property
-    def waiting_bytes(self) -> int:
-        """Estimated size of the messages that wait."""
-        return self._bytes
-
     def put(self, message: EncodedMessage, receivers: Sequence[R]) -> None:
         """Has a message encoded and sent; drops the oldest waiting ones if there are too many."""
         self._waiting.append((message, receivers))

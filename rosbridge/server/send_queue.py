@@ -43,11 +43,6 @@ class SendQueue:
         """Whether the client reads more slowly than it is sent to."""
         return bool(self._frames) or self._transport.get_write_buffer_size() > self._high
 
-    @property
-    def waiting_bytes(self) -> int:
-        """Bytes that wait here."""
-        return self._bytes
-
     def put(self, frame: bytes) -> bool:
         """Sends a frame or queues it; returns whether the client is behind."""
         if not self._frames and len(frame) <= self._high >= self._transport.get_write_buffer_size():

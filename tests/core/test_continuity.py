@@ -6,6 +6,7 @@ from typing import Any, List
 
 import pytest
 from harness.kept_history import KeptHistory, Robot
+from harness.parameters import set_parameter
 from harness.stage import Stage
 
 from robot_health_monitor.core.middleware import Severity
@@ -121,7 +122,7 @@ def test_the_state_of_a_signal_that_left_the_configuration_is_deleted() -> None:
 
 def test_the_configuration_in_force_is_stored_at_the_start_and_when_it_changes() -> None:
     robot = Robot(battery=BATTERY)
-    robot.middleware.set_parameter("signals.battery.warn_below", 25.0)
+    set_parameter(robot.middleware, "signals.battery.warn_below", 25.0)
     assert [stored["battery"]["warn_below"] for stored in robot.history.configurations] == [20.0, 25.0]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, List, Mapping, Tuple
 
 import pytest
+from harness.parameters import set_parameter
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, read_clock
@@ -151,7 +152,7 @@ def test_a_rejected_parameter_keeps_the_old_value() -> None:
     node = Node()
     node.declare_parameters([], reject)
     with pytest.raises(ConfigError, match="rate: too high"):
-        node.set_parameter("rate", 7.0)
+        set_parameter(node, "rate", 7.0)
     assert node.given_parameters() == {}
 
 

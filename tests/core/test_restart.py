@@ -8,6 +8,7 @@ from typing import Any, Dict, List, Mapping, Tuple
 
 import pytest
 from harness.kept_history import Robot
+from harness.parameters import set_parameter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -260,7 +261,7 @@ class TestUnknownLevels:
         robot.run_for(10)
         robot.restart()
         robot.announced()
-        robot.middleware.set_parameter("signals.battery.startup_grace_s", 30.0)
+        set_parameter(robot.middleware, "signals.battery.startup_grace_s", 30.0)
         assert robot.shown() == ("STALE", "waiting for the first sample, last announced STALE")
         robot.run_for(60)
         assert robot.announced() == []

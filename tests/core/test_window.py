@@ -134,7 +134,15 @@ def test_huge_values_that_are_far_apart_are_summed_without_overflow() -> None:
 
 def test_one_huge_value_costs_no_more_than_any_other() -> None:
     """Each sample is moved once per window length, whatever the values and however often statistics are read."""
-    plain, huge = Window(1e9, 6000), Window(1e9, 6000)
+
+    class CountingWindow(Window):
+        flips = 0
+
+        def _flip(self) -> None:
+            self.flips += 1
+            super()._flip()
+
+    plain, huge = CountingWindow(1e9, 6000), CountingWindow(1e9, 6000)
     for number in range(60_000):
         plain.add(float(number % 7), float(number))
         huge.add(1.7e308 if number == 3000 else float(number % 7), float(number))

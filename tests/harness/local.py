@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
+from harness.parameters import set_parameter
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware
@@ -52,7 +53,7 @@ class LocalHarness:
 
     def propose(self, node: LocalMiddleware, name: str, value: object) -> str:
         try:
-            node.set_parameter(name, value)
+            set_parameter(node, name, value)
         except ConfigError as error:
             return str(error)
         return ""

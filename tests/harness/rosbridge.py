@@ -6,6 +6,7 @@ import asyncio
 import threading
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
+from harness.parameters import set_parameter
 from harness.port_conformance import START_S, LogLine, ServiceFailed, poll_until
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.local import LocalBus
@@ -81,7 +82,7 @@ class RosbridgeHarness:
 
     def propose(self, node: RosbridgeMiddleware, name: str, value: object) -> str:
         try:
-            node.set_parameter(name, value)
+            set_parameter(node, name, value)
         except ConfigError as error:
             return str(error)
         return ""

@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("prometheus_client", reason="prometheus_client, which renders the metrics, is not installed")
 pytest.importorskip("aiohttp", reason="aiohttp, which serves them, is not installed")
 
+from harness.parameters import set_parameter
 from harness.prometheus_server import PrometheusServer, needs_prometheus
 from harness.web import Robots, Site, with_site
 from prometheus_client.parser import text_string_to_metric_families
@@ -98,7 +99,7 @@ def test_counters_go_on_when_the_configuration_changes() -> None:
     robots.observe(19.0)
     before = samples(metrics, robots)
     node = robots.bus.nodes[0]
-    node.set_parameter("signals.battery_level.warn_below", 10.0)
+    set_parameter(node, "signals.battery_level.warn_below", 10.0)
     robots.all[0].reset()
     robots.observe(9.0)
     after = samples(metrics, robots)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, List, Tuple
 
 import pytest
+from harness.parameters import set_parameter
 from harness.stage import Stage, status, values_of
 
 from robot_health_monitor.core.errors import ConfigError
@@ -100,13 +101,13 @@ def test_inputs_can_be_changed_while_the_node_runs(stage: Stage) -> None:
     health = stage.listen("system_health", "data")
     node = stage.bus.node("aggregator")
     Aggregator(node)
-    assert node.set_parameter("inputs", ["cpu_usage"]) == (
+    assert set_parameter(node, "inputs", ["cpu_usage"]) == (
         "inputs: [battery_level, temperature, cpu_usage] -> [cpu_usage]"
     )
     stage.publish("cpu_usage", 25.0)
     stage.bus.run_until(1.0)
     assert health == [25.0]
-    node.set_parameter("inputs", ["battery_level", "cpu_usage"])
+    set_parameter(node, "inputs", ["battery_level", "cpu_usage"])
     stage.publish("battery_level", 75.0)
     stage.bus.run_until(2.0)
     assert health == [25.0, 50.0]
@@ -151,11 +152,11 @@ def test_without_inputs_nothing_is_published_until_there_are_some(stage: Stage) 
     stage.bus.run_until(60.0)
     assert health == [] and arrays == []
     assert stage.log(Severity.INFO) == ["system_health is not published: inputs is empty"]
-    node.set_parameter("inputs", ["cpu_usage"])
+    set_parameter(node, "inputs", ["cpu_usage"])
     stage.publish("cpu_usage", 25.0)
     stage.bus.run_until(61.0)
     assert health == [25.0]
-    assert node.set_parameter("inputs", []) == "inputs: [cpu_usage] -> []"
+    assert set_parameter(node, "inputs", []) == "inputs: [cpu_usage] -> []"
     arrays.clear()
     stage.bus.run_until(70.0)
     assert health == [25.0] and arrays == []
@@ -178,6 +179,6 @@ def test_without_battery_sensor_only_configured_inputs_can_be_averaged(parameter
 def test_another_method_is_a_change(stage: Stage) -> None:
     node = stage.bus.node("aggregator")
     Aggregator(node)
-    assert node.set_parameter("method", "score") == "method: mean -> score"
+    assert set_parameter(node, "method", "score") == "method: mean -> score"
     with pytest.raises(ConfigError, match="robot_name"):
-        node.set_parameter("robot_name", "other")
+        set_parameter(node, "robot_name", "other")

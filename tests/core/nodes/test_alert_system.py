@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any, List, Mapping, Optional
 
 import pytest
+from harness.parameters import set_parameter
 from harness.port_conformance import levels_to
 from harness.stage import FLOAT32, Stage, status, values_of
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.middleware import Severity, Timer
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
@@ -94,14 +95,14 @@ def test_reset_clears_a_latched_alert_and_says_which(stage: Stage) -> None:
 def test_a_changed_bound_is_judged_by_at_once(stage: Stage) -> None:
     _, middleware = stage.alert_system(LATCHING)
     stage.publish("temperature", 75.0)
-    middleware.set_parameter("signals.temperature.warn_above", 70.0)
+    set_parameter(middleware, "signals.temperature.warn_above", 70.0)
     assert stage.log(Severity.WARN) == ["temperature WARN: 75 is above 70 (was OK for 0 s)"]
 
 
 def test_a_contradiction_is_refused_and_the_old_bounds_stay(stage: Stage) -> None:
     _, middleware = stage.alert_system(LATCHING)
     with pytest.raises(ConfigError, match=r"signals\.battery_level\.error_below: expected at most"):
-        middleware.set_parameter("signals.battery_level.error_below", 30.0)
+        set_parameter(middleware, "signals.battery_level.error_below", 30.0)
     stage.publish("battery_level", 25.0)
     assert stage.log(Severity.WARN, Severity.ERROR) == []
 
@@ -111,14 +112,14 @@ def test_a_change_of_one_signal_does_not_disturb_the_pending_duration_of_another
     _, middleware = stage.alert_system({"signals": signals})
     stage.publish("battery_level", 19.0)
     stage.bus.run_until(2.0)
-    middleware.set_parameter("signals.temperature.warn_above", 70.0)
+    set_parameter(middleware, "signals.temperature.warn_above", 70.0)
     stage.bus.run_until(3.0)
     assert stage.log(Severity.WARN) == ["battery_level WARN: 19 is below 20 (was OK for 3 s)"]
 
 
 def test_a_new_topic_is_followed_and_the_old_one_left(stage: Stage) -> None:
     _, middleware = stage.alert_system(LATCHING)
-    middleware.set_parameter("signals.temperature.topic", "motor_temperature")
+    set_parameter(middleware, "signals.temperature.topic", "motor_temperature")
     stage.publish("temperature", 90.0)
     assert stage.log(Severity.WARN) == []
     stage.publish("motor_temperature", 90.0)
@@ -128,7 +129,7 @@ def test_a_new_topic_is_followed_and_the_old_one_left(stage: Stage) -> None:
 def test_the_robots_name_can_only_be_given_at_the_start(stage: Stage) -> None:
     _, middleware = stage.alert_system(LATCHING)
     with pytest.raises(ConfigError, match="robot_name"):
-        middleware.set_parameter("robot_name", "robot2")
+        set_parameter(middleware, "robot_name", "robot2")
 
 
 def test_a_wrong_type_names_its_signal_and_nothing_stays_subscribed(stage: Stage) -> None:
@@ -150,8 +151,8 @@ def test_time_that_goes_back_is_one_info_line(stage: Stage) -> None:
 
 def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
     _, middleware = stage.alert_system(LATCHING)
-    assert middleware.set_parameter("signals.battery_level.warn_below", 25.0) == "battery_level.warn_below: 20 -> 25"
-    assert middleware.set_parameter("signals.battery_level.warn_below", 25.0) == "nothing changed"
+    assert set_parameter(middleware, "signals.battery_level.warn_below", 25.0) == "battery_level.warn_below: 20 -> 25"
+    assert set_parameter(middleware, "signals.battery_level.warn_below", 25.0) == "nothing changed"
     signals = {"battery_level": {"warn_below": 25.0, "latch": True}, "wheel": {"warn_above": 1.0}}
     changes = middleware.set_parameters({**LATCHING, "publish_rate": 2.0, "signals": signals})
     assert changes == "publish_rate: 1 -> 2; added wheel; removed temperature"
@@ -160,11 +161,11 @@ def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
 def test_a_change_of_a_default_signal_keeps_the_rest_of_it_and_the_other_default_signals() -> None:
     stage = Stage()
     alert_system, middleware = stage.alert_system({})
-    assert middleware.set_parameter("signals.battery_level.warn_below", 30.0) == "battery_level.warn_below: 20 -> 30"
+    assert set_parameter(middleware, "signals.battery_level.warn_below", 30.0) == "battery_level.warn_below: 20 -> 30"
     battery = alert_system.monitor.config.signals["battery_level"]
     assert (battery.warn_below, battery.error_below, battery.unit, battery.valid_max) == (30.0, 10.0, "%", 100.0)
     assert list(alert_system.monitor.config.signals) == ["battery_level", "temperature", "cpu_usage"]
-    assert middleware.set_parameter("signals.wheel.warn_above", 1.0) == "added wheel"
+    assert set_parameter(middleware, "signals.wheel.warn_above", 1.0) == "added wheel"
     with pytest.raises(ConfigError, match=r"signals\.battery_level: expected a mapping"):
         middleware.set_parameters({"signals": {"battery_level": 30.0}})
 
@@ -482,7 +483,7 @@ class TestSimulatedSensors:
         alert_system, middleware = stage.alert_system({"signals": signals})
         assert alert_system.is_simulated("low") and alert_system.is_simulated("rate")
         assert alert_system.is_simulated("low[7]")  # an element of an array
-        middleware.set_parameter("signals.low.topic", "real/level")
+        set_parameter(middleware, "signals.low.topic", "real/level")
         assert not alert_system.is_simulated("low") and alert_system.is_simulated("rate")
 
     def test_names_follow_namespaces_and_remapping(self, stage: Stage) -> None:
@@ -547,7 +548,7 @@ class TestUnavailableSensors:
     def test_a_change_of_parameters_keeps_it_unwatched(self, stage: Stage) -> None:
         _, middleware = stage.alert_system(LATCHING)
         self.list_sensors(stage, "battery_level")
-        assert middleware.set_parameter("signals.temperature.warn_above", 70.0) == "temperature.warn_above: 80 -> 70"
+        assert set_parameter(middleware, "signals.temperature.warn_above", 70.0) == "temperature.warn_above: 80 -> 70"
         stage.publish("temperature", 50.0)
         stage.bus.run_until(5.0)
         assert stage.log(Severity.WARN) == []
@@ -638,7 +639,7 @@ def test_a_history_that_raises_prevents_no_reset_and_no_change_of_thresholds() -
     alert_system.observe(Sample("battery_level", 50.0, 1.0))
     assert alert_system.reset() == "reset: battery_level"
     history.record_configuration = history.record  # type: ignore[method-assign,assignment]
-    assert node.set_parameter("signals.battery_level.warn_below", 60.0) == "battery_level.warn_below: 20 -> 60"
+    assert set_parameter(node, "signals.battery_level.warn_below", 60.0) == "battery_level.warn_below: 20 -> 60"
     alert_system.observe(Sample("battery_level", 50.0, 2.0))
     assert alert_system.monitor.report(2.0).statuses["battery_level"].level is Level.WARN
     assert {"storing the reset", "storing the configuration"} <= set(node.faults.current())
@@ -648,3 +649,45 @@ def test_what_is_watched_is_logged_with_unit_and_statistic(stage: Stage) -> None
     signals = {"camera": {"topic": "image", "field": "", "statistic": "frequency_hz", "warn_below": 27.0}}
     stage.alert_system({"signals": signals})
     assert "watching camera on image: frequency_hz WARN below 27 Hz" in stage.log(Severity.INFO)
+
+
+@pytest.mark.parametrize(
+    ("given", "defaults"),
+    [
+        ({}, True),
+        ({"robot_name": "atlas"}, True),
+        (BATTERY, False),
+        ({"alert_system": {"ros__parameters": BATTERY}}, False),
+        ({"robot1": {"alert_system": {"ros__parameters": BATTERY}}}, False),
+    ],
+    ids=["nothing", "a name", "parameters", "a whole file", "a file with a namespace"],
+)
+def test_only_a_node_without_signals_says_that_it_watches_the_default_ones(
+    stage: Stage, given: Mapping[str, Any], defaults: bool
+) -> None:
+    """`rosparam load thresholds.yaml /alert_system` gives the whole file."""
+    system, _ = stage.alert_system(given)
+    text = "no signals configured: watching battery_level, temperature, cpu_usage"
+    assert (text in stage.log(Severity.INFO)) is defaults
+    assert list(system.monitor.config.signals) == (
+        ["battery_level", "temperature", "cpu_usage"] if defaults else ["battery_level"]
+    )
+
+
+def test_a_tick_that_stops_alone_is_a_fault(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No pause of the process: its other timers go on."""
+    timers: List[Timer] = []
+    create_timer = LocalMiddleware.create_timer
+
+    def create(node: LocalMiddleware, *arguments: Any, **options: Any) -> Timer:
+        timers.append(create_timer(node, *arguments, **options))
+        return timers[-1]
+
+    monkeypatch.setattr(LocalMiddleware, "create_timer", create)
+    stage.alert_system(BATTERY)
+    stage.bus.run_until(2.0)
+    timers[0].cancel()  # the one that ticks
+    stage.bus.run_until(12.0)
+    assert [text for text in stage.log(Severity.WARN) if text.startswith("tick: ")] == [
+        "tick: 6.0 s late (period 1 s): overloaded or suspended"  # last tick at 2 s; looked at 8 s and 9 s
+    ]

@@ -7,6 +7,7 @@ from typing import Any, List, Mapping
 
 import pytest
 from harness.machine import Machine
+from harness.parameters import set_parameter
 from harness.stage import Stage, status, values_of
 
 from robot_health_monitor.core.errors import ConfigError
@@ -52,7 +53,7 @@ def test_another_rate_takes_effect_and_does_not_charge_the_battery(stage: Stage)
     levels = stage.listen("battery_level", "data")
     middleware = start(stage, {})
     stage.bus.run_until(3.0)
-    middleware.set_parameter("publish_rate", 2.0)
+    set_parameter(middleware, "publish_rate", 2.0)
     stage.bus.run_until(4.0)
     assert levels == [100.0, 99.0, 98.0, 97.5, 97.0]
 
@@ -181,17 +182,17 @@ def test_the_topics_of_simulated_values_are_listed_before_the_first_value_and_ev
 def test_values_that_are_no_longer_simulated_are_no_longer_listed(stage: Stage, machine: Machine) -> None:
     listed = stage.listen("simulated_sensors", "data")
     middleware = start(stage, {"temperature": {"source": "none"}, "cpu_usage": {"source": "none"}}, machine.paths)
-    middleware.set_parameter("battery_level.source", "host")
+    set_parameter(middleware, "battery_level.source", "host")
     assert listed == ["/battery_level", ""]
 
 
 def test_the_response_of_a_change_lists_what_changed(stage: Stage) -> None:
     middleware = start(stage, {})
-    assert middleware.set_parameter("temperature.mean", 50.0) == "temperature.mean: 60 -> 50"
-    assert middleware.set_parameter("temperature.mean", 50.0) == "nothing changed"
+    assert set_parameter(middleware, "temperature.mean", 50.0) == "temperature.mean: 60 -> 50"
+    assert set_parameter(middleware, "temperature.mean", 50.0) == "nothing changed"
     changes = middleware.set_parameters(
         {"temperature": {"mean": 50.0}, "host": {"memory": {"source": "memory_percent"}}, "publish_rate": 2.0}
     )
     assert changes == "publish_rate: 1 -> 2; added memory"
     with pytest.raises(ConfigError, match="robot_name"):
-        middleware.set_parameter("robot_name", "other")
+        set_parameter(middleware, "robot_name", "other")

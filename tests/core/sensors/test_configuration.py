@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Dict
 
 import pytest
+from harness.parameters import set_parameter
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
@@ -191,7 +192,7 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
     bus.run_until(5.0)
     assert heard == {"memory": 2, "disk": 3}
     with pytest.raises(ConfigError, match=r"^host\.disk\.path: expected printable text, got 5; quote it$"):
-        node.set_parameter("host.disk.path", 5)
+        set_parameter(node, "host.disk.path", 5)
     bus.run_until(6.0)
     assert heard == {"memory": 2, "disk": 4}
 

@@ -107,8 +107,7 @@ def test_targets_that_hang_delay_neither_the_history_nor_the_others(server: Http
             for number in range(50):
                 record(history, "WARN", f"s{number}")
             assert texts(server, 50) == [f"s{number} WARN" for number in range(50)]
-            waiting = notifier.waiting_by_target()
-            assert [waiting[f"stuck{number}"] for number in range(4)] == [50] * 4
+            assert [notifier._queue.waiting(f"stuck{number}") for number in range(4)] == [50] * 4
             assert notifier.waiting >= 200
             stuck.closing.set()  # the server closes the connections: the threads can end
 
@@ -347,7 +346,7 @@ def test_targets_are_replaced_while_it_runs_and_nothing_is_lost_or_sent_twice(se
         record(history, "WARN", signal="temperature")
         assert server.next().path == "/chat"
         wait_for(lambda: notifier.waiting == 0)
-        assert notifier.waiting_by_target() == {"chat": 0}
+        assert (list(notifier._deliveries), notifier.waiting) == (["chat"], 0)
 
 
 def test_the_fault_of_a_target_ends_when_it_is_removed() -> None:

@@ -44,7 +44,7 @@ class TestQueue:
                 await asyncio.sleep(0)
             assert sent == [0, 1, 2, 3, 4]
             assert threads != [threading.get_ident()]
-            assert (queue.waiting_bytes, queue.dropped) == (0, 0)
+            assert (queue._bytes, queue.dropped) == (0, 0)
 
         self.run(scenario, 10 * SIZE)
 
@@ -54,7 +54,7 @@ class TestQueue:
             busy = pool.submit(released.wait, 20.0)
             for number in range(100):
                 queue.put(message(number), ["client"])
-                assert queue.waiting_bytes <= 3.5 * SIZE
+                assert queue._bytes <= 3.5 * SIZE
                 await asyncio.sleep(0)
             released.set()
             await busy

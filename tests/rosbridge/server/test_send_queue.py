@@ -61,7 +61,7 @@ def test_a_frame_that_was_sent_in_part_is_completed() -> None:
     queue.put(b"12345")
     queue.put(b"67890")
     queue.put(b"last")
-    while queue.waiting_bytes:
+    while queue._bytes:
         transport.buffered = 0
         queue.flush()
     assert b"".join(transport.written) == b"a" * 11 + b"b" * 11 + b"67890last"
@@ -72,7 +72,7 @@ def test_the_bytes_that_wait_are_bounded_whatever_is_put() -> None:
     transport, queue = send_queue(1000, 100)
     for number in range(500):
         queue.put(b"x" * (7 * number % 450))
-        assert queue.waiting_bytes <= 1000 + 450 and transport.buffered <= 200
+        assert queue._bytes <= 1000 + 450 and transport.buffered <= 200
         transport.buffered //= 2
         queue.flush()
 
@@ -85,7 +85,7 @@ def test_a_cleared_queue_holds_nothing() -> None:
     transport.buffered = 0
     queue.flush()
     assert transport.written == []
-    assert queue.waiting_bytes == 0 and not queue.behind
+    assert queue._bytes == 0 and not queue.behind
 
 
 def test_flushing_stops_where_the_transport_is_full_again() -> None:
