@@ -74,13 +74,13 @@ class ChunkedFile(abc.ABC):
         try:
             with open(path, "rb") as file:
                 if file.read(len(self.MAGIC)) != self.MAGIC:
-                    raise RecordingError(f"{self.name}: expected {self.EXPECTED}")
+                    raise RecordingError(f"expected {self.EXPECTED}", file=self.name)
                 missing = self._read_index(file)
                 if missing is not None:
                     self._scan(file)
                     self.problem = self.problem or (missing and f"{self.name}: {missing}: read to its end")
         except OSError as error:
-            raise RecordingError(f"{self.name}: cannot be read: {error.strerror or error}") from None
+            raise RecordingError(f"cannot be read: {error.strerror or error}", file=self.name) from None
 
     @property
     def channels(self) -> List[Channel]:

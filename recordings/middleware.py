@@ -349,10 +349,10 @@ class Player:
             path = self._recordings.paths[number]
             if tally.undecodable:
                 topics = list_text(sorted({topic for topic, _ in self._undecodable}))
-                raise RecordingError(f"{path}: none of its messages on {topics} can be decoded")
+                raise RecordingError(f"none of its messages on {topics} can be decoded", file=path)
             problem = self._recordings.problem_without(number, self._readers)
             if problem:
-                raise RecordingError(problem)
+                raise RecordingError(problem, file=path)
 
     def _follow_clock(self) -> None:
         for channel in self._channels[CLOCK]:

@@ -59,7 +59,7 @@ class Recordings:
             for path in self.paths:
                 files = self._open(path)
                 if _span(files) is None:
-                    raise RecordingError(_nothing_readable(path, self.problems + _problems(files)))
+                    raise RecordingError(_nothing_readable(path, self.problems + _problems(files)), file=path)
                 self._recordings.append(files)
         except BaseException:
             self.close()
@@ -142,15 +142,15 @@ class Recordings:
         if os.path.isdir(path):
             return self._open_folder(path)
         if not os.path.exists(path):
-            raise RecordingError(f"{path}: no such file")
+            raise RecordingError("no such file", file=path)
         if not os.path.isfile(path):
-            raise RecordingError(f"{path}: is not a file; {_EXPECTED}")
+            raise RecordingError(f"is not a file; {_EXPECTED}", file=path)
         return [_unpacked(self._open_file(path))]
 
     def _open_file(self, name: str) -> RecordedFile:
         kind = name[: -len(".zstd")] if name.endswith(".zstd") else name
         if not kind.endswith((".bag", ".bag.active", ".mcap", ".mcap.active", ".db3")):
-            raise RecordingError(f"{name}: {_EXPECTED}")
+            raise RecordingError(_EXPECTED, file=name)
         path = name if kind == name else self._unpack_file(name)
         if kind.endswith((".bag", ".bag.active")):
             return Ros1Bag(path, name)
@@ -166,7 +166,7 @@ class Recordings:
         try:
             files = os.listdir(path)
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+            raise RecordingError(f"cannot be read: {error.strerror or error}", file=path) from None
         recorded = [name for name in files if re.search(r"\.(mcap|db3)(\.zstd)?\Z", name)]
         present = sorted((name for name in recorded if os.path.isfile(os.path.join(path, name))), key=_natural)
         if isinstance(names, list) and names:
@@ -176,11 +176,11 @@ class Recordings:
                     self._notes.append(f"{os.path.join(path, name)}: cannot be found: left out")
             present = [name for name in listed if name in present] or present
         if not present:
-            raise RecordingError(f"{path}: has no .mcap or .db3 file; {_EXPECTED}")
+            raise RecordingError(f"has no .mcap or .db3 file; {_EXPECTED}", file=path)
         mode = str(metadata.get("compression_mode") or "").lower()
         compression = str(metadata.get("compression_format") or "").lower()
         if mode in ("file", "message") and compression != "zstd":
-            raise RecordingError(f"{path}: expected compression zstd, got {compression[:40]!r}")
+            raise RecordingError(f"expected compression zstd, got {compression[:40]!r}", file=path)
         opened = [self._open_file(os.path.join(path, name)) for name in present]
         if not metadata:
             return list(map(_unpacked, opened))
@@ -231,7 +231,7 @@ class Recordings:
                         break
         except (OSError, zstandard.ZstdError) as error:
             if not os.path.isfile(unpacked):
-                raise RecordingError(f"{path}: cannot be read: {error}") from None
+                raise RecordingError(f"cannot be read: {error}", file=path) from None
             self._notes.append(f"{path}: damaged ({error}): read as far as possible")
         return unpacked
 
@@ -291,10 +291,10 @@ def _problems(files: Sequence[RecordedFile]) -> List[str]:
 
 
 def _nothing_readable(path: str, problems: Sequence[str]) -> str:
-    """Returns the text of an error: no message of a recording can be read, because of the first problem with it."""
+    """Returns the problem of a recording without messages that can be read, with the first reason for it."""
     of_path = [problem[len(path) :].lstrip("/") for problem in problems if problem.startswith(path)]
     reason = f": {of_path[0].lstrip(': ')}" if of_path else ""
-    return f"{path}: has no message that can be read{reason}"
+    return f"has no message that can be read{reason}"
 
 
 def _merged(streams: Sequence[Tuple[int, Iterator[RawMessage[Target]]]]) -> Iterator[RawMessage[Target]]:

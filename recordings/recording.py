@@ -10,6 +10,7 @@ import contextlib
 from operator import itemgetter
 from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.middleware import canonical_type
 
 LARGEST = 64 << 20
@@ -20,15 +21,15 @@ _LONGEST_NAME = 500
 """Characters of a topic or a type; ROS 2 allows 255."""
 
 
-class Damaged(Exception):
+class Damaged(MessageError):
     """A part of a file that cannot be read. `str()` says why."""
 
 
-class RecordingError(Exception):
+class RecordingError(ConfigError):
     """A recording that cannot be read at all. `str()` is one line: which file, what is wrong, what is expected."""
 
 
-class MissingLibraryError(RecordingError):
+class MissingLibraryError(ServiceError):
     """A library that reads recordings is not installed. `str()` names the command that installs it."""
 
 

@@ -65,11 +65,11 @@ class SqliteFile:
             with open(path, "rb") as file:
                 header = file.read(100)
             if not header.startswith(_MAGIC):
-                raise RecordingError(f"{self.name}: expected an SQLite file")
+                raise RecordingError("expected an SQLite file", file=self.name)
             self._missing = self._missing_bytes(header.ljust(100, b"\0"))
             database = self._open()
         except OSError as error:
-            raise RecordingError(f"{self.name}: cannot be read: {error.strerror or error}") from None
+            raise RecordingError(f"cannot be read: {error.strerror or error}", file=self.name) from None
         try:
             _check_tables(database)
             self._channels = _read_channels(database)
@@ -81,11 +81,10 @@ class SqliteFile:
             except (*_DAMAGE, TypeError):
                 self._scan(database)
         except _DAMAGE as error:
-            raise RecordingError(
-                f"{self.problem}, but nothing can be read"
-                if self._missing
-                else f"{self.name}: cannot be read as a recording of rosbag2: {error}"
-            ) from None
+            problem = f"cannot be read as a recording of rosbag2: {error}"
+            if self._missing:
+                problem = f"{self.problem[len(self.name) + 2 :]}, but nothing can be read"
+            raise RecordingError(problem, file=self.name) from None
         finally:
             database.close()
 
@@ -203,7 +202,7 @@ class SqliteFile:
             database.execute("PRAGMA writable_schema=ON")  # otherwise SQLite refuses a file that was cut off
             return database
         except sqlite3.Error as error:
-            raise RecordingError(f"{self.name}: cannot be opened: {error}") from None
+            raise RecordingError(f"cannot be opened: {error}", file=self.name) from None
 
     def _scan(self, database: sqlite3.Connection) -> None:
         """Finds the time span of a file that is damaged, as far as it can be read."""
@@ -235,7 +234,7 @@ def _has_journal(path: str) -> bool:
     journals = [path + ending for ending in ("-wal", "-journal") if os.path.exists(path + ending)]
     for journal in journals:
         if not os.path.isfile(journal):
-            raise RecordingError(f"{journal}: is not a file")
+            raise RecordingError("is not a file", file=journal)
     return bool(journals)
 
 

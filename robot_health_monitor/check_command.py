@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import difflib
 import re
 import sys
@@ -24,7 +25,10 @@ from robot_health_monitor.core.middleware import Middleware, split_type_name
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.configuration import SECTIONS, OpsConfig, read_ops
+from robot_health_monitor.runtime.interrupts import Interrupts
 
+from .arguments import Parser
+from .exit_codes import ExitCode
 from .fleet_configuration import is_fleet_file, read_entries
 from .message_types import check_field, known_definitions
 
@@ -39,6 +43,17 @@ _ALIKE = 0.8
 """Similarity (difflib) from which a name counts as misspelt; battery_sensor and temperature_sensor differ."""
 
 _TOPIC = re.compile(r"(~/?|/)?[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = "Checks configuration files as the nodes do, and reports mistakes with file, line and key."
+    parser.add_argument("files", metavar="FILE", nargs="+", help="a thresholds.yaml, ops.yaml or fleet.yaml")
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Checks the files; returns the exit code."""
+    return ExitCode.SUCCESS if check(arguments.files) else ExitCode.USAGE
 
 
 def check(files: Sequence[str]) -> bool:

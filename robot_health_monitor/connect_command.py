@@ -6,7 +6,7 @@ import argparse
 import time
 from contextlib import asynccontextmanager
 from functools import partial
-from typing import AsyncIterator, Awaitable, Optional, Sequence
+from typing import TYPE_CHECKING, AsyncIterator, Awaitable, Optional, Sequence
 
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
@@ -14,9 +14,9 @@ from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.interrupts import Interrupts
 from robot_health_monitor.runtime.tokens import TokenFiles
 
-from .fleet import Fleet
+from .arguments import Parser, add_monitoring_options, add_namespace, add_token_file, port
+from .exit_codes import ExitCode
 from .fleet_configuration import FleetReader, Options, read_addresses
-from .fleet_robot import Robot
 from .installed_files import find_installed
 from .live_session import run_session
 from .operations import Operations, open_operations
@@ -26,16 +26,64 @@ from .output.events import Events
 from .reloading import Reloads
 from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
 
+if TYPE_CHECKING:
+    from .fleet import Fleet
+    from .fleet_robot import Robot
 
-def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Monitors robots through their rosbridge servers. A link that is down is one alert, and is "
+        "re-established automatically; meanwhile the robot's signals raise no alerts. Nothing is published on the "
+        "robots. SIGHUP reads the configuration, ops.yaml and the tokens again and changes only what differs."
+    )
+    parser.add_argument(
+        "urls",
+        metavar="URL",
+        nargs="*",
+        help="host:port, ws://host:port, wss://host:port, or NAME=host:port to name the robot",
+    )
+    parser.add_argument(
+        "--fleet",
+        metavar="FILE",
+        default="",
+        help="a fleet.yaml with further robots; --thresholds, --namespace, --robot-token-file and --ca apply where "
+        "it names none",
+    )
+    add_namespace(parser, "namespace of the robots' topics")
+    add_token_file(parser, "--robot-token-file", "to present to the robots' servers")
+    parser.add_argument("--token-file", dest="old_token_file", metavar="FILE", default="", help=argparse.SUPPRESS)
+    parser.add_argument("--ca", metavar="FILE", default="", help="certificate authorities to trust, for wss://")
+    parser.add_argument(
+        "--port",
+        type=port,
+        help="serve alerts and /diagnostics of all robots to rosbridge clients on this port; 0 picks a free one "
+        "(default: no server)",
+    )
+    parser.add_argument("--host", metavar="ADDRESS", default="", help="address of that server (default: 127.0.0.1)")
+    add_monitoring_options(parser)
+    parser.check = _check
+
+
+def _check(arguments: argparse.Namespace) -> str:
+    if arguments.robot_token_file and arguments.old_token_file:
+        return "argument --token-file: not allowed with argument --robot-token-file"
+    return "" if arguments.urls or arguments.fleet else "expected the URL of a robot, or --fleet FILE"
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Watches robots until an interrupt, or for `--duration`. SIGHUP reloads their configuration.
 
     Returns:
-        Whether the duration has passed and there were alerts.
+        The exit code: whether the duration has passed and there were alerts.
 
     Raises:
         ConfigError: an address or a file cannot be used; or, at the end of the duration, a robot refuses this client.
     """
+    interrupts.take_hangups()
+    from .fleet import Fleet
+
     addresses = read_addresses(arguments.urls)
     output = choose_output(arguments.json, name_robots=len(addresses) > 1 or bool(arguments.fleet))
     options = Options(
@@ -81,7 +129,7 @@ def connect(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
         alerts_found = run_session(fleet, work(), events, output, interrupts, reloads, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()
-    return alerts_found
+    return ExitCode.ALERTS if alerts_found else ExitCode.SUCCESS
 
 
 def server_settings(

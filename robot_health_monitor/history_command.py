@@ -7,6 +7,7 @@ import csv
 import json
 import math
 import os
+import re
 import shutil
 import sqlite3
 import sys
@@ -25,8 +26,11 @@ from robot_health_monitor.ops.history.rows import StoredTransition
 from robot_health_monitor.ops.history.summary import SignalSummary, summarize
 from robot_health_monitor.ops.matchers import matchers_text
 from robot_health_monitor.ops.silences import SilenceEvent, silence_events
+from robot_health_monitor.runtime.interrupts import Interrupts
 
-from .history_file import history_file
+from .arguments import Parser, identifier
+from .exit_codes import ExitCode
+from .history_file import DEFAULT_FILE, history_file, iso_time
 from .text_plot import text_plot
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
@@ -41,6 +45,73 @@ AnyEvent = TypeVar("AnyEvent", bound=Event)
 _SUMMARY_HEAD = ("robot", "signal", *(level.name for level in _LEVELS), "unknown", "alerts", "longest outage")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _PLOT_COLUMNS = 100
+_UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Shows the alerts in a history file, with starts and stops of the monitor, resets and changes of "
+        "the configuration. The monitor may be running."
+    )
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        help=f"the history (default: that of --ops, else {DEFAULT_FILE})",
+    )
+    parser.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+    parser.add_argument(
+        "--since",
+        dest="since_s",
+        metavar="TIME",
+        type=_moment,
+        help="only what is newer: 90s, 1h30m, 24h, 7d, or a local time such as 2026-11-22T08:00",
+    )
+    parser.add_argument("--robot", metavar="R", help="only this robot; * and ? as in file names")
+    parser.add_argument("--signal", metavar="S", help="only this signal; * and ? as in file names")
+    parser.add_argument(
+        "--level", metavar="L", type=_level, help="only transitions to this level: OK, WARN, ERROR or STALE"
+    )
+    content = parser.add_mutually_exclusive_group()
+    content.add_argument(
+        "--summary",
+        action="store_true",
+        help="per signal: share of time per level, alerts, longest time not OK",
+    )
+    content.add_argument("--alert", metavar="ID", type=_number, help="one transition, with a plot of its samples")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="one JSON object per line")
+    form.add_argument("--csv", action="store_true", help="comma-separated values")
+
+
+def _moment(text: str) -> float:
+    """Returns a time in s since 1970: so long ago, or a date and time by ISO 8601."""
+    parts = re.findall(r"(\d{1,9}(?:\.\d{1,9})?)(min|[smhdw])", text, re.ASCII)
+    if parts and "".join(number + unit for number, unit in parts) == text:
+        return time.time() - sum(float(number) * _UNITS_S[unit] for number, unit in parts)
+    try:
+        return datetime.fromisoformat(text).timestamp()
+    except (ValueError, OverflowError, OSError):
+        raise argparse.ArgumentTypeError(
+            f"expected a duration such as 24h or a time such as 2026-11-22T08:00, got {text!r}"
+        ) from None
+
+
+def _level(text: str) -> str:
+    if text.upper() not in Level.__members__:
+        raise argparse.ArgumentTypeError(f"expected OK, WARN, ERROR or STALE, got {text!r}")
+    return text.upper()
+
+
+def _number(text: str) -> int:
+    return identifier(text[text.startswith("#") :], "the number of a transition")
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Prints what a history file contains; returns the exit code."""
+    show_history(arguments)
+    return ExitCode.SUCCESS
 
 
 def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None) -> None:
@@ -77,14 +148,6 @@ def time_text(wall_s: float) -> str:
         return datetime.fromtimestamp(wall_s, timezone.utc).astimezone().strftime("%Y-%m-%d %H:%M:%S %z")
     except (OverflowError, ValueError, OSError):
         return f"{wall_s:.0f} s"
-
-
-def iso_time(wall_s: float) -> str:
-    """Returns a wall time in UTC, by ISO 8601."""
-    try:
-        return datetime.fromtimestamp(wall_s, timezone.utc).isoformat(timespec="milliseconds")
-    except (OverflowError, ValueError, OSError):
-        return ""
 
 
 def _show_transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:

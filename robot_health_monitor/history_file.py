@@ -1,8 +1,9 @@
-"""Which history file a command means."""
+"""Which history file a command means, and how commands write its times in JSON and CSV."""
 
 from __future__ import annotations
 
 import os
+from datetime import datetime, timezone
 from typing import Optional
 
 from robot_health_monitor.core.errors import ConfigError
@@ -35,3 +36,11 @@ def history_file(file: Optional[str], ops: Optional[str]) -> str:
     if history is None:
         raise ConfigError("expected a section history, got none", file=ops)
     return history.file
+
+
+def iso_time(wall_s: float) -> str:
+    """Returns a wall time in UTC, by ISO 8601."""
+    try:
+        return datetime.fromtimestamp(wall_s, timezone.utc).isoformat(timespec="milliseconds")
+    except (OverflowError, ValueError, OSError):
+        return ""

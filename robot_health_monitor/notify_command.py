@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import math
 import sys
 import threading
 from typing import Dict, Iterator, Optional, Sequence
@@ -12,9 +14,42 @@ from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import TargetSettings, read_ops
 from robot_health_monitor.ops.notifications.trial import ALERTMANAGER_HOLD_S, Trial, try_target
+from robot_health_monitor.runtime.interrupts import Interrupts
+
+from .arguments import Parser, duration, number_or_nan
+from .exit_codes import ExitCode
 
 _FURTHER_S = 30.0
 """How long a target may take beyond its timeouts, for instance to resolve a host name, in s."""
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Sends a test alert to every target of an ops.yaml, then resolves it, and reports each response. "
+        "Ends with code 3 if a target failed."
+    )
+    parser.add_argument("file", metavar="FILE", help="an ops.yaml")
+    parser.add_argument(
+        "--hold",
+        metavar="TIME",
+        type=_hold,
+        help="how long the test alert stays, such as 90s or 0 (default: 60s at alertmanager, which notifies after its "
+        "group_wait, and 0 at all other targets)",
+    )
+
+
+def _hold(text: str) -> float:
+    number = number_or_nan(text)  # 0, and seconds without their unit
+    hold_s = duration(text) if math.isnan(number) else number
+    if not 0.0 <= hold_s <= 86_400.0:
+        raise argparse.ArgumentTypeError(f"expected a duration of at most a day, such as 90s, got {text!r}")
+    return hold_s
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Sends the test notifications; returns the exit code."""
+    return ExitCode.SUCCESS if notify(arguments.file, arguments.hold) else ExitCode.FAILED
 
 
 def notify(file: str, hold_s: Optional[float] = None) -> bool:

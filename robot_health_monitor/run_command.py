@@ -14,7 +14,9 @@ from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.interrupts import Interrupts
 from robot_health_monitor.runtime.tokens import TokenFiles
 
+from .arguments import Parser, add_monitoring_options, add_token_file, port
 from .embedded import EmbeddedMonitor, sections_of_nodes
+from .exit_codes import ExitCode
 from .installed_files import find_installed
 from .live_session import run_session
 from .operations import configured_ops, open_operations
@@ -25,15 +27,54 @@ from .reloading import Reloads
 from .serving import ServerSettings, serve, server_settings, stop_serving
 
 
-def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Runs battery_sensor, aggregator and alert_system in one process, without ROS, and serves them to "
+        "rosbridge clients. Shows a live table on a terminal and plain lines in a pipe."
+    )
+    parser.add_argument("--robot", metavar="NAME", default="", help="name of the robot (default: the host name)")
+    parser.add_argument(
+        "--source",
+        choices=("simulated", "host", "none"),
+        default="",
+        help="source of the metrics: simulated, this machine, or none, if clients publish them "
+        "(default: as configured)",
+    )
+    parser.add_argument(
+        "--port", type=port, help="port of the rosbridge server; 0 picks a free one (default: as configured, or 9090)"
+    )
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        default="",
+        help="address of the rosbridge server (default: as configured, or 127.0.0.1); any other one requires a token",
+    )
+    add_token_file(parser, "--token-file", "that clients must present")
+    parser.add_argument(
+        "--origin", action="append", default=[], metavar="URL", help="web page that may connect (repeatable)"
+    )
+    for verb, noun in (("publish", "publish on topics"), ("call", "call services"), ("offer", "offer services")):
+        parser.add_argument(
+            f"--allow-{verb}",
+            action="append",
+            default=[],
+            metavar="PATTERN",
+            help=f"clients may {noun} that match; * and ? as in file names (repeatable; default: none)",
+        )
+    add_monitoring_options(parser)
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Runs the monitor until an interrupt, or for `--duration`.
 
     Returns:
-        Whether the duration has passed and there were alerts.
+        The exit code: whether the duration has passed and there were alerts.
 
     Raises:
         ConfigError: the configuration, the token file or the requested port cannot be used.
     """
+    interrupts.take_hangups()
     file = arguments.thresholds or find_installed("config/thresholds.yaml")
     output = choose_output(arguments.json)
     thresholds = read_yaml(file) if file else None
@@ -73,4 +114,5 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> bool:
                 if server is not None:
                     await stop_serving(server)
 
-        return run_session(monitor, work(), events, output, interrupts, reloads, arguments.duration)
+        alerts_found = run_session(monitor, work(), events, output, interrupts, reloads, arguments.duration)
+    return ExitCode.ALERTS if alerts_found else ExitCode.SUCCESS

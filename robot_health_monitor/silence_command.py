@@ -29,9 +29,11 @@ from robot_health_monitor.ops.silences import (
     silenced_transitions,
     time_text,
 )
+from robot_health_monitor.runtime.interrupts import Interrupts
 
-from .history_command import iso_time
-from .history_file import history_file
+from .arguments import Parser, duration, identifier
+from .exit_codes import ExitCode
+from .history_file import DEFAULT_FILE, history_file, iso_time
 
 Result = TypeVar("Result")
 
@@ -41,6 +43,68 @@ _SHOWN_S = 86_400.0
 """How long ago a silence may have ended to be listed without --all."""
 _MOST_NAMED = 5
 _HEAD = ("id", "state", "open", "alerts", "matchers", "reason", "author")
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Silences suppress notifications only: silenced alerts stay visible, marked as silenced. They are "
+        "stored in the history file, where a running monitor finds them within about a second."
+    )
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True, parser_class=Parser)
+    add = actions.add_parser(
+        "add",
+        help="add a silence",
+        description="Adds a silence. With --for and --until-resolved it ends with whichever comes first.",
+    )
+    add.add_argument(
+        "matchers",
+        metavar="MATCHERS",
+        help="which alerts, such as robot=r3,signal=battery*; labels robot and signal; = and !=; * and ? as in file "
+        "names",
+    )
+    add.add_argument("--for", dest="for_s", metavar="TIME", type=duration, help="how long: 30m, 1h30m, 7d")
+    add.add_argument(
+        "--until-resolved",
+        action="store_true",
+        help="acknowledge: only the alerts that are open now, each until it resolves",
+    )
+    add.check = _check_end
+    lists = actions.add_parser(
+        "list",
+        help="list silences, and how many alerts each silences",
+        description="Lists the active silences and those that ended within a day. `open`: alerts that it silences now; "
+        "`alerts`: changes to WARN, ERROR or STALE that it has silenced.",
+    )
+    lists.add_argument("--all", action="store_true", help="also those that ended earlier")
+    lists.add_argument("--json", action="store_true", help="one JSON object per silence")
+    expire = actions.add_parser("expire", help="end silences now", description="Ends silences now.")
+    expire.add_argument("ids", metavar="ID", type=_silence_id, nargs="+", help="as shown by `list`")
+    for change, why in ((add, "why; shown with the alerts"), (expire, "why; shown in the history")):
+        change.add_argument("--reason", metavar="TEXT", default="", help=why)
+        change.add_argument("--author", metavar="NAME", help="who (default: the login name)")
+    for action in (add, lists, expire):
+        action.add_argument(
+            "--history",
+            metavar="FILE",
+            help=f"the history file (default: that of --ops, else {DEFAULT_FILE})",
+        )
+        action.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+
+
+def _check_end(arguments: argparse.Namespace) -> str:
+    is_ended = arguments.for_s is not None or arguments.until_resolved
+    return "" if is_ended else "expected --for TIME or --until-resolved, got neither"
+
+
+def _silence_id(text: str) -> int:
+    return identifier(text, "the id of a silence")
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Adds, lists or expires silences; returns the exit code."""
+    silence(arguments)
+    return ExitCode.SUCCESS
 
 
 def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:

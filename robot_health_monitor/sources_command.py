@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import shutil
 import sys
@@ -12,6 +13,10 @@ from robot_health_monitor.core.formatting import number_text, printable, with_un
 from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostSource
 from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError, Source
 from robot_health_monitor.core.sensors.sysfs import HOST_PATHS, HostPaths
+from robot_health_monitor.runtime.interrupts import Interrupts
+
+from .arguments import Parser
+from .exit_codes import ExitCode
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
@@ -39,6 +44,21 @@ class SourceReading(NamedTuple):
     def value_text(self) -> str:
         """The value with its unit; a dash if it is not available."""
         return "-" if self.value is None else with_unit(number_text(self.value), HOST_SOURCES[self.kind].unit)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Adds the arguments of the command."""
+    parser.description = (
+        "Lists every source for the section `host` of battery_sensor: its configuration, its present "
+        "value, or why it is not available. Shows a table on a terminal and plain lines in a pipe."
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object per source")
+
+
+def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Lists the sources; returns the exit code."""
+    show_sources(arguments.json)
+    return ExitCode.SUCCESS
 
 
 def show_sources(as_json: bool, stream: Optional[TextIO] = None, paths: HostPaths = HOST_PATHS) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 from typing import Optional, Protocol, Sequence
 
+from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.nodes import AlertSystem
 
 from .events import Entry
 
 
-class OutputError(Exception):
+class OutputError(ServiceError):
     """The output could not be written completely. `str()` says why."""
 
 

@@ -1,105 +1,52 @@
-"""The arguments of `robot-health`: what is accepted, and the one line for what is not."""
+"""The types of arguments that several commands share."""
 
 from __future__ import annotations
 
-from typing import List
+import argparse
+import math
 
 import pytest
 
-from robot_health_monitor.arguments import parse
-from robot_health_monitor.core.version import package_version
+from robot_health_monitor.arguments import duration, identifier, namespace, number_or_nan, port, seconds
 
 
-def test_run_watches_with_defaults() -> None:
-    arguments = parse(["run"])
-    assert (arguments.command, arguments.json, arguments.duration) == ("run", False, None)
-    assert (arguments.thresholds, arguments.port, arguments.log_level) == (None, None, "INFO")
+@pytest.mark.parametrize(("text", "number"), [("0", 0), ("9090", 9090), ("65535", 65535)])
+def test_ports_are_whole_numbers_of_16_bits(text: str, number: int) -> None:
+    assert port(text) == number
 
 
-def test_levels_of_the_log_are_accepted_in_lower_case() -> None:
-    assert parse(["run", "--log-level", "debug"]).log_level == "DEBUG"
+@pytest.mark.parametrize("text", ["", "-1", "65536", "1e3", "\u0664", "000080"])
+def test_other_texts_are_no_ports(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="expected a whole number from 0 to 65535"):
+        port(text)
 
 
-@pytest.mark.parametrize(("text", "ago_s"), [("90s", 90.0), ("1h30m", 5400.0), ("1.5h", 5400.0), ("2w1d", 1_296_000.0)])
-def test_times_may_be_durations(text: str, ago_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("time.time", lambda: 2e9)
-    assert parse(["history", "--since", text]).since_s == 2e9 - ago_s
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "1e9", "soon", ""])
+def test_a_number_of_seconds_is_above_0_and_finite(text: str) -> None:
+    assert seconds("0.5") == 0.5
+    with pytest.raises(argparse.ArgumentTypeError, match="expected a number of seconds above 0"):
+        seconds(text)
 
 
-def test_options_may_be_repeated_where_they_are_lists() -> None:
-    arguments = parse(["run", "--allow-publish", "/cmd_*", "--allow-publish", "/goal"])
-    assert arguments.allow_publish == ["/cmd_*", "/goal"]
+def test_a_number_is_read_and_everything_else_is_nan() -> None:
+    assert number_or_nan("1e3") == 1000.0
+    assert math.isnan(number_or_nan("1h"))
 
 
-def test_connect_takes_several_addresses() -> None:
-    assert parse(["connect", "ws://a:1", "b=ws://b:2"]).urls == ["ws://a:1", "b=ws://b:2"]
+@pytest.mark.parametrize("text", ["", "x", "-1", "1.0", "1" * 19, "\u00b2"])
+def test_an_identifier_is_a_whole_number(text: str) -> None:
+    assert identifier("17", "the id of a silence") == 17
+    with pytest.raises(argparse.ArgumentTypeError, match="expected the id of a silence, got"):
+        identifier(text, "the id of a silence")
 
 
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [
-        (["run", "--port", "70000"], "--port"),
-        (["run", "--port", "-1"], "--port"),
-        (["run", "--duration", "0"], "--duration"),
-        (["run", "--duration", "nan"], "--duration"),
-        (["run", "--source", "imagined"], "--source"),
-        (["run", "--jso"], "robot-health run: unrecognized arguments: --jso; see robot-health run --help"),
-        (["silence", "list", "--jso"], "robot-health silence list: unrecognized arguments: --jso; see"),
-        (["connect"], "robot-health connect: expected the URL of a robot, or --fleet FILE; see robot-health connect"),
-        (["connect", "ws://a:1", "--namespace", "a b"], "such as carter or fleet/carter, got 'a b'"),
-        (["connect", "a:1", "--robot-token-file", "t", "--token-file", "t"], "argument --token-file: not allowed with"),
-        (["replay", "x.bag", "--namespace", "7up"], "--namespace"),
-        (["history", "--summary", "--alert", "1"], "--alert: not allowed with argument --summary"),
-        (["silence", "add", "robot=r3"], "robot-health silence add: expected --for TIME or --until-resolved"),
-        (["check"], "FILE"),
-        (["fly"], "fly"),
-    ],
-)
-def test_wrong_usage_is_one_line_and_code_2(words: List[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        parse(words)
-    written = capsys.readouterr().err
-    assert end.value.code == 2
-    assert line in written and written.count("\n") == 1
-    assert "--help" in written
+def test_a_duration_has_units() -> None:
+    assert duration("1h30m") == 5400.0
+    with pytest.raises(argparse.ArgumentTypeError, match="expected a duration such as"):
+        duration("90")
 
 
-@pytest.mark.parametrize(("command", "option"), [("run", "--token-file"), ("connect", "--robot-token-file")])
-def test_a_token_is_refused_without_being_repeated(
-    command: str, option: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        parse([command, "--token", "secret-7"])
-    written = capsys.readouterr().err
-    assert end.value.code == 2
-    assert f"use {option} or ROBOT_HEALTH_TOKEN" in written and "secret-7" not in written
-
-
-def test_control_characters_of_an_argument_are_not_written(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        parse(["run", "--source", "\x1b[2Jcleared\nforged"])
-    written = capsys.readouterr().err
-    assert "\x1b" not in written and written.count("\n") == 1
-
-
-def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        parse(["--version"])
-    assert end.value.code in (0, None)
-    assert capsys.readouterr().out == f"robot-health {package_version()}\n"
-
-
-@pytest.mark.parametrize("command", ["run", "connect", "check", "sources"])
-def test_every_command_has_a_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        parse([command, "--help"])
-    assert end.value.code in (0, None)
-    assert capsys.readouterr().out.startswith(f"usage: robot-health {command}")
-
-
-def test_no_argument_at_all_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        parse([])
-    assert end.value.code == 0
-    shown = capsys.readouterr().out
-    assert shown.startswith("usage: robot-health ") and "connect" in shown and "replay" in shown
+def test_a_namespace_has_words_and_slashes() -> None:
+    assert namespace("fleet/carter") == "fleet/carter"
+    with pytest.raises(argparse.ArgumentTypeError, match="expected a namespace such as carter"):
+        namespace("a b")

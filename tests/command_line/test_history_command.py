@@ -20,7 +20,8 @@ from harness.histories import opened, transition
 
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.core import Level
-from robot_health_monitor.history_command import iso_time, time_text
+from robot_health_monitor.history_command import time_text
+from robot_health_monitor.history_file import iso_time
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.silences import add_silence, expire_silence, parse_matchers, resolve_alert

@@ -1,0 +1,315 @@
+"""Judges recordings, and shows the alerts that they would have raised. `replay_command.py` calls it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+from robot_health_monitor.core.errors import ConfigError, Path
+from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
+from robot_health_monitor.core.local import LogLine
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.signal_config import SignalConfig
+from robot_health_monitor.core.version import package_version
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.ops.report import MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render
+from robot_health_monitor.recordings.differences import Differences
+from robot_health_monitor.recordings.judging import Judge, JudgedEvent, SignalSummary
+from robot_health_monitor.recordings.middleware import Player
+from robot_health_monitor.recordings.reading import Recordings
+
+from .embedded import sections_of_nodes
+from .installed_files import find_installed
+from .replay_output import ReplayOutput
+from .replay_table import header, row, sentence, worst_first
+from .report_file import ReportFile
+
+_LEAST_SEVERITY = {"warn": Level.WARN.severity, "error": Level.ERROR.severity}
+
+
+def replay(arguments: argparse.Namespace) -> bool:
+    """Judges recordings, and shows the alerts.
+
+    Returns:
+        Whether there were alerts to fail on (with `--against`: whether the alerts differ), or a signal was not judged.
+
+    Raises:
+        ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
+        RecordingError: a recording cannot be read.
+        OutputError: the report cannot be written.
+    """
+    configurations = _configurations(arguments)
+    report = None
+    if arguments.report:
+        inputs = [*arguments.recordings, *(each.file.file for each in configurations if each.file is not None)]
+        report = ReportFile(arguments.report, inputs, arguments.force)
+    with Recordings(arguments.recordings) as recordings:
+        return _Replay(arguments, configurations, recordings, report).run()
+
+
+class _Configuration(NamedTuple):
+    """One thresholds file."""
+
+    name: str
+    file: Optional[YamlFile]
+    path: Path
+    parameters: Mapping[str, Any]
+
+    def locate(self, error: ConfigError) -> ConfigError:
+        """Returns an error of the node with file and line."""
+        located = [ConfigError(each.problem, (*self.path, *each.path), each.file, each.line) for each in error.all]
+        first, *others = located
+        first.others = tuple(others)
+        return first if self.file is None else self.file.locate(first)
+
+
+class _Replay:
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        configurations: List[_Configuration],
+        recordings: Recordings,
+        report_file: Optional[ReportFile],
+    ) -> None:
+        self._arguments = arguments
+        self._report_file = report_file
+        self._several = len(configurations) > 1
+        self._configurations = configurations
+        self._recordings = recordings
+        self._check_span()
+        self._output = ReplayOutput(arguments.json)
+        self._player = Player(
+            recordings,
+            namespace=arguments.namespace,
+            from_s=arguments.from_s,
+            to_s=arguments.to_s,
+            use_sim_time=arguments.use_sim_time or configurations[0].parameters.get("use_sim_time") is True,
+            on_log=self._on_log,
+        )
+        self._start_s = self._player.wall_s
+        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
+        self._shown: List[ReportedAlert] = []
+        self._transitions = 0
+        self._alerts = 0
+        self._worst = 0
+        self._error: Optional[OSError] = None
+        names = [configuration.name for configuration in configurations]
+        self._differences = Differences(names, self._show) if self._several else None
+        self._judge = Judge(self._player, self._on_event, self._plot if report_file else None)
+        self._player.on_gap.append(self._on_gap)
+        for configuration in configurations:
+            try:
+                self._judge.add(configuration.name, configuration.parameters)
+            except ConfigError as error:
+                raise configuration.locate(error) from None
+        self._require_recorded()
+        self._prepare_plots()
+
+    def run(self) -> bool:
+        with self._output as output:
+            self._judge.run(self._on_progress)
+            if self._differences is not None:
+                self._differences.flush()
+            self._raise_error()
+        self._require_judged()
+        summaries = self._summaries()
+        missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
+        problems = self._player.problems
+        if missing:
+            reasons = ", ".join(f"{name} ({reason})" for name, reason in missing.items())
+            problems.append(f"not judged: {reasons}")
+        for problem in problems:
+            output.warn(f"WARN: {problem}")
+        head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
+        verdict = self._verdict() + (f"; {count_text(len(missing), 'signal')} not judged" if missing else "")
+        output.table(head, rows, verdict)
+        if self._report_file is not None:
+            self._write_report(self._report_file, summaries, verdict, problems)
+        if self._arguments.fail_on == "never":
+            return False
+        if missing and not self._arguments.allow_missing:
+            return True
+        if self._several:
+            return self._transitions > 0
+        return self._worst >= _LEAST_SEVERITY[self._arguments.fail_on]
+
+    def _summaries(self) -> List[SignalSummary]:
+        """Returns the summaries; those of one signal follow each other, so that configurations can be compared."""
+        found = self._judge.summaries
+        names = list(dict.fromkeys(summary.config.name for summary in found))
+        return sorted(found, key=lambda summary: names.index(summary.config.name))
+
+    def _check_span(self) -> None:
+        span = self._recordings.span_ns
+        length_s = 0.0 if span is None else (span[1] - span[0]) / 1e9
+        if self._arguments.from_s > length_s:
+            raise ConfigError(
+                f"--from {self._arguments.from_s:g}: expected at most the length of the recordings ({length_s:.3f} s)"
+            )
+        if self._arguments.to_s < self._arguments.from_s:
+            raise ConfigError(f"--to {self._arguments.to_s:g}: expected at least --from {self._arguments.from_s:g}")
+
+    # While the recordings are played. An outlet must not raise: errors wait for the next progress.
+
+    def _on_event(self, judged: JudgedEvent) -> None:
+        try:
+            if not isinstance(judged.event, Transition):
+                if judged.file == self._configurations[0].name:
+                    event = judged.event
+                    self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
+                return
+            plot = self._plots.get((judged.file, judged.event.signal))
+            if plot is not None:
+                plot.add_transition(judged.wall_s, judged.event)
+            if self._differences is not None:
+                self._differences.add(judged)
+            else:
+                self._show(judged)
+        except OSError as error:
+            self._error = self._error or error
+
+    def _show(self, judged: JudgedEvent) -> None:
+        transition = judged.event
+        assert isinstance(transition, Transition)
+        file = judged.file if self._several else ""
+        self._transitions += 1
+        self._alerts += transition.to_level is not Level.OK
+        self._worst = max(self._worst, transition.to_level.severity)
+        if self._report_file and len(self._shown) < MOST_ALERTS:
+            self._shown.append(ReportedAlert(judged.wall_s, file, transition))
+        self._output.transition(judged.wall_s, transition, file)
+
+    def _on_log(self, line: LogLine) -> None:
+        try:
+            if line.severity >= Severity.WARN:
+                self._output.log(self._player.wall_s, line)
+        except OSError as error:
+            self._error = self._error or error
+
+    def _on_progress(self, fraction: float) -> None:
+        self._raise_error()
+        self._output.progress(fraction)
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    # The report
+
+    def _prepare_plots(self) -> None:
+        summaries = [summary for summary in self._summaries() if summary.recorded] if self._report_file else []
+        span_s = self._player.end_s - self._start_s
+        for summary in summaries:
+            file = summary.file if self._several else ""
+            buckets = buckets_of(len(summaries))
+            plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
+            self._plots[summary.file, summary.config.name] = plot
+
+    def _on_gap(self, begin_s: float, end_s: float) -> None:
+        for plot in self._plots.values():
+            plot.add_gap(begin_s, end_s)
+
+    def _plot(self, file: str, config: SignalConfig, times_s: Any, values: Any, bad_times_s: Any) -> None:
+        self._plots[file, config.name].add_samples(times_s, values, bad_times_s)
+
+    def _write_report(
+        self, file: ReportFile, summaries: List[SignalSummary], verdict: str, problems: List[str]
+    ) -> None:
+        end_s = self._player.wall_s
+        summaries = worst_first(summaries)
+        plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
+        names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
+        period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
+        period += f", times in UTC{_utc_offset(self._start_s)}"
+        page = render(
+            Report(
+                title=f"Replay of {names}",
+                facts=[
+                    period,
+                    f"judged by {' and '.join(each.name for each in self._configurations)}; "
+                    f"robot-health {package_version()}",
+                ],
+                summary=sentence(summaries, end_s - self._start_s),
+                verdict=verdict,
+                problems=problems,
+                start_s=self._start_s,
+                end_s=end_s,
+                utc_offset_s=float(time.localtime(self._start_s).tm_gmtoff),
+                header=header(self._several),
+                rows=[row(summary, self._several) for summary in summaries],
+                signals=[plot for plot in plots if plot is not None],
+                alerts=self._shown,
+                all_alerts=self._transitions,
+            )
+        )
+        file.write(page)
+
+    # The end
+
+    def _verdict(self) -> str:
+        if self._several:
+            return _count(self._transitions, "difference")  # OK included: an alert may end at another time
+        return _count(self._alerts, "alert")
+
+    def _require_recorded(self) -> None:
+        """Raises ConfigError if no signal of a configuration is recorded."""
+        topics = {channel.topic for channel in self._recordings.channels}
+        for summaries in self._by_configuration():
+            if any(summary.recorded for summary in summaries):
+                continue
+            wanted = list_text(list(dict.fromkeys(summary.topic for summary in summaries)))
+            if not topics:
+                reason = "the recordings have no topics with ROS messages"
+            elif topics.isdisjoint(summary.topic for summary in summaries):
+                reason = f"expected one of {wanted}, got {list_text(sorted(topics))}; is a --namespace missing?"
+            else:
+                reason = list_text([summary.missing for summary in summaries])
+            raise ConfigError(f"no signal is recorded: {reason}")
+
+    def _require_judged(self) -> None:
+        """Raises ConfigError if no signal of a configuration had a sample."""
+        for summaries in self._by_configuration():
+            if all(summary.missing for summary in summaries):
+                reasons = list_text([f"{summary.config.name} ({summary.missing})" for summary in summaries])
+                raise ConfigError(f"no signal was judged: {reasons}")
+
+    def _by_configuration(self) -> List[List[SignalSummary]]:
+        found = self._judge.summaries
+        return [[each for each in found if each.file == configuration.name] for configuration in self._configurations]
+
+
+def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
+    first = arguments.thresholds or find_installed("config/thresholds.yaml")
+    found = [_read(arguments, None if first is None else os.fspath(first))]
+    if arguments.against:
+        second = _read(arguments, arguments.against)
+        found.append(second._replace(name=f"{second.name} (2)") if second.name == found[0].name else second)
+    return found
+
+
+def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
+    file_name = os.path.basename(os.path.abspath(arguments.recordings[0]))
+    robot = arguments.namespace.strip("/") or printable(file_name).strip() or "recorded"  # any bytes but / are a name
+    if name is None:
+        return _Configuration("the defaults", None, (), {"robot_name": robot})
+    file = read_yaml(name)
+    section = sections_of_nodes(file)["alert_system"]
+    # The host that replays is not the robot.
+    parameters = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
+    return _Configuration(name, file, section.path, parameters)
+
+
+def _time(wall_s: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(wall_s))
+
+
+def _utc_offset(wall_s: float) -> str:
+    text = time.strftime("%z", time.localtime(wall_s))
+    return f"{text[:3]}:{text[3:]}"
+
+
+def _count(number: int, noun: str) -> str:
+    return count_text(number, noun) if number else f"no {noun}s"
