@@ -8,6 +8,32 @@ class                     meaning                                               
 `ServiceError`            a service failed, does not exist or did not answer     retry, or report to the caller
 `LinkError`               the link to a robot is down                            wait: it is re-established
 ========================  =====================================================  =============================
+
+Every other error of the project is one of them. A command that raises a ConfigError ends with code 2, one that raises
+another ends with code 3.
+
+========================  ==================  ==============================================================
+class                     is a                what cannot be used, does not match, failed or is down
+========================  ==================  ==============================================================
+`RecordingError`          `ConfigError`       a recording that was named on the command line
+`NotAHistoryError`        `ConfigError`       a history file that is another file
+`UnknownSchemaError`      `ConfigError`       a history file of a newer version
+`InUseError`              `ConfigError`       a history file that another monitor writes
+`ProtocolError`           `MessageError`      a message of a rosbridge client or server
+`AuthenticationError`     `MessageError`      the first message of a rosbridge client
+`FloodError`              `MessageError`      the pings and empty messages of a rosbridge client
+`ApiError`                `MessageError`      a request to the page's API
+`UnusableStateError`      `MessageError`      a saved state
+`Damaged`                 `MessageError`      a part of a recording
+`SensorError`             `ServiceError`      a source of values of this machine
+`NotMeasuredYet`          `SensorError`       a source that needs two reads
+`NoSuchSensor`            `SensorError`       a source that this machine does not have
+`DeliveryError`           `ServiceError`      a target of notifications
+`MissingLibraryError`     `ServiceError`      a library that is not installed
+`OutputError`             `ServiceError`      standard output, or the file of a report
+`RedirectError`           `LinkError`         the link to a server that redirects
+`_NotConnectedError`      `LinkError`         the connection to a target of notifications
+========================  ==================  ==============================================================
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any, Mapping, NamedTuple, Optional
 
+from robot_health_monitor.core.errors import MessageError
+
 from .formatting import datum_text
 from .model import Level
 
@@ -30,7 +32,7 @@ class Downtime(NamedTuple):
     """When this run continues from its states."""
 
 
-class UnusableStateError(ValueError):
+class UnusableStateError(MessageError):
     """A saved state has an unexpected form; `str()` names the key and what was found."""
 
 

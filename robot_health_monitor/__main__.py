@@ -56,7 +56,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
-    from robot_health_monitor.core.errors import ConfigError, ServiceError
+    from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError, ServiceError
 
     from .command_line import parse
 
@@ -70,7 +70,7 @@ def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
         for each in error.all:
             _write_error(str(each) if each.file else f"robot-health {arguments.command}: {each}")
         return ExitCode.USAGE
-    except ServiceError as error:
+    except (MessageError, ServiceError, LinkError) as error:
         return _fail(str(error))
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from robot_health_monitor.core.errors import ServiceError
 
-class SensorError(Exception):
+
+class SensorError(ServiceError):
     """A value that cannot be read now. `str()` is one line: the cause and, where there is one, the remedy."""
 
 

@@ -22,6 +22,8 @@ import time
 from typing import Optional
 from urllib.parse import quote
 
+from robot_health_monitor.core.errors import ConfigError
+
 from . import schema
 from .checked_rows import CheckedConnection
 
@@ -36,11 +38,11 @@ _SQLITE_MAGIC = b"SQLite format 3\0"
 _MAX_ASIDE = 100
 
 
-class InUseError(Exception):
+class InUseError(ConfigError):
     """Another monitor writes the file."""
 
 
-class NotAHistoryError(Exception):
+class NotAHistoryError(ConfigError):
     """The file contains something else, and is left alone."""
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import sqlite3
 from typing import Callable, List, Mapping
 
+from robot_health_monitor.core.errors import ConfigError
+
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""
 
@@ -167,7 +169,7 @@ _MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {1: _note_ends
 """By version: migrates a file from this version to the next one, inside a transaction."""
 
 
-class UnknownSchemaError(Exception):
+class UnknownSchemaError(ConfigError):
     """A file that this version cannot use: written by a newer version, or no history at all. `str()` says which."""
 
 

@@ -20,6 +20,7 @@ import urllib.request
 from typing import Any, Dict, NamedTuple, Optional
 from urllib.parse import unquote, urlsplit, urlunsplit
 
+from robot_health_monitor.core.errors import LinkError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.version import package_version
 
@@ -60,7 +61,7 @@ class Answer(NamedTuple):
         return f"{self.status} {http.client.responses.get(self.status, '')}".strip()
 
 
-class _NotConnectedError(OSError):
+class _NotConnectedError(LinkError):
     """The connection could not be established: the request was not sent."""
 
     def __init__(self, cause: OSError) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Optional, Sequence
 
+from robot_health_monitor.core.errors import ServiceError
+
 from .notification import Notification, Notified
 
 
-class DeliveryError(Exception):
+class DeliveryError(ServiceError):
     """One attempt failed. `str()` is one line, without secrets: of an address only scheme and host."""
 
     def __init__(

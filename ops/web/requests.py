@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from robot_health_monitor.core.errors import MessageError
+
 __all__ = ["API_HEADERS", "ApiError", "check_same_origin", "json_bytes", "json_response", "read_object", "read_text"]
 
 
@@ -47,7 +49,7 @@ class Client(Protocol):
         """Returns the answer that ends a login."""
 
 
-class ApiError(Exception):
+class ApiError(MessageError):
     """A request that is refused or failed."""
 
     def __init__(self, status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> None:

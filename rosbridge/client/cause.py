@@ -9,6 +9,7 @@ from typing import Dict, NamedTuple, Optional, Type
 
 import aiohttp
 
+from robot_health_monitor.core.errors import LinkError
 from robot_health_monitor.core.formatting import printable
 
 from ..address import shown_address
@@ -39,7 +40,7 @@ UP = Cause("")
 """No cause: the connection is up."""
 
 
-class RedirectError(aiohttp.ClientError):
+class RedirectError(LinkError, aiohttp.ClientError):
     """The server redirects to another address. It may be another robot's, and without TLS."""
 
     def __init__(self, status: int, location: str) -> None:

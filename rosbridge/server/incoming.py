@@ -8,6 +8,8 @@ from typing import Optional
 
 from aiohttp import WSMsgType, web
 
+from robot_health_monitor.core.errors import MessageError
+
 from ..flood_limit import FloodLimit
 from ..protocol import Wire
 from ..turns import Turns
@@ -18,7 +20,7 @@ _MESSAGES = (WSMsgType.TEXT, WSMsgType.BINARY)
 _WITHOUT_CONTENT = (*_MESSAGES, WSMsgType.PING, WSMsgType.PONG)
 
 
-class FloodError(Exception):
+class FloodError(MessageError):
     """The client floods the connection with pings or empty messages."""
 
 

@@ -31,7 +31,7 @@ _LARGE_RECEIVED_BYTES = 10_000
 """Longer messages are decoded in a thread."""
 
 
-class AuthenticationError(Exception):
+class AuthenticationError(MessageError):
     """The first message of a client does not prove the token. `str()` is the reason for the client."""
 
 

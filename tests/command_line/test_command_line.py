@@ -14,15 +14,15 @@ import robot_health_monitor
 from robot_health_monitor.command_line import COMMANDS, parse
 from robot_health_monitor.core.version import package_version
 
-MODULES = {
-    path.stem[: -len("_command")]: path for path in Path(robot_health_monitor.__file__).parent.glob("*_command.py")
-}
+FOLDER = Path(robot_health_monitor.__file__).parent
+MODULES = {path.stem[: -len("_command")]: path for path in FOLDER.glob("*_command.py")}
 
 _WITHOUT_LIBRARIES = """
 import sys
+LIBRARIES = "aiohttp cbor2 lz4 mcap numpy prometheus_client psutil rich rosbags yaml zstandard".split()
 class Missing:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ("aiohttp", "cbor2", "lz4", "mcap", "numpy", "rich", "rosbags", "yaml", "zstandard"):
+        if name.partition(".")[0] in LIBRARIES:
             raise ModuleNotFoundError(name=name)
 sys.meta_path.insert(0, Missing())
 from robot_health_monitor.__main__ import main
@@ -52,7 +52,7 @@ def test_a_command_defines_its_arguments_and_its_run(name: str) -> None:
 def test_no_command_imports_another(name: str) -> None:
     tree = ast.parse(MODULES[name].read_text(encoding="utf-8"))
     imported = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    assert [module for module in imported if module.endswith("_command") or module.endswith("__main__")] == []
+    assert [module for module in imported if module.endswith(("_command", "__main__"))] == []
 
 
 @pytest.mark.parametrize("words", [[], *([name] for name in COMMANDS)], ids=lambda words: "-".join(words) or "all")

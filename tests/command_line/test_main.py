@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 from pathlib import Path
-from typing import Any, Dict, Iterator, List
+from typing import Any, Dict, Iterator, List, Type
 
 import pytest
 
 from robot_health_monitor import sources_command
 from robot_health_monitor.__main__ import main
+from robot_health_monitor.core.errors import LinkError, MessageError, ServiceError
+from robot_health_monitor.output.display import OutputError
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +54,15 @@ def test_a_crash_is_one_line_without_a_traceback_and_code_3(
     assert output.out == ""
     assert output.err.startswith("robot-health: internal error: test_main.py:") and "KeyError" in output.err
     assert output.err.count("\n") == 1 and "\x1b" not in output.err
+
+
+@pytest.mark.parametrize("kind", [MessageError, ServiceError, LinkError, OutputError])
+def test_an_error_of_the_project_is_one_line_and_code_3(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, kind: Type[Exception]
+) -> None:
+    fail_with(monkeypatch, kind("there is no answer"))
+    assert main(["sources"]) == 3
+    assert capsys.readouterr().err == "robot-health: there is no answer\n"
 
 
 def test_a_missing_library_is_one_line_and_code_3(

@@ -2,12 +2,61 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
 import doctest
+import re
+from pathlib import Path
+from typing import Dict, List
 
 import pytest
+from harness.packaging_workspace import FOLDERS, NAME
 
 from robot_health_monitor.core import errors
 from robot_health_monitor.core.errors import ConfigError, Problems
+
+ROOT = Path(__file__).resolve().parents[2]
+FOUR = ("ConfigError", "MessageError", "ServiceError", "LinkError")
+
+
+def is_error(bases: List[str]) -> bool:
+    found = [getattr(builtins, base, None) for base in bases]
+    return any(isinstance(each, type) and issubclass(each, BaseException) for each in found)
+
+
+def errors_of_the_project() -> Dict[str, List[str]]:
+    """Returns the names of all classes of errors in all modules, those that need ROS too, with their bases."""
+    files = [file for folder in (*FOLDERS, NAME) for file in sorted((ROOT / folder).rglob("*.py"))]
+    bases = {
+        node.name: [getattr(base, "attr", "") or getattr(base, "id", "") for base in node.bases]
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    }
+    found: Dict[str, List[str]] = {}
+    while True:
+        further = {
+            name: of
+            for name, of in bases.items()
+            if name not in found and (is_error(of) or re.search(r"(Error|Exception)\Z", name) or set(of) & set(found))
+        }
+        if not further:
+            return found
+        found.update(further)
+
+
+def test_every_error_of_the_project_is_one_of_the_four_and_documented() -> None:
+    found = errors_of_the_project()
+    assert set(FOUR) < set(found)
+    documented = dict(re.findall(r"^`(\w+)` +`(\w+)`", errors.__doc__ or "", re.MULTILINE))
+    derived = {name: next((base for base in bases if base in found), "") for name, bases in found.items()}
+    assert {name: base for name, base in derived.items() if name not in FOUR} == documented
+    assert {name for name, base in documented.items() if base not in (*FOUR, *documented)} == set()
+
+
+@pytest.mark.parametrize("name", FOUR)
+def test_each_of_the_four_has_its_meaning(name: str) -> None:
+    assert re.search(rf"^`{name}` +[a-z]", errors.__doc__ or "", re.MULTILINE)
 
 
 def test_an_error_is_one_line_file_line_path_problem() -> None:
