@@ -108,13 +108,14 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     values.update(_settings(config))
     values["state"] = judgement.state
     values["since"] = f"{judgement.since_s:.3f}"
-    values["lasts_s"] = number_text(judgement.now_s - judgement.since_s)
+    lasts_s = judgement.now_s - judgement.since_s
+    values["lasts_s"] = number_text(lasts_s)
     values["flapping"] = "true" if judgement.flapping else "false"
     if config.flap_detection or judgement.flapping:
         values["state_change_percent"] = number_text(judgement.state_change_percent)
     values["fingerprint"] = judgement.fingerprint
     text = reason(judgement) if message is None else message
-    return Status(config.name, judgement.level, text, judgement.robot, values, judgement.hint)
+    return Status(config.name, judgement.level, text, judgement.robot, values, judgement.hint, judgement.state, lasts_s)
 
 
 def alert_line(

@@ -80,6 +80,12 @@ class Status:
     """Key-values; see docs/rules.md."""
     hint: str = field(default="", compare=False)
     """Why there are no samples, as far as the middleware knows; empty: nothing is known. Not part of `message`."""
+    state: str = field(default="", compare=False)
+    """One of `explanation.STATES`; empty for the status of a node."""
+    lasts_s: float = field(default=0.0, compare=False)
+    """How long the level has lasted, in seconds."""
+    silence: Optional[str] = field(default=None, compare=False)
+    """Reason and end of the silence of the signal; None: it is not silenced."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", FrozenDict(self.values))

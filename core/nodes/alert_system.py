@@ -300,7 +300,9 @@ class AlertSystem:
         """Applies the list from battery_sensor: signals that no sensor will ever publish are not watched."""
         signals = self._signals_on(metrics)
         # A signal that has had a sample has a sensor: its silence is an alert.
-        unseen = {name for name in signals - self._unavailable if not self._has_sample(name, now_s)}
+        new = signals - self._unavailable
+        judgements = self.monitor.judgements(now_s) if new else {}
+        unseen = {name for name in new if name not in judgements or not judgements[name].seen}
         self._watch_only_without((self._unavailable & signals) | unseen, now_s)
 
     def _note_simulated(self, topics: Any, now_s: float) -> None:
@@ -326,10 +328,6 @@ class AlertSystem:
             self.outlets.emit(Notice(now_s, Severity.INFO, f"{name} is watched again"))
         self._unavailable = unavailable
         self._announce(self.monitor.configure(self._watched()), now_s)
-
-    def _has_sample(self, name: str, now_s: float) -> bool:
-        status = self.monitor.status(name, now_s)
-        return status is not None and any(status.values[key] != "0" for key in ("good_samples", "bad_samples"))
 
     def _watched(self) -> MonitorConfig:
         """Returns the configuration without the signals that have no sensor."""
@@ -406,7 +404,7 @@ class AlertSystem:
     def _with_silence(self, status: Status) -> Status:
         """Adds the silence of a signal to its status."""
         text = self.silence_of(status.name)
-        return status if text is None else replace(status, values={**status.values, "silenced": text})
+        return status if text is None else replace(status, values={**status.values, "silenced": text}, silence=text)
 
     def _reset(self, request: Message) -> Message:
         transitions = self.monitor.reset()

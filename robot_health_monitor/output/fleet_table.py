@@ -217,9 +217,6 @@ class _Layout:
         """Returns since when a level lasts, as local time; the date if that was more than a day ago."""
         if rank(status) == 0:
             return ""
-        try:
-            lasts_s = float(status.values["lasts_s"])
-        except (KeyError, ValueError):
-            return ""
+        lasts_s = status.lasts_s
         form = "%b %d" if lasts_s >= _DAY_S else "%H:%M:%S" if self._since >= 8 else "%H:%M"
         return time.strftime(form, time.localtime(max(0.0, time.time() - lasts_s)))

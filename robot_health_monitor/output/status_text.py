@@ -25,12 +25,12 @@ UNKNOWN_STATES = ("waiting", "unreachable")
 
 def is_unknown(status: Status) -> bool:
     """Returns whether the level is not known."""
-    return status.values.get("state") in UNKNOWN_STATES
+    return status.state in UNKNOWN_STATES
 
 
 def rank(status: Status) -> int:
     """Orders statuses from OK (0) to the worst; an unknown one is above OK and below every alarm."""
-    return rank_of(status.level, status.values.get("state", ""))
+    return rank_of(status.level, status.state)
 
 
 def rank_of(level: Level, state: str) -> int:
@@ -51,6 +51,6 @@ def reason_text(status: Status) -> str:
 
 def level_text(status: Status) -> Text:
     """Returns the level, or the state while the level is not known; says if notifications are silenced."""
-    text = Text(status.values["state"] if is_unknown(status) else status.level.name)
+    text = Text(status.state if is_unknown(status) else status.level.name)
     text.stylize(_STYLE_OF_UNKNOWN if is_unknown(status) else STYLE_OF_LEVEL[status.level])
-    return text.append(" silenced") if "silenced" in status.values else text
+    return text.append(" silenced") if status.silence is not None else text

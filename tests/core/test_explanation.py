@@ -45,6 +45,7 @@ def test_a_status_carries_value_unit_statistics_bounds_state_since_and_counts() 
     found = status(signal, 13.0)
 
     assert (found.name, found.level, found.hardware_id) == ("battery_level", Level.ERROR, "atlas")
+    assert (found.state, found.lasts_s, found.silence) == ("invalid", 1.0, None)
     assert found.values == {
         "value": "nan",
         "unit": "%",

@@ -225,10 +225,10 @@ def draw(statuses: List[Any], width: int, monkeypatch: pytest.MonkeyPatch) -> Li
     return re.sub("\x1b\\[[0-9;?]*[A-Za-z]", "", text).replace("\r", "").split("\n")
 
 
-def status(name: str, level: int, message: str, **values: str) -> Any:
+def status(name: str, level: int, message: str, state: str = "", **values: str) -> Any:
     from robot_health_monitor.core import Level, Status
 
-    return Status(name, Level(level), message, "atlas", {"value": "19.5", "unit": "%", **values})
+    return Status(name, Level(level), message, "atlas", {"value": "19.5", "unit": "%", **values}, state=state)
 
 
 @pytest.mark.parametrize("state", ["waiting", "unreachable"])

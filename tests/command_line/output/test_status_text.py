@@ -10,8 +10,8 @@ from robot_health_monitor.core.model import Level, Status
 from robot_health_monitor.output.status_text import is_unknown, level_text, rank, rank_counts
 
 
-def status(level: Level, **values: str) -> Status:
-    return Status("battery", level, "", "atlas", values)
+def status(level: Level, **facts: str) -> Status:
+    return Status("battery", level, "", "atlas", {}, **facts)  # type: ignore[arg-type]
 
 
 def test_the_order_is_ok_unknown_warn_stale_error() -> None:
@@ -35,7 +35,7 @@ def test_an_unknown_level_is_named_and_coloured_as_such() -> None:
 
 
 def test_a_silenced_alert_says_so() -> None:
-    assert level_text(status(Level.WARN, silenced="until 12:00, by ana")).plain == "WARN silenced"
+    assert level_text(status(Level.WARN, silence="until 12:00, by ana")).plain == "WARN silenced"
 
 
 def test_levels_are_counted_the_worst_first() -> None:
