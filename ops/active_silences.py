@@ -6,13 +6,14 @@ import sqlite3
 import threading
 import time
 from dataclasses import replace
-from typing import Callable, Dict, List, Optional, Protocol, Sequence, Tuple, TypeVar
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.formatting import count_text, duration_text, printable
 from robot_health_monitor.core.model import Level, Transition
 
+from .history.history import History
 from .matchers import Matcher
 from .silences import (
     Alert,
@@ -25,41 +26,13 @@ from .silences import (
     time_text,
 )
 
-__all__ = ["SilenceHistory", "Silences"]
+__all__ = ["Silences"]
 
 _MOST_CACHED = 20_000
 _REFRESH_S = 1.0
 _TIMEOUT_S = 2.0
 _FAULT = "silence list"
 _CLOCK_FAULT = "wall clock"
-
-Result = TypeVar("Result")
-
-
-class SilenceHistory(Protocol):
-    """What silences need of the history; `ops.history.History`."""
-
-    @property
-    def file(self) -> Optional[str]:
-        """Path of the file; None: the history is in memory."""
-
-    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
-        """Runs a function in a transaction.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-        """
-
-    def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
-        """Runs a query.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-            ConfigError: the file cannot be read.
-        """
-
-    def on_record(self, hook: Callable[[sqlite3.Connection, int, Transition, float], None]) -> None:
-        """Calls a function inside the transaction that stores a transition."""
 
 
 class Silences:
@@ -69,7 +42,7 @@ class Silences:
     """
 
     def __init__(
-        self, history: SilenceHistory, faults: Optional[Faults] = None, wall_time_s: Callable[[], float] = time.time
+        self, history: History, faults: Optional[Faults] = None, wall_time_s: Callable[[], float] = time.time
     ) -> None:
         """Reads the silences; `close` ends following the file.
 

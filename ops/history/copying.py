@@ -3,23 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import List, Tuple
+from typing import Tuple
 
 from . import schema
-
-# Not REPLACE, which would change the index, too.
-_STORE_STATE = """
-INSERT INTO signal_states (robot, signal, state) VALUES (?, ?, ?)
-ON CONFLICT (robot, signal) DO UPDATE SET state = excluded.state
-"""
-
-
-def write_states(connection: sqlite3.Connection, rows: List[Tuple[str, str, str]]) -> None:
-    """Stores states of signals: robot, signal, JSON; `{}` deletes a state."""
-    kept = [row for row in rows if row[2] != "{}"]
-    gone = [row[:2] for row in rows if row[2] == "{}"]
-    connection.executemany(_STORE_STATE, kept)
-    connection.executemany("DELETE FROM signal_states WHERE robot = ? AND signal = ?", gone)
 
 
 def copy_state(

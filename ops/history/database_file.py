@@ -1,4 +1,4 @@
-"""A history file that is open for writing: its lock, and how its contents reach the disk.
+"""A history file that is open for writing: its lock, its errors, and how its contents reach the disk.
 
 SQLite's write-ahead log (WAL) is used with synchronous=NORMAL: a commit hands its pages to the kernel, which keeps them
 when the process is killed. The thread of `_Sync` flushes the log to the disk each second if something was written, so
@@ -19,7 +19,7 @@ import sqlite3
 import stat
 import threading
 import time
-from typing import Optional
+from typing import Optional, Union
 from urllib.parse import quote
 
 from robot_health_monitor.core.errors import ConfigError
@@ -29,6 +29,10 @@ from .checked_rows import CheckedConnection
 
 SYNC_PERIOD_S = 1.0
 """A power cut loses at most what was written in this time, in s."""
+
+# Python before 3.11 does not give SQLite's error codes: errors are recognized by their texts (`sqlite3ErrStr`).
+_DAMAGE = ("malformed", "not a database")
+_FILE = ("is full", "I/O error", "readonly", "is locked", "unable to open", "permission denied", "locking protocol")
 
 _BUSY_S = 3.0  # how long to wait for another process that writes, such as `robot-health silence`
 _PAGE_BYTES = 512  # an alert changes a few hundred bytes in each of several pages, which are written as a whole
@@ -46,6 +50,24 @@ class NotAHistoryError(ConfigError):
     """The file contains something else, and is left alone."""
 
 
+def is_damage(error: BaseException) -> bool:
+    """Whether an error says that the file's contents are damaged."""
+    return isinstance(error, sqlite3.DatabaseError) and any(text in str(error) for text in _DAMAGE)
+
+
+def is_file_error(error: BaseException) -> bool:
+    """Whether an error comes from the file or its disk, not from a mistake in an SQL statement."""
+    return is_damage(error) or (isinstance(error, sqlite3.Error) and any(text in str(error) for text in _FILE))
+
+
+def reason(error: Union[BaseException, str], file: str) -> str:
+    """Returns one line that names the file and what is wrong with it."""
+    if isinstance(error, OSError):
+        path = os.fsdecode(error.filename) if isinstance(error.filename, (str, bytes)) else file
+        return f"{path}: {error.strerror or error}"
+    return f"{file}: {error}"
+
+
 class DatabaseFile:
     """An open history file that no other monitor writes."""
 
@@ -59,7 +81,7 @@ class DatabaseFile:
         Raises:
             InUseError: another monitor writes it.
             NotAHistoryError, UnknownSchemaError: it must not be touched.
-            OSError, sqlite3.Error: it cannot be written, or is damaged (`database_errors.is_damage`).
+            OSError, sqlite3.Error: it cannot be written, or is damaged (`is_damage`).
         """
         self._given_path = path
         self.path = os.path.realpath(path)

@@ -16,7 +16,7 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Transition
 
 from ..configuration import HistorySettings
-from .database_errors import is_file_error
+from .database_file import is_file_error
 from .queries import read_states
 from .reader import HistoryReader
 from .rows import INSERT_TRANSITION, pack_samples, transition_row

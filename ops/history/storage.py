@@ -22,9 +22,8 @@ from robot_health_monitor.core.version import package_version
 
 from . import schema
 from .checked_rows import CheckedConnection, is_text, is_time
-from .copying import copy_state, copy_table, number_from, write_states
-from .database_errors import is_damage, is_file_error, reason
-from .database_file import DatabaseFile, InUseError, NotAHistoryError, set_aside
+from .copying import copy_state, copy_table, number_from
+from .database_file import DatabaseFile, InUseError, NotAHistoryError, is_damage, is_file_error, reason, set_aside
 from .reader import open_read_only
 from .retention import AgeClock, Retention
 
@@ -46,6 +45,11 @@ _FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
 _ALIVE_PERIOD_S = 1.0
 _RETENTION_PERIOD_S = 60.0
 _DAY_S = 86_400.0
+# Not REPLACE, which would change the index, too.
+_STORE_STATE = """
+INSERT INTO signal_states (robot, signal, state) VALUES (?, ?, ?)
+ON CONFLICT (robot, signal) DO UPDATE SET state = excluded.state
+"""
 
 
 class Storage:
@@ -142,11 +146,13 @@ class Storage:
     def write_states(self, robot: str, states: Dict[str, str]) -> None:
         """Stores the states of signals of a robot in JSON; `{}` deletes one. Inside a transaction."""
         for signal, state in states.items():
+            key = robot, signal
             if state == "{}":
-                self._states.pop((robot, signal), None)
+                self._states.pop(key, None)
+                self.connection.execute("DELETE FROM signal_states WHERE robot = ? AND signal = ?", key)
             else:
-                self._states[robot, signal] = state
-        write_states(self.connection, [(robot, signal, state) for signal, state in states.items()])
+                self._states[key] = state
+                self.connection.execute(_STORE_STATE, (*key, state))
 
     def begin_watch(self, robot: str) -> None:
         """Stores that a robot is watched from now on. Inside a transaction."""
@@ -317,7 +323,7 @@ class Storage:
         self._is_copy = source is not None and copy_state(source, memory)
         if not self._is_copy and self._path is not None:
             number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
-        write_states(memory, [(robot, signal, state) for (robot, signal), state in self._states.items()])
+        memory.executemany(_STORE_STATE, [(*key, state) for key, state in self._states.items()])
         number, started_s = self._run
         if number:
             row = (number, started_s, self._wall_s(), package_version())

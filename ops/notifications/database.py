@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import Callable, Optional, Protocol, TypeVar
+from typing import Callable, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -12,37 +12,21 @@ from robot_health_monitor.core.model import Transition
 from ..history import schema
 from ..history.checked_rows import CheckedConnection
 from ..history.copying import copy_state
-from ..history.database_errors import is_file_error
+from ..history.database_file import is_file_error
+from ..history.history import History, OnRecord
 from .queue_rows import delete_odd_rows, restore_open_alerts
 
 Result = TypeVar("Result")
 
-OnRecord = Callable[[sqlite3.Connection, int, Transition, float], None]
-"""Receives the connection, the transition's id, the transition, and its wall time in s since 1970."""
-
 PART = "notification queue"
 """The part whose fault says that the queue is not in the history."""
-
-
-class Database(Protocol):
-    """`ops.history.History`, as far as it is used here."""
-
-    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
-        """Runs a function in the writer thread, in a separate transaction.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-        """
-
-    def on_record(self, hook: OnRecord) -> None:
-        """Calls a function inside the transaction that stores a transition."""
 
 
 class QueueDatabase:
     """The database of the queue. Everything runs in the history's writer thread, in either case."""
 
     def __init__(
-        self, history: Database, faults: Faults, on_replaced: Callable[[sqlite3.Connection, bool], None]
+        self, history: History, faults: Faults, on_replaced: Callable[[sqlite3.Connection, bool], None]
     ) -> None:
         """Uses the history.
 
@@ -65,7 +49,7 @@ class QueueDatabase:
         return self._history_connection
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a function, as `Database.run`. If the tables in the history fail, it runs in memory."""
+        """Runs a function, as `History.run`. If the tables in the history fail, it runs in memory."""
 
         def use(connection: sqlite3.Connection) -> Result:
             self._history_connection = connection
@@ -87,7 +71,7 @@ class QueueDatabase:
         return self._history.run(use, timeout_s)
 
     def on_record(self, hook: OnRecord) -> None:
-        """Calls a function inside the transaction that stores a transition, as `Database.on_record`."""
+        """Calls a function inside the transaction that stores a transition, as `History.on_record`."""
 
         def guarded(connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float) -> None:
             if self._memory is None:

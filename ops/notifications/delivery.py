@@ -11,7 +11,7 @@ from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 
-from .database import Database
+from .database import QueueDatabase
 from .notification_queue import NotificationQueue, Taken
 from .sender import DeliveryError, Sender
 
@@ -37,7 +37,7 @@ class Delivery:
         target: str,
         sender: Sender,
         queue: NotificationQueue,
-        database: Database,
+        database: QueueDatabase,
         faults: Faults,
         clock: Callable[[], float] = time.monotonic,
         chance: Callable[[], float] = random.random,

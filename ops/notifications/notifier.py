@@ -5,15 +5,17 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from typing import Callable, Collection, Dict, List, Optional, Protocol, Sequence
+from typing import Callable, Collection, Dict, List, Optional, Sequence
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.runtime.threads import StepThread
 
+from ..active_silences import Silences
 from ..configuration import TargetSettings
-from .database import Database, QueueDatabase
+from ..history.history import History
+from .database import QueueDatabase
 from .delivery import Delivery
 from .heartbeat import Heartbeat
 from .notification_queue import NotificationQueue
@@ -32,22 +34,12 @@ _TIMEOUT_S = 5.0
 _CLOSE_POLL_S = 0.02
 
 
-class Silences(Protocol):
-    """`ops.active_silences.Silences`, as far as it is used here."""
-
-    def silence_of(self, robot: str, signal: str) -> Optional[object]:
-        """Returns the silence that matches a signal now; None: it is not silenced. Cheap, from any thread."""
-
-    def look(self, connection: sqlite3.Connection) -> None:
-        """Reads what others have changed; inside a transaction of the history."""
-
-
 class Notifier:
     """Notifies targets about transitions that the history records. Nothing here delays an alert."""
 
     def __init__(
         self,
-        history: Database,
+        history: History,
         targets: Sequence[TargetSettings],
         silences: Optional[Silences] = None,
         faults: Optional[Faults] = None,

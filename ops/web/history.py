@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import sqlite3
 from datetime import datetime, timezone
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Protocol, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.model import Level
 
 from ..history import queries
+from ..history.history import History
 from ..history.rows import StoredTransition
 from .requests import ApiError
 from .state import iso_time
 
-__all__ = ["HistorySource", "PastAlerts", "Query", "query_of"]
+__all__ = ["PastAlerts", "Query", "query_of"]
 
 _MOST = 1000
 _USUAL = 100
@@ -22,18 +23,6 @@ _LARGEST_ID = 2**63 - 1
 
 Result = TypeVar("Result")
 Json = Dict[str, Any]
-
-
-class HistorySource(Protocol):
-    """What is needed of the history; `ops.history.History`."""
-
-    def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = ...) -> Result:
-        """Runs a query.
-
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
-            ConfigError: the file cannot be read.
-        """
 
 
 class Query(NamedTuple):
@@ -75,7 +64,7 @@ def query_of(parameters: Mapping[str, str]) -> Query:
 class PastAlerts:
     """Reads the history."""
 
-    def __init__(self, history: HistorySource) -> None:
+    def __init__(self, history: History) -> None:
         """Reads nothing yet."""
         self._history = history
 

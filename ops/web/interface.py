@@ -18,8 +18,10 @@ from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.runtime.threads import ThreadPool
 
+from ..active_silences import Silences
+from ..history.history import History
 from ..metrics import METRICS_LIBRARY, Metrics
-from .history import HistorySource, PastAlerts, query_of
+from .history import PastAlerts, query_of
 from .own_state import OwnState
 from .page_files import PageFiles
 from .requests import (
@@ -34,7 +36,7 @@ from .requests import (
     read_object,
     read_text,
 )
-from .silencing import SilenceSource, expire_silence, new_silence, silence_json
+from .silencing import expire_silence, new_silence, silence_json
 from .state import RobotReader, Samples, iso_time
 from .updates import Updates
 
@@ -63,8 +65,8 @@ class WebInterface:
         robots: Callable[[], Sequence[AlertSystem]],
         *,
         threads: bool = False,
-        history: Optional[HistorySource] = None,
-        silences: Optional[SilenceSource] = None,
+        history: Optional[History] = None,
+        silences: Optional[Silences] = None,
         notifications_waiting: Callable[[], int] = int,
         process_faults: Callable[[], Mapping[str, Fault]] = dict,
         wall_time_s: Callable[[], float] = time.time,
@@ -305,7 +307,7 @@ class WebInterface:
         await self._worker.run(lambda: expire_silence(silences, body))
         return {"ok": True}
 
-    def _require_silences(self) -> SilenceSource:
+    def _require_silences(self) -> Silences:
         if self._silences is None:
             raise ApiError(404, "there are no silences; ops.yaml configures a history for them")
         return self._silences

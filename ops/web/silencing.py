@@ -2,47 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping, Optional, Protocol, Sequence
+from typing import Any, Dict, Mapping
 
 from robot_health_monitor.core.errors import ConfigError
 
+from ..active_silences import Silences
 from ..matchers import Matcher, matchers_text
 from ..silences import Silence
 from .requests import ApiError, read_text
 from .state import iso_time
 
-__all__ = ["SilenceSource", "expire_silence", "new_silence", "silence_json"]
-
-
-class SilenceSource(Protocol):
-    """What is needed of the silences; `ops.silences.Silences`."""
-
-    def active(self) -> Sequence[Silence]:
-        """Returns the active silences, oldest first."""
-
-    def add(
-        self,
-        matchers: Sequence[Matcher],
-        *,
-        for_s: Optional[float] = ...,
-        until_resolved: bool = ...,
-        reason: str = ...,
-        author: str = ...,
-    ) -> Silence:
-        """Adds a silence.
-
-        Raises:
-            ConfigError: it is not possible.
-            ServiceError: the history failed or did not answer.
-        """
-
-    def expire(self, number: int, *, reason: str = ..., author: str = ...) -> Silence:
-        """Ends a silence.
-
-        Raises:
-            ConfigError: there is no such silence, it has ended, or a text is too long.
-            ServiceError: the history failed or did not answer.
-        """
+__all__ = ["expire_silence", "new_silence", "silence_json"]
 
 
 def silence_json(silence: Silence) -> Dict[str, Any]:
@@ -58,7 +28,7 @@ def silence_json(silence: Silence) -> Dict[str, Any]:
     }
 
 
-def new_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
+def new_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
     """Adds the silence that a request asks for. May block.
 
     Raises:
@@ -84,7 +54,7 @@ def new_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
     )
 
 
-def expire_silence(silences: SilenceSource, body: Mapping[str, Any]) -> Silence:
+def expire_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
     """Ends the silence that a request names. May block.
 
     Raises:
