@@ -1,1 +1,1 @@
-"""What operators use: the report of a replay, and the plot that it shares with the web page."""
+"""What operators use: history, notifications, silences, the web page with its API, metrics, exports, reports."""

@@ -66,3 +66,17 @@ def test_text_that_names_a_page_names_one_that_exists() -> None:
 
 def test_the_readme_has_at_most_120_lines() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
+
+
+@pytest.mark.parametrize("page", ["docs/architecture.md", "CONTRIBUTING.md"])
+def test_a_file_that_is_named_exists(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    folders = "core|runtime|ros1|ros2|rosbridge|recordings|ops|robot_health_monitor|docs"
+    named = re.findall(rf"`((?:{folders})/[\w/]+\.\w+)`", text)
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_the_first_release_takes_nothing_back() -> None:
+    changes = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    assert changes.count("Forthcoming") == 1
+    assert re.findall(r"\b(?:no longer|is gone|are gone|removed|deprecated)\b", changes) == []

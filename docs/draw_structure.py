@@ -1,0 +1,153 @@
+"""Draws docs/structure.svg: the folders with their imports, and the way of one sample, both as they are in the code.
+
+    python docs/draw_structure.py
+
+The imports are read from the modules. The way is that of a battery that falls to 19 %, in a monitor that runs here in
+virtual time. A test compares the picture with the code.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Any, Dict, Iterator, List, Set, Tuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.nodes import AlertSystem
+
+ROOT = Path(__file__).resolve().parent.parent
+PICTURE = ROOT / "docs" / "structure.svg"
+PACKAGE = "robot_health_monitor"
+LAYERS = ((PACKAGE,), ("ros1", "ros2", "rosbridge", "recordings", "ops"), ("runtime",), ("core",))
+"""The folders, as the import rules in pyproject.toml order them."""
+SIGNAL = {"topic": "battery", "warn_below": 20.0, "flap_detection": True}
+
+_WIDTH, _BOX_WIDTH, _BOX_HEIGHT, _LAYER, _ROW, _COLUMNS = 960, 168, 44, 96, 70, 5
+_GAP = (_WIDTH - _COLUMNS * _BOX_WIDTH) / (_COLUMNS + 1)
+_HEAD = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img">
+<title>The folders with their imports, and the way of one sample</title>
+<style>
+text {{ font: 14px sans-serif; fill: #1f2328; text-anchor: middle }}
+.small {{ font-size: 12px; fill: #59636e }}
+.head {{ font-weight: bold; text-anchor: start }}
+rect {{ fill: #ddf4ff; stroke: #0969da }}
+path {{ fill: none; stroke: #59636e; marker-end: url(#tip) }}
+</style>
+<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">
+<polygon points="0,0 8,4 0,8" fill="#59636e"/></marker></defs>
+<rect width="{width}" height="{height}" style="fill: #ffffff; stroke: none"/>
+"""
+
+
+def folders_imported(folder: str) -> Set[str]:
+    """Returns the other folders that the modules of a folder import, lazily or not."""
+    known = {name for layer in LAYERS for name in layer}
+    found: Set[str] = set()
+    for file in (ROOT / folder).rglob("*.py"):
+        if any(part.is_symlink() for part in (file, *file.parents)):
+            continue  # robot_health_monitor/core is a link to core
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            else:
+                continue
+            found.update(name.split(".")[1] for name in names if name.startswith(f"{PACKAGE}."))
+            if folder == PACKAGE and isinstance(node, ast.ImportFrom) and node.level:
+                found.update(name.split(".")[0] for name in names)
+    return (found & known) - {folder}
+
+
+def way_of_a_sample() -> List[Tuple[str, str]]:
+    """Returns the modules that a sample passes when it changes the level, and the function that it enters first."""
+    bus = LocalBus(0.0, on_log=lambda line: None)
+    AlertSystem(bus.node("alert_system", parameters={"signals": {"battery": SIGNAL}}), {"page": lambda event: None})
+    robot = bus.node("robot")
+    topic = robot.advertise("battery", "std_msgs/Float32")
+    robot.publish(topic, {"data": 25.0})
+    bus.run_until(2.0)
+    way: Dict[str, str] = {}
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        name = frame.f_code.co_name
+        file = Path(frame.f_code.co_filename)
+        is_own = "<" not in f"{file}{name}" and not name.startswith("__") and ROOT in file.resolve().parents
+        if event == "call" and is_own:
+            way.setdefault(file.resolve().relative_to(ROOT).as_posix(), name)
+
+    sys.setprofile(note)
+    try:
+        robot.publish(topic, {"data": 19.0})
+    finally:
+        sys.setprofile(None)
+    steps = list(way.items())
+    return steps[[file for file, _ in steps].index("core/nodes/alert_system.py") :]
+
+
+def picture() -> str:
+    """Returns the picture as SVG."""
+    folders = list(_folders(40.0))
+    top = 40.0 + len(LAYERS) * _LAYER + 20.0
+    steps = way_of_a_sample()
+    height = top + -(-len(steps) // _COLUMNS) * _ROW + 30.0
+    lines = [
+        _HEAD.format(width=_WIDTH, height=f"{height:g}"),
+        '<text class="head" x="20" y="24">Folders: an arrow is an import</text>',
+        *folders,
+        f'<text class="head" x="20" y="{top - 4:g}">The way of a sample that changes the level, in core/</text>',
+        *_steps(steps, top + 14.0),
+        "</svg>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _folders(top: float) -> Iterator[str]:
+    places: Dict[str, Tuple[float, float]] = {}
+    for number, layer in enumerate(LAYERS):
+        for position, folder in enumerate(layer):
+            middle = _WIDTH * (position + 0.5) / len(layer)
+            places[folder] = (middle, top + number * _LAYER)
+    for folder, (x, y) in places.items():
+        yield _box(x, y, f"{folder}/", "")
+        for other in sorted(folders_imported(folder)):
+            to_x, to_y = places[other]
+            if (folder, other) == (PACKAGE, "core"):
+                half = _BOX_WIDTH / 2
+                yield f'<path d="M{x - half:g},{y + 22:g} H5 V{to_y + 22:g} H{to_x - half:g}"/>'
+            elif (folder, other) == (PACKAGE, "runtime"):
+                half, right = _BOX_WIDTH / 2, _WIDTH - 5
+                yield f'<path d="M{x + half:g},{y + 22:g} H{right} V{to_y + 22:g} H{to_x + half:g}"/>'
+            else:
+                enters = to_x + (x - to_x) * 0.12
+                yield f'<path d="M{x:g},{y + _BOX_HEIGHT:g} L{enters:g},{to_y:g}"/>'
+
+
+def _steps(steps: List[Tuple[str, str]], top: float) -> Iterator[str]:
+    """Yields the boxes row by row, each row from left to right."""
+    for number, (file, function) in enumerate(steps):
+        row, column = divmod(number, _COLUMNS)
+        x = _GAP + column * (_BOX_WIDTH + _GAP) + _BOX_WIDTH / 2
+        y = top + row * _ROW
+        yield _box(x, y, file.replace("core/", "", 1), f"{function}()")
+        if number + 1 < len(steps) and column + 1 < _COLUMNS:
+            start = x + _BOX_WIDTH / 2
+            yield f'<path d="M{start:g},{y + 22:g} H{start + _GAP:g}"/>'
+        elif number + 1 < len(steps):
+            bend, below = y + _BOX_HEIGHT + 13, y + _ROW
+            yield f'<path d="M{x:g},{y + _BOX_HEIGHT:g} V{bend:g} H{_GAP + _BOX_WIDTH / 2:g} V{below:g}"/>'
+
+
+def _box(x: float, y: float, name: str, below: str) -> str:
+    lines = [f'<rect x="{x - _BOX_WIDTH / 2:g}" y="{y:g}" width="{_BOX_WIDTH}" height="{_BOX_HEIGHT}" rx="6"/>']
+    lines.append(f'<text x="{x:g}" y="{y + (19 if below else 27):g}">{name}</text>')
+    if below:
+        lines.append(f'<text class="small" x="{x:g}" y="{y + 36:g}">{below}</text>')
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    PICTURE.write_text(picture(), encoding="utf-8")
