@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
+import functools
+import importlib
 import os
 import re
 from pathlib import Path
-from typing import List
+from typing import Dict, Iterator, List, Mapping, Set, Tuple
 
 import pytest
 from harness.packaging_workspace import FOLDERS, NAME
@@ -80,3 +83,50 @@ def test_every_folder_of_modules_is_a_package() -> None:
 def test_the_root_package_links_to_every_folder() -> None:
     links = {path.name: os.readlink(path) for path in (ROOT / NAME).iterdir() if path.is_symlink()}
     assert links == {folder: f"../{folder}" for folder in FOLDERS}
+
+
+def packages() -> List[str]:
+    """Returns the packages of the project with names of their own, as paths relative to the repository."""
+    files = [file for folder in (*FOLDERS, NAME) for file in sorted((ROOT / folder).rglob("__init__.py"))]
+    with_names = [file for file in files if len(ast.parse(file.read_text("utf-8")).body) > 1]
+    return [file.parent.relative_to(ROOT).as_posix() for file in with_names]
+
+
+def module_name(folder: str) -> str:
+    return folder.replace("/", ".") if folder.startswith(NAME) else f"{NAME}.{folder.replace('/', '.')}"
+
+
+@functools.lru_cache(maxsize=None)
+def imported_names() -> Mapping[str, Set[str]]:
+    """Returns the names that are imported from each module anywhere in the repository."""
+    found: Dict[str, Set[str]] = {}
+    for module, name in _imports():
+        found.setdefault(module, set()).add(name)
+    return found
+
+
+def _imports() -> Iterator[Tuple[str, str]]:
+    """Yields (module, name) for each `from module import name` of the repository, with absolute names of modules."""
+    folders = (*FOLDERS, NAME, "tests", "docs", "benchmarks", "examples", "launch")
+    for file in (file for folder in folders for file in sorted((ROOT / folder).rglob("*.py"))):
+        package = module_name(file.parent.relative_to(ROOT).as_posix()).split(".")
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                above = package[: len(package) - node.level + 1] if node.level else []
+                module = ".".join([*above, *filter(None, [node.module])])
+                yield from ((module, alias.name) for alias in node.names)
+
+
+def is_module(folder: str, name: str) -> bool:
+    places = [ROOT / folder / name, ROOT / name] if folder == NAME else [ROOT / folder / name]
+    return any(place.is_dir() or place.with_suffix(".py").exists() for place in places)
+
+
+@pytest.mark.parametrize("folder", packages())
+def test_a_package_lists_the_names_that_others_import_from_it(folder: str) -> None:
+    package = importlib.import_module(module_name(folder))
+    listed = getattr(package, "__all__", None)
+    assert listed is not None, "has no __all__"
+    assert [name for name in listed if not hasattr(package, name)] == []
+    used = {name for name in imported_names().get(module_name(folder), ()) if not is_module(folder, name)}
+    assert sorted(used - set(listed)) == []

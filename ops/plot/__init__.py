@@ -8,6 +8,8 @@ from typing import Any, Dict, List
 
 from robot_health_monitor.core.signal_config import SignalConfig
 
+__all__ = ["plot_bounds", "plot_script", "plot_style"]
+
 
 def plot_script() -> str:
     """Returns the script, which defines `HealthPlot`; plot.js describes it."""
