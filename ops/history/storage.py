@@ -145,14 +145,16 @@ class Storage:
 
     def write_states(self, robot: str, states: Dict[str, str]) -> None:
         """Stores the states of signals of a robot in JSON; `{}` deletes one. Inside a transaction."""
-        for signal, state in states.items():
-            key = robot, signal
+        for signal, state in states.items():  # first: a statement may fail
             if state == "{}":
-                self._states.pop(key, None)
-                self.connection.execute("DELETE FROM signal_states WHERE robot = ? AND signal = ?", key)
+                self._states.pop((robot, signal), None)
             else:
-                self._states[key] = state
-                self.connection.execute(_STORE_STATE, (*key, state))
+                self._states[robot, signal] = state
+        for signal, state in states.items():
+            if state == "{}":
+                self.connection.execute("DELETE FROM signal_states WHERE robot = ? AND signal = ?", (robot, signal))
+            else:
+                self.connection.execute(_STORE_STATE, (robot, signal, state))
 
     def begin_watch(self, robot: str) -> None:
         """Stores that a robot is watched from now on. Inside a transaction."""
