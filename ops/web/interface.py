@@ -21,9 +21,9 @@ from robot_health_monitor.runtime.threads import ThreadPool
 from ..active_silences import Silences
 from ..history.history import History
 from ..metrics import METRICS_LIBRARY, Metrics
-from .history import PastAlerts, query_of
 from .own_state import OwnState
 from .page_files import PageFiles
+from .past_alerts import PastAlerts, query_of
 from .requests import (
     API_HEADERS,
     WITH_TOKEN,
@@ -36,7 +36,7 @@ from .requests import (
     read_object,
     read_text,
 )
-from .silencing import expire_silence, new_silence, silence_json
+from .silence_requests import expire_silence, new_silence, silence_json
 from .state import RobotReader, Samples, iso_time
 from .updates import Updates
 

@@ -11,7 +11,7 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.ops.web.history import PastAlerts, Query, query_of
+from robot_health_monitor.ops.web.past_alerts import PastAlerts, Query, query_of
 from robot_health_monitor.ops.web.requests import ApiError
 
 

@@ -10,7 +10,7 @@ from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.silences import read_silences
 from robot_health_monitor.ops.web.requests import ApiError
-from robot_health_monitor.ops.web.silencing import expire_silence, new_silence, silence_json
+from robot_health_monitor.ops.web.silence_requests import expire_silence, new_silence, silence_json
 
 
 def test_a_silence_is_shown_with_its_times() -> None:
