@@ -72,7 +72,7 @@ _KEYS: Mapping[str, Sequence[str]] = {
 
 SERVER_PARAMETERS = (
     Parameter("port", int, None, "port, 0 for a free one (left out: as configured elsewhere)", 0, 65535),
-    Parameter("address", str, "", "address; any other than 127.0.0.1 requires a token (empty: as configured elsewhere)"),
+    Parameter("address", str, "", "address; others than 127.0.0.1 require a token (empty: as configured elsewhere)"),
     Parameter("token_file", str, "", "path of a file with the token that clients must present; empty: none"),
     Parameter("tls_certificate", str, "", "path of the certificate (PEM), for wss:// and https://; empty: no TLS"),
     Parameter("tls_key", str, "", "path of the certificate's private key (PEM)"),
