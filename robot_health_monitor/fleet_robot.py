@@ -15,7 +15,7 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.self_monitor import SelfReport
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
-from robot_health_monitor.rosbridge.client.log_limit import LogLimit
+from robot_health_monitor.runtime.log_limit import LimitedLog
 
 from .fleet_configuration import RobotSettings
 
@@ -93,7 +93,7 @@ class Robot:
             on_log=log,
             on_link=self._note_link,
         )
-        self._log = LogLimit(self._client.log, clock)
+        self._log = LimitedLog(self._client.log, clock)
         self._node = self._client.node(
             "alert_system",
             namespace=settings.namespace,

@@ -19,6 +19,7 @@ from typing import Callable, Dict, Optional, Tuple
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.version import package_version
+from robot_health_monitor.runtime.backoff import Backoff
 
 from . import schema
 from .checked_rows import CheckedConnection, is_text, is_time
@@ -78,7 +79,7 @@ class Storage:
         self._wall_s = wall_s
         self._file: Optional[DatabaseFile] = None
         self._memory: Optional[sqlite3.Connection] = None
-        self._retry_s: Optional[float] = None
+        self._backoff = Backoff(_FIRST_RETRY_S, _LAST_RETRY_S)
         self._next_retry_s = 0.0
         self._is_copy = False
         self._retention: Optional[Retention] = None
@@ -183,7 +184,7 @@ class Storage:
             sqlite3.Error: the database failed; for `handle`.
         """
         now_s = time.monotonic()
-        if self._retry_s is not None and now_s >= self._next_retry_s:
+        if self._backoff.is_failing and now_s >= self._next_retry_s:
             self._open_file()
         if self._file is not None:
             self._check_file(self._file)
@@ -217,7 +218,7 @@ class Storage:
 
     def close(self) -> None:
         """Closes the database; what is in memory is stored in the file if that is possible now."""
-        if self._retry_s is not None:
+        if self._backoff.is_failing:
             self._open_file()
         if self._file is not None:
             self._file.close()
@@ -230,7 +231,7 @@ class Storage:
         try:
             file = self._opened(self._path)
         except (InUseError, NotAHistoryError, schema.UnknownSchemaError) as error:
-            self._retry_s = None
+            self._backoff.reset()
             self._report(f"{self._path} is not used: {error}; continuing without a history file")
             self._require_memory(None)
         except (OSError, sqlite3.Error) as error:
@@ -240,7 +241,8 @@ class Storage:
         else:
             if self._memory is not None:
                 self._memory.close()
-            self._memory, self._file, self._retry_s, self._retention = None, file, None, None
+            self._memory, self._file, self._retention = None, file, None
+            self._backoff.reset()
             self._faults.clear(PART)
 
     def _opened(self, path: str) -> DatabaseFile:
@@ -358,8 +360,7 @@ class Storage:
             source.close()
 
     def _retry_later(self) -> None:
-        self._retry_s = _FIRST_RETRY_S if self._retry_s is None else min(self._retry_s * 2.0, _LAST_RETRY_S)
-        self._next_retry_s = time.monotonic() + self._retry_s
+        self._next_retry_s = time.monotonic() + self._backoff.next_s()
 
     def _move_from_memory(self, memory: sqlite3.Connection, connection: sqlite3.Connection) -> None:
         for table in schema.tables(memory):

@@ -10,6 +10,7 @@ from typing import Callable, Optional
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.runtime.backoff import Backoff
 
 from .database import QueueDatabase
 from .notification_queue import NotificationQueue, Taken
@@ -60,8 +61,7 @@ class Delivery:
         self._faults = faults
         self._part = f"notify {target}"
         self._clock = clock
-        self._chance = chance
-        self._failures = 0
+        self._backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
         self._retry_at_s = clock()
         self._not_before_s = clock()
         """The wait that the target requested ends then; nothing shortens it."""
@@ -78,7 +78,7 @@ class Delivery:
     @property
     def is_failing(self) -> bool:
         """Whether the latest attempt failed."""
-        return self._failures > 0
+        return self._backoff.is_failing
 
     def step(self) -> float:
         """Makes at most one attempt.
@@ -162,17 +162,15 @@ class Delivery:
             self._to_finish = None
 
     def _note_success(self) -> None:
-        self._failures = 0
+        self._backoff.reset()
         self._retry_at_s = self._attempted_s = self._clock()
         self._faults.clear(self._part)
         self._report_warning()
 
     def _note_failure(self, error: DeliveryError) -> None:
         self._attempted_s = self._clock()
-        longest_s = min(LONGEST_RETRY_S, FIRST_RETRY_S * 2.0 ** min(self._failures, 30))
-        self._failures += 1
         self._not_before_s = self._attempted_s + error.retry_after_s
-        self._retry_at_s = max(self._not_before_s, self._attempted_s + longest_s * (0.5 + 0.5 * self._chance()))
+        self._retry_at_s = max(self._not_before_s, self._attempted_s + self._backoff.next_s())
         level = Level.ERROR if error.is_refused else Level.WARN
         self._faults.report(self._part, f"{self.sender.place}: {error}", level)
         self._report_warning()

@@ -7,6 +7,7 @@ from typing import Callable, Optional
 
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.runtime.backoff import Backoff
 
 from ..configuration import TargetSettings
 from .http_target import HttpTarget
@@ -37,7 +38,7 @@ class Heartbeat(HttpTarget):
         self._clock = clock
         self._tick_s: Optional[float] = None
         self._due_s = clock()
-        self._retry_s = _FIRST_RETRY_S
+        self._backoff = Backoff(_FIRST_RETRY_S, settings.every_s)
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor; returns at once."""
@@ -59,11 +60,12 @@ class Heartbeat(HttpTarget):
             self.deliver(None)
         except DeliveryError as error:
             self._faults.report(self._part, f"{self.place}: {error}", Level.WARN)
-            self._due_s = max(min(self._due_s, self._clock() + self._retry_s), self._clock() + error.retry_after_s)
-            self._retry_s = min(2.0 * self._retry_s, self._every_s)
+            self._due_s = max(
+                min(self._due_s, self._clock() + self._backoff.next_s()), self._clock() + error.retry_after_s
+            )
         else:
             self._faults.clear(self._part)
-            self._retry_s = _FIRST_RETRY_S
+            self._backoff.reset()
         if self.warning:
             self._faults.report(f"{self._part}: url_file", self.warning, Level.WARN)
         else:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import random
 from typing import Callable, Optional
 
-__all__ = ["HELD_S", "Backoff"]
+from robot_health_monitor.runtime.backoff import Backoff
+
+__all__ = ["HELD_S", "ConnectBackoff"]
 
 HELD_S = 10.0
 """A connection that lasted this long, in s, is a good one: the delays start again from the shortest."""
@@ -19,20 +21,19 @@ _LONGEST_AFTER_CLOSE_S = 30.0
 """Longest delay for a server that accepts connections only to close them within `_SHORT_LIVED_S`."""
 
 
-class Backoff:
+class ConnectBackoff:
     """Delays that double with every attempt until a connection has held for `HELD_S`.
 
     Each delay is shortened by a random part of up to half, so that a fleet does not reconnect all at once.
     """
 
-    def __init__(self, jitter: Callable[[float, float], float] = random.uniform) -> None:
+    def __init__(self, chance: Callable[[], float] = random.random) -> None:
         """Starts with the shortest delay.
 
         Args:
-            jitter: returns a random factor between its two arguments.
+            chance: returns a random number from 0 to 1.
         """
-        self._jitter = jitter
-        self._delay_s = 0.0
+        self._backoff = Backoff(_FIRST_S, _LONGEST_S, spread=0.5, chance=chance)
 
     def next_s(self, held_s: Optional[float]) -> float:
         """Returns the delay before the next attempt, in s.
@@ -41,8 +42,6 @@ class Backoff:
             held_s: how long the last connection lasted, in s; None: the attempt failed.
         """
         if held_s is not None and held_s >= HELD_S:
-            self._delay_s = 0.0
+            self._backoff.reset()
         closed_at_once = held_s is not None and held_s < _SHORT_LIVED_S
-        longest_s = _LONGEST_AFTER_CLOSE_S if closed_at_once else _LONGEST_S
-        self._delay_s = min(max(2.0 * self._delay_s, _FIRST_S), longest_s)
-        return self._delay_s * self._jitter(0.5, 1.0)
+        return self._backoff.next_s(_LONGEST_AFTER_CLOSE_S if closed_at_once else None)

@@ -29,6 +29,7 @@ import aiohttp
 
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from .. import protocol
@@ -38,11 +39,10 @@ from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Ope
 from ..protocol.codec import decode
 from ..protocol.definitions import canonical
 from ..turns import Turns, limit_reads
-from .backoff import Backoff
+from .backoff import ConnectBackoff
 from .cause import UP, Cause, RedirectError, cause_of_close, cause_of_error
 from .host_lookup import HostLookup
 from .liveness import wait_until_unanswered
-from .log_limit import LogLimit
 from .send_queue import SendQueue
 from .services import OfferedServices, ServiceCalls
 from .subscriptions import Subscriptions
@@ -117,7 +117,7 @@ class ServerConnection:
         self._probation_s = probation_s
         self._on_change = on_change
         self._on_log = on_log
-        self._log = LogLimit(on_log, clock)
+        self._log = LimitedLog(on_log, clock)
         self._lock = threading.RLock()
         self._loop: Optional[asyncio.AbstractEventLoop] = None
         self._thread = 0
@@ -200,12 +200,12 @@ class ServerConnection:
         self._thread = threading.get_ident()
         types = asyncio.ensure_future(self.subscriptions.find_types())
         moved = self._moved = asyncio.Event()
-        backoff = Backoff()
+        backoff = ConnectBackoff()
         try:
             while not self._closed:
                 if moved.is_set():
                     moved.clear()
-                    backoff = Backoff()
+                    backoff = ConnectBackoff()
                 held_s = None
                 try:
                     held_s = await self._connect_once()

@@ -27,11 +27,11 @@ from robot_health_monitor.runtime.threads import ThreadPool
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
 from ..turns import limit_reads
 from .access import Access, is_loopback
+from .client_log import ClientLog
 from .connections import Connections, Stage, connection_limit
 from .graph import ServedGraph
 from .http_connection import HttpConnection, json_error
 from .incoming import FloodError, Incoming
-from .log_limit import LogLimit
 from .node_access import NodeAccess
 from .publications import Publications
 from .request_check import check_request
@@ -120,7 +120,7 @@ class Server:
         self._on_close = on_close
         # Several nodes of one ROS 1 process share its log.
         prefix = "rosbridge: " if threads else ""
-        self._log_limit = LogLimit(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}"))
+        self._client_log = ClientLog(lambda text: middleware.log(Severity.WARN, f"{prefix}{text}"))
         self._sessions: Set[Session] = set()
         self._sockets: Set[web.WebSocketResponse] = set()
         self._dropped = 0
@@ -208,7 +208,7 @@ class Server:
 
     def log(self, text: str) -> None:
         """Writes a WARN line, unless clients have caused too many in this minute. Called in the loop's thread."""
-        self._log_limit.write(text)
+        self._client_log.write(text)
 
     def _create_parts(self, loop: asyncio.AbstractEventLoop) -> None:
         self._node = NodeAccess(loop, threads=self._threads)
@@ -242,7 +242,7 @@ class Server:
         """Returns the factory of the protocols for accepted connections."""
         server = runner.server
         assert server is not None
-        options = {"loop": asyncio.get_event_loop(), "access_log": None, "logger": self._log_limit.logger()}
+        options = {"loop": asyncio.get_event_loop(), "access_log": None, "logger": self._client_log.logger()}
 
         def accept() -> asyncio.Protocol:
             return HttpConnection(

@@ -6,11 +6,11 @@ from typing import List, Optional
 
 import pytest
 
-from robot_health_monitor.rosbridge.client.backoff import Backoff
+from robot_health_monitor.rosbridge.client.backoff import ConnectBackoff
 
 
 def delays(held: List[Optional[float]]) -> List[float]:
-    backoff = Backoff(jitter=lambda low, high: high)
+    backoff = ConnectBackoff(chance=lambda: 1.0)
     return [backoff.next_s(held_s) for held_s in held]
 
 
@@ -35,6 +35,6 @@ def test_a_server_that_becomes_unreachable_after_many_short_connections_is_tried
 
 
 def test_delays_are_spread_between_half_and_all_of_their_length() -> None:
-    firsts = [Backoff().next_s(None) for _ in range(200)]
+    firsts = [ConnectBackoff().next_s(None) for _ in range(200)]
     assert all(0.1 <= first <= 0.2 for first in firsts)
     assert len(set(firsts)) > 100

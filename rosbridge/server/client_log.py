@@ -1,4 +1,4 @@
-"""Limits how many log lines clients can cause."""
+"""The log lines that clients cause; limited in number and length."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Callable
 from aiohttp.http import HttpProcessingError
 
 from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.runtime.log_limit import LogLimit
 
-__all__ = ["LogLimit"]
+__all__ = ["ClientLog"]
 
-_PERIOD_S = 60.0
 _LONGEST_TEXT = 500
 
 
-class LogLimit:
+class ClientLog:
     """Writes at most a number of lines per minute, in total: clients choose the texts. Used in the event loop only."""
 
     def __init__(
@@ -30,24 +30,15 @@ class LogLimit:
             clock: monotonic seconds.
         """
         self._write = write
-        self._most = lines_per_minute
-        self._clock = clock
-        self._begin_s = float("-inf")
-        self._written = 0
-        self._suppressed = 0
+        self._limit = LogLimit(lines_per_minute, clock)
 
     def write(self, text: str) -> None:
         """Writes a line, unless too many were written in the current minute."""
-        now_s = self._clock()
-        if now_s - self._begin_s >= _PERIOD_S:
-            if self._suppressed:
-                self._write(f"{self._suppressed} more lines about clients were suppressed")
-            self._begin_s, self._written, self._suppressed = now_s, 0, 0
-        if self._written < self._most:
-            self._written += 1
+        left_out = self._limit.take()
+        if left_out:
+            self._write(f"{left_out} more lines about clients were suppressed")
+        if left_out is not None:
             self._write(printable(" ".join(text[:_LONGEST_TEXT].split())))
-        else:
-            self._suppressed += 1
 
     def logger(self) -> logging.Logger:
         """Returns a logger for a library: each record of level WARN or worse is one line, without traceback."""
@@ -57,16 +48,16 @@ class LogLimit:
 
 
 class _OneLine(logging.Handler):
-    def __init__(self, limit: LogLimit) -> None:
+    def __init__(self, log: ClientLog) -> None:
         super().__init__()
-        self._limit = limit
+        self._log = log
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
         if isinstance(error, ConnectionError):
             return  # the client has gone
         if isinstance(error, HttpProcessingError):
-            self._limit.write(f"refused a malformed HTTP request ({type(error).__name__})")
+            self._log.write(f"refused a malformed HTTP request ({type(error).__name__})")
             return
         text = next(iter(record.getMessage().splitlines()), "")[:200]
-        self._limit.write(f"{text}: {type(error).__name__}" if error else text)
+        self._log.write(f"{text}: {type(error).__name__}" if error else text)

@@ -4,13 +4,13 @@ from typing import List
 
 from aiohttp.http_exceptions import BadStatusLine
 
-from robot_health_monitor.rosbridge.server.log_limit import LogLimit
+from robot_health_monitor.rosbridge.server.client_log import ClientLog
 
 
 def test_lines_per_minute_are_limited_in_total_and_the_rest_is_counted() -> None:
     now_s = 0.0
     lines: List[str] = []
-    limit = LogLimit(lines.append, 3, lambda: now_s)
+    limit = ClientLog(lines.append, 3, lambda: now_s)
     for number in range(10_000):
         limit.write(f"refused client {number}")
     assert lines == ["refused client 0", "refused client 1", "refused client 2"]
@@ -24,20 +24,20 @@ def test_lines_per_minute_are_limited_in_total_and_the_rest_is_counted() -> None
 
 def test_a_text_is_one_line() -> None:
     lines: List[str] = []
-    LogLimit(lines.append).write("one\nforged line\r\n")
+    ClientLog(lines.append).write("one\nforged line\r\n")
     assert lines == ["one forged line"]
 
 
 def test_a_text_is_short_and_controls_no_terminal() -> None:
     """Errors of clients may quote what they sent."""
     lines: List[str] = []
-    LogLimit(lines.append).write("\x1b[31m" + "x" * 1_000_000)
+    ClientLog(lines.append).write("\x1b[31m" + "x" * 1_000_000)
     assert lines == ["?[31m" + "x" * 495]
 
 
 def test_a_library_logs_one_line_without_traceback() -> None:
     lines: List[str] = []
-    logger = LogLimit(lines.append).logger()
+    logger = ClientLog(lines.append).logger()
     try:
         raise RuntimeError("secret\ndetails")
     except RuntimeError:

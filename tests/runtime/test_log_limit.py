@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import List
 
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.rosbridge.client.log_limit import LogLimit
+from robot_health_monitor.runtime.log_limit import LimitedLog, LogLimit
 
 
 class Log:
     def __init__(self) -> None:
         self.now_s = 1000.0
         self.lines: List[str] = []
-        self.limit = LogLimit(lambda severity, text: self.lines.append(text), lambda: self.now_s)
+        self.limit = LimitedLog(lambda severity, text: self.lines.append(text), lambda: self.now_s)
 
     def write(self, kind: str, text: str) -> None:
         self.limit.write(kind, Severity.WARN, text)
@@ -38,3 +38,11 @@ def test_a_peer_that_invents_kinds_is_limited_too() -> None:
     for number in range(10_000):
         log.write(str(number), "line")
     assert len(log.lines) <= 101
+
+
+def test_a_number_of_lines_per_minute_passes_and_the_others_are_counted() -> None:
+    now_s = 1000.0
+    limit = LogLimit(2, lambda: now_s)
+    assert [limit.take() for _ in range(5)] == [0, 0, None, None, None]
+    now_s = 1060.0
+    assert [limit.take() for _ in range(3)] == [3, 0, None]

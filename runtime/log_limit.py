@@ -1,0 +1,81 @@
+"""Limits how often log lines caused by a peer are written."""
+
+from __future__ import annotations
+
+import time
+from typing import Callable, Dict, Optional
+
+from robot_health_monitor.core.middleware import Severity
+
+__all__ = ["LimitedLog", "LogLimit"]
+
+_PERIOD_S = 60.0
+_MOST_KINDS = 100
+
+
+class LogLimit:
+    """Lets a number of lines per kind and minute pass."""
+
+    def __init__(self, most: int = 1, clock: Callable[[], float] = time.monotonic) -> None:
+        """Starts with nothing written.
+
+        Args:
+            most: most lines of a kind in a minute.
+            clock: monotonic seconds.
+        """
+        self._most = most
+        self._clock = clock
+        self._minutes: Dict[str, _Minute] = {}
+
+    def take(self, kind: str = "") -> Optional[int]:
+        """Call before a line is written.
+
+        Args:
+            kind: lines of one kind share the limit; after 100 kinds, further ones share one.
+
+        Returns:
+            How many lines of the kind were left out in the minute before; None: this one is to be left out.
+        """
+        now_s = self._clock()
+        if kind not in self._minutes and len(self._minutes) >= _MOST_KINDS:
+            kind = ""
+        minute, left_out = self._minutes.get(kind), 0
+        if minute is None or now_s - minute.begin_s >= _PERIOD_S:
+            left_out = 0 if minute is None else minute.left_out
+            minute = self._minutes[kind] = _Minute(now_s)
+        if minute.written >= self._most:
+            minute.left_out += 1
+            return None
+        minute.written += 1
+        return left_out
+
+
+class _Minute:
+    """The lines of one kind since the begin of a minute."""
+
+    __slots__ = ("begin_s", "left_out", "written")
+
+    def __init__(self, begin_s: float) -> None:
+        self.begin_s = begin_s
+        self.written = 0
+        self.left_out = 0
+
+
+class LimitedLog:
+    """Writes one line per kind and minute, with the number of lines that were left out since the last one."""
+
+    def __init__(self, write: Callable[[Severity, str], None], clock: Callable[[], float]) -> None:
+        """Starts with nothing written.
+
+        Args:
+            write: writes a line.
+            clock: monotonic seconds.
+        """
+        self._write = write
+        self._limit = LogLimit(clock=clock)
+
+    def write(self, kind: str, severity: Severity, text: str) -> None:
+        """Writes a line, unless one of the same kind was written less than a minute ago; see `LogLimit.take`."""
+        left_out = self._limit.take(kind)
+        if left_out is not None:
+            self._write(severity, f"{text} ({left_out} similar lines left out)" if left_out else text)
