@@ -10,8 +10,8 @@ from .explanation import Judgement
 from .flapping import FlapDetector
 from .model import Level, Transition
 from .rule import TIME_TOLERANCE_S, Rule
-from .saved_state import Downtime, Saved, age_s
 from .signal_config import SignalConfig
+from .state_reader import Downtime, Saved, age_s
 from .storm import StormDetector
 
 

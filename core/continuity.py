@@ -10,7 +10,7 @@ from typing import Any, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
 from .model import Changes, Transition
 from .monitor import Monitor
-from .saved_state import SavedSignal
+from .state_reader import SavedSignal
 
 __all__ = ["MAX_EVIDENCE", "Continuity", "SavedSignal", "SignalHistory"]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, Dict, Optional
 
 from .model import Level
-from .saved_state import Saved, UnusableStateError
+from .state_reader import Saved, UnusableStateError
 
 CHANGES = 20
 """Possible changes in the 21 levels."""

@@ -15,9 +15,9 @@ from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status
-from .saved_state import Downtime, SavedSignal, UnusableStateError, without_latch
 from .signal_config import CONDITIONS, LINK, SignalConfig, read_signal
 from .signal_monitor import SignalMonitor
+from .state_reader import Downtime, SavedSignal, UnusableStateError, without_latch
 
 _LARGEST = sys.float_info.max
 _LINK_GRACE_S = 60.0

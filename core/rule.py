@@ -29,8 +29,8 @@ from typing import Any, Dict, NamedTuple, Optional
 
 from .formatting import datum_text
 from .model import Level
-from .saved_state import Saved, UnusableStateError
 from .signal_config import SignalConfig
+from .state_reader import Saved, UnusableStateError
 
 TIME_TOLERANCE_S = 1e-6
 """Two times closer than this are the same: a double of seconds since 1970 resolves 0.24 microseconds."""

@@ -17,14 +17,14 @@ import math
 import sys
 from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 
-from .announcement import Announcer
+from .announcer import Announcer
 from .explanation import Judgement
 from .model import Level, Transition
 from .quality import Quality
-from .saved_state import Downtime, Saved, SavedSignal, age_s
 from .signal_config import SignalConfig
 from .signal_rules import SignalRules
 from .staleness import Staleness
+from .state_reader import Downtime, Saved, SavedSignal, age_s
 from .window import Window
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.

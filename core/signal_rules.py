@@ -6,8 +6,8 @@ from typing import Any, Dict, Optional, Tuple
 
 from .model import Level
 from .rule import Rule, RuleConfig, State
-from .saved_state import Saved
 from .signal_config import SignalConfig
+from .state_reader import Saved
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
 _OK, _WARN, _ERROR, _STALE = Level

@@ -1,4 +1,4 @@
-"""The state of one signal as plain JSON values, and the reader that trusts none of them.
+"""Reads the saved state of one signal: plain JSON values, none of which can be trusted.
 
 `Monitor.snapshot` writes it and `Monitor.restore` reads it. It comes from a file, so it may be of any form.
 """
@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, Mapping, NamedTuple, Optional
 
-from robot_health_monitor.core.errors import MessageError
-
+from .errors import MessageError
 from .formatting import datum_text
 from .model import Level
 

@@ -9,7 +9,7 @@ from collections import deque
 from typing import Deque, Dict
 
 from .rule import TIME_TOLERANCE_S
-from .saved_state import Downtime, Saved, age_s
+from .state_reader import Downtime, Saved, age_s
 
 MOST = 60
 """Most transitions in `PERIOD_S` that are no storm."""

@@ -17,8 +17,8 @@ from itertools import accumulate
 from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.saved_state import known_s
 from robot_health_monitor.core.signal_config import LINK
+from robot_health_monitor.core.state_reader import known_s
 
 from ..matchers import matches_pattern
 from .checked_rows import checked, is_count, is_level, is_number, is_text, is_time

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.announcement import Announcer
+from robot_health_monitor.core.announcer import Announcer
 from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.core.signal_monitor import SignalMonitor
 

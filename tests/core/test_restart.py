@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import Level, Monitor, MonitorConfig, Sample, Transition, load_config
-from robot_health_monitor.core.saved_state import SavedSignal
+from robot_health_monitor.core.state_reader import SavedSignal
 
 BATTERY = {"warn_below": 20.0, "unit": "%"}
 

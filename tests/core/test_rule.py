@@ -8,7 +8,7 @@ from typing import List, Optional, Tuple
 import pytest
 
 from robot_health_monitor.core.rule import Rule, RuleConfig, State
-from robot_health_monitor.core.saved_state import Saved, UnusableStateError
+from robot_health_monitor.core.state_reader import Saved, UnusableStateError
 
 
 def rule(

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.saved_state import Saved, UnusableStateError
 from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.core.signal_rules import SignalRules
+from robot_health_monitor.core.state_reader import Saved, UnusableStateError
 
 BOUNDS = {"warn_below": 20.0, "error_below": 10.0}
 

@@ -7,7 +7,7 @@ from typing import Any, Mapping
 import pytest
 
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.saved_state import LONGEST_S, Saved, UnusableStateError, age_s
+from robot_health_monitor.core.state_reader import LONGEST_S, Saved, UnusableStateError, age_s
 
 
 def test_a_missing_key_is_its_default() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import Level, Monitor, Sample, Transition, load_config
-from robot_health_monitor.core.saved_state import Downtime, Saved
+from robot_health_monitor.core.state_reader import Downtime, Saved
 from robot_health_monitor.core.storm import StormDetector
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
