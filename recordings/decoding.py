@@ -14,9 +14,10 @@ from robot_health_monitor.core.fixed_fields import STRING, Getter, number_getter
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import canonical_type
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
+from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 from .deserialization import EMPTY, Deserializer
-from .recording import Channel, libraries
+from .recording import Channel
 
 _LONGEST_PROBLEM = 300
 """Characters of an error."""
@@ -129,7 +130,7 @@ def _definitions_of(channel: Channel) -> Definitions:
 
 @functools.lru_cache(maxsize=2)
 def _standard_definitions(is_ros1: bool) -> Definitions:
-    with libraries():
+    with libraries(*RECORDINGS):
         from rosbags.typesys import Stores, get_typestore
 
     ros2 = getattr(Stores, "ROS2_JAZZY", Stores.ROS2_HUMBLE)  # rosbags for Python 3.8 does not know Jazzy

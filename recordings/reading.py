@@ -13,6 +13,7 @@ from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence,
 from robot_health_monitor.core.errors import ConfigError, Problems
 from robot_health_monitor.core.formatting import count_text
 from robot_health_monitor.core.yaml_loader import load
+from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 from .recording import (
     LARGEST,
@@ -23,7 +24,6 @@ from .recording import (
     RecordingError,
     Target,
     check_size,
-    libraries,
 )
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
@@ -156,7 +156,7 @@ class Recordings:
             return Ros1Bag(path, name)
         if kind.endswith(".db3"):
             return SqliteFile(path, name)
-        with libraries():
+        with libraries(*RECORDINGS):
             from .mcap_file import McapFile
         return McapFile(path, name)
 
@@ -207,7 +207,7 @@ class Recordings:
 
     def _unpack_file(self, path: str) -> str:
         """Unpacks a file that is compressed as a whole; returns the path of the unpacked one."""
-        with libraries():
+        with libraries(*RECORDINGS):
             import zstandard
 
         unpacked = ""
@@ -240,7 +240,7 @@ class _PackedMessages:
     """A file of messages that are each packed with zstd; implements `recording.RecordedFile`."""
 
     def __init__(self, file: RecordedFile) -> None:
-        with libraries():
+        with libraries(*RECORDINGS):
             import zstandard
 
         self._file = file

@@ -6,11 +6,10 @@ early or is damaged is read as far as possible; `problem` then says how far.
 
 from __future__ import annotations
 
-import contextlib
 from operator import itemgetter
 from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.middleware import canonical_type
 
 LARGEST = 64 << 20
@@ -27,21 +26,6 @@ class Damaged(MessageError):
 
 class RecordingError(ConfigError):
     """A recording that cannot be read at all. `str()` is one line: which file, what is wrong, what is expected."""
-
-
-class MissingLibraryError(ServiceError):
-    """A library that reads recordings is not installed. `str()` names the command that installs it."""
-
-
-@contextlib.contextmanager
-def libraries() -> Iterator[None]:
-    """Turns a failed import of a library of the extra `[recordings]` into an error that names the command."""
-    try:
-        yield
-    except ImportError as error:
-        install = "pip install lz4 mcap numpy rosbags zstandard"
-        library = str(error.name).partition(".")[0]
-        raise MissingLibraryError(f"reading this recording needs the library {library}: {install}") from None
 
 
 class Channel(NamedTuple):

@@ -11,8 +11,10 @@ import os
 import struct
 from typing import Any, BinaryIO, Counter, Dict, List, Mapping, Optional, Tuple
 
+from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
+
 from .chunked_file import ChunkedFile, Record
-from .recording import LARGEST, Damaged, RawMessage, check_size, libraries
+from .recording import LARGEST, Damaged, RawMessage, check_size
 
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
 _OP_OF_MESSAGE = bytes([_MESSAGE])
@@ -180,7 +182,7 @@ def _unpacked(header: _Fields, data: bytes) -> bytes:
 
 
 def _unpack_lz4(data: bytes, size: int) -> bytes:
-    with libraries():
+    with libraries(*RECORDINGS):
         import lz4.frame  # only bags that are packed with it need it
 
     try:

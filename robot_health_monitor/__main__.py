@@ -14,16 +14,6 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .exit_codes import ExitCode
 
-_LIBRARIES = {
-    "yaml": "PyYAML is not installed: it reads configuration files",
-    "aiohttp": "aiohttp is not installed: it connects to rosbridge servers",
-    "cbor2": "cbor2 is not installed: it decodes messages of rosbridge servers",
-    **{
-        name: f"{name} is not installed: it reads recordings; pip install lz4 mcap numpy rosbags zstandard"
-        for name in ("rosbags", "mcap", "numpy", "zstandard", "lz4")
-    },
-}
-
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Runs the command line.
@@ -46,7 +36,9 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             _abandon_stdout()
             return ExitCode.SUCCESS
         except ModuleNotFoundError as error:
-            return _fail(_LIBRARIES.get(error.name or "", f"{error.name} is not installed"))
+            from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
+
+            return _fail(missing_text(missing_libraries(error)))
         except OSError as error:
             _abandon_stdout()
             return _fail(f"the output cannot be written: {error.strerror or error}")

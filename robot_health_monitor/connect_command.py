@@ -12,6 +12,7 @@ from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.libraries import ROSBRIDGE, libraries
 from robot_health_monitor.runtime.tokens import TokenFiles
 
 from .arguments import Parser, add_monitoring_options, add_namespace, add_token_file, port
@@ -82,7 +83,8 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         ConfigError: an address or a file cannot be used; or, at the end of the duration, a robot refuses this client.
     """
     interrupts.take_hangups()
-    from .fleet import Fleet
+    with libraries(*ROSBRIDGE):
+        from .fleet import Fleet
 
     addresses = read_addresses(arguments.urls)
     output = choose_output(arguments.json, name_robots=len(addresses) > 1 or bool(arguments.fleet))

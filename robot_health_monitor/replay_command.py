@@ -7,6 +7,7 @@ import math
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 from .arguments import INTERRUPTED, Parser, add_recordings, number_or_nan
 from .exit_codes import ExitCode
@@ -61,7 +62,8 @@ def _offset(text: str) -> float:
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Judges recordings, and shows the alerts; returns the exit code."""
     try:
-        from .replay import replay
+        with libraries(*RECORDINGS):
+            from .replay import replay
 
         return ExitCode.ALERTS if replay(arguments) else ExitCode.SUCCESS
     except KeyboardInterrupt:  # half a result must not look like success

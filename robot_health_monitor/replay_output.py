@@ -12,6 +12,7 @@ from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
 
 from .output.events import Entry
 from .output.plain import plain_line
@@ -134,7 +135,7 @@ def _is_terminal(stream: Any) -> bool:
 def _console(use_stderr: bool) -> Optional[Any]:
     try:
         from rich.console import Console
-    except ModuleNotFoundError:
-        sys.stderr.write("rich is not installed: no progress bar, no colours (pip install rich)\n")
+    except ModuleNotFoundError as error:
+        sys.stderr.write(f"{missing_text(missing_libraries(error, 'rich'))} (no progress bar, no colours)\n")
         return None
     return Console(stderr=use_stderr, highlight=False)

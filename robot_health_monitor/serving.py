@@ -15,6 +15,7 @@ from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, S
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes.identity import host_name
 from robot_health_monitor.core.outlets import Event, event_text
+from robot_health_monitor.runtime.libraries import ROSBRIDGE, missing_libraries
 from robot_health_monitor.runtime.tokens import TokenFiles
 
 if TYPE_CHECKING:
@@ -356,7 +357,7 @@ def serve_in_thread(
 
 
 def _missing(error: ModuleNotFoundError) -> str:
-    return f"install {error.name}"
+    return f"install {' '.join(missing_libraries(error, *ROSBRIDGE))}"
 
 
 def _cause(error: OSError) -> str:

@@ -6,6 +6,7 @@ import argparse
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 from .arguments import INTERRUPTED, Parser, add_recordings
 from .exit_codes import ExitCode
@@ -24,7 +25,8 @@ def add_arguments(parser: Parser) -> None:
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Writes the thresholds; returns the exit code."""
     try:
-        from .threshold_study import suggest_thresholds
+        with libraries(*RECORDINGS):
+            from .threshold_study import suggest_thresholds
 
         suggest_thresholds(arguments)
     except KeyboardInterrupt:  # half a result must not look like success

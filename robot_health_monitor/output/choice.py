@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 
+from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
+
 from .display import Output
 from .json_lines import JsonLines
 from .plain import PlainLines
@@ -23,7 +25,7 @@ def choose_output(as_json: bool, name_robots: bool = False) -> Output:
         return PlainLines(sys.stdout, name_robots)
     try:
         from .live import LiveView
-    except ModuleNotFoundError:
-        sys.stderr.write("rich is not installed: plain lines instead of the live table (pip install rich)\n")
+    except ModuleNotFoundError as error:
+        sys.stderr.write(f"{missing_text(missing_libraries(error, 'rich'))} (plain lines instead of the live table)\n")
         return PlainLines(sys.stdout, name_robots)
     return LiveView(sys.stdout, name_robots)

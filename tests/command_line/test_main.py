@@ -70,7 +70,7 @@ def test_a_missing_library_is_one_line_and_code_3(
 ) -> None:
     fail_with(monkeypatch, ModuleNotFoundError("No module named 'cbor2'", name="cbor2"))
     assert main(["sources"]) == 3
-    assert capsys.readouterr().err == "robot-health: cbor2 is not installed: it decodes messages of rosbridge servers\n"
+    assert capsys.readouterr().err == "robot-health: cbor2 is not installed: pip install cbor2\n"
 
 
 def test_an_interrupt_is_code_0(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:

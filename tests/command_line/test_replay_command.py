@@ -401,9 +401,21 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
     )
     ended = subprocess.run([command[0], "-c", code], env=environment, stderr=subprocess.PIPE, text=True, timeout=60)
     assert (ended.returncode, ended.stderr.count("\n")) == (3, 1)
-    assert library in ended.stderr
-    names = " ".join(requirement.partition(">=")[0] for requirement in recordings_requirements())
-    assert ended.stderr.endswith(f"pip install {names}\n")
+    assert ended.stderr == f"robot-health: {library} is not installed: pip install {library}\n"
+
+
+def test_all_missing_libraries_are_named_at_once(command: List[str], environment: Dict[str, str]) -> None:
+    names = sorted(requirement.partition(">=")[0] for requirement in recordings_requirements())
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({names!r})); "
+        "from robot_health_monitor.__main__ import main; sys.exit(main(['replay', 'a.bag']))"
+    )
+    ended = subprocess.run([command[0], "-c", code], env=environment, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert ended.returncode == 3
+    assert ended.stderr == (
+        "robot-health: lz4, mcap, numpy, rosbags, zstandard are not installed: "
+        "pip install lz4 mcap numpy rosbags zstandard\n"
+    )
 
 
 def test_an_interrupt_is_no_success(

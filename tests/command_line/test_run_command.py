@@ -429,9 +429,7 @@ def test_without_pyyaml_it_says_what_is_missing(robot_health: Start, calm: Path,
         "run", "--thresholds", calm, PYTHONPATH=f"{hidden}{os.pathsep}{Path(__file__).resolve().parents[2]}"
     )
     assert process.wait() == 3
-    assert [each.text for each in process.lines] == [
-        "robot-health: PyYAML is not installed: it reads configuration files"
-    ]
+    assert [each.text for each in process.lines] == ["robot-health: PyYAML is not installed: pip install PyYAML"]
 
 
 def test_sighup_reads_the_thresholds_again(robot_health: Start, calm: Path) -> None:

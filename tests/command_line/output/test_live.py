@@ -199,7 +199,7 @@ def test_without_rich_there_are_plain_lines_and_a_hint(on_terminal: Start, restl
     root = str(Path(__file__).resolve().parents[3])
     terminal = on_terminal("run", "--thresholds", restless, PYTHONPATH=os.pathsep.join([str(tmp_path), root]))
     terminal.wait_until(lambda text: "battery_level WARN: " in text)
-    assert terminal.rows[0].startswith("rich is not installed: plain lines instead of the live table")
+    assert terminal.rows[0].startswith("rich is not installed: pip install rich (plain lines instead of")
     assert b"\x1b" not in terminal.bytes
 
 
