@@ -23,6 +23,7 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
 from fuzz.recorded import RECORDED_TARGETS  # noqa: E402  # found through the line above
+from fuzz.stored import STORED_TARGETS  # noqa: E402
 from fuzz.targets import TARGETS, Target  # noqa: E402
 from fuzz.work import TooMuchWork, bounded, limited_time, measured  # noqa: E402
 
@@ -33,7 +34,8 @@ _MEASURED = 4
 
 
 def main(
-    arguments: Optional[Sequence[str]] = None, targets: Sequence[Type[Target]] = (*TARGETS, *RECORDED_TARGETS)
+    arguments: Optional[Sequence[str]] = None,
+    targets: Sequence[Type[Target]] = (*TARGETS, *RECORDED_TARGETS, *STORED_TARGETS),
 ) -> int:
     """Runs the targets, each for an equal part of the time; returns the exit code."""
     names = [target.name for target in targets]

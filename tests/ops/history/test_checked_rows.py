@@ -7,19 +7,15 @@ from pathlib import Path
 from typing import Any, Iterator, List, Tuple
 
 import pytest
+from harness.filled_history import fill_history, read_everything
 from harness.histories import fault_texts, opened, texts, transition
 
-from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.active_silences import Silences
-from robot_health_monitor.ops.history import queries, schema
+from robot_health_monitor.ops.history import schema
 from robot_health_monitor.ops.history.checked_rows import CheckedConnection, checked, is_count, is_time, skip
 from robot_health_monitor.ops.history.reader import HistoryReader
-from robot_health_monitor.ops.history.summary import summarize
-from robot_health_monitor.ops.matchers import parse_matchers
-from robot_health_monitor.ops.silences import open_alerts, read_silences, silence_events, silenced_transitions
 
-NOW_S = 1_700_000_000.0
 ODD = ("'text'", "9e999", "9223372036854775807", "x'ff00'", "CAST(x'ff' AS TEXT)")
 """SQL values."""
 _WITHOUT_ROWID = ("configurations", "silenced_alerts")
@@ -29,21 +25,7 @@ _WITHOUT_ROWID = ("configurations", "silenced_alerts")
 def file(tmp_path: Path) -> Path:
     """Returns a history with rows in every table."""
     path = tmp_path / "history.db"
-    history = opened(path, keep_days=30_000.0)
-    for number in range(4):
-        robot = history.of_robot(f"r{number % 2}")
-        level = (Level.WARN, Level.OK)[number // 2]
-        state = {"announced": {"level": level.name}}
-        robot.record(transition(number, level, robot=f"r{number % 2}"), state, [(NOW_S, 1.0)])
-        robot.record_reset()
-        robot.record_configuration({"a": {"number": number}})
-    silences = Silences(history)
-    history.of_robot("r5").record(transition(9, robot="r5"), {"announced": {"level": "WARN"}}, [(NOW_S, 1.0)])
-    silences.add(parse_matchers("robot=r5"), until_resolved=True)
-    silences.add(parse_matchers("robot=r1"), for_s=60.0)
-    silences.close()
-    history.close()
-    opened(path).close()  # a second run
+    fill_history(path)
     return path
 
 
@@ -54,23 +36,6 @@ def columns() -> Iterator[Tuple[str, str]]:
     for table in schema.tables(connection):
         for row in connection.execute(f"PRAGMA table_info({table})"):
             yield table, row[1]
-
-
-def read_everything(connection: sqlite3.Connection) -> List[str]:
-    """Calls every reader; returns the texts of the transitions."""
-    found = [*queries.transitions(connection), *queries.transitions(connection, since_s=NOW_S, newest_first=True)]
-    for each in found:
-        queries.transition(connection, each.id)
-        queries.evidence(connection, each.id)
-    queries.gaps(connection)
-    queries.monitor_events(connection)
-    summarize(connection, NOW_S * 2.0)
-    open_alerts(connection)
-    silence_events(connection, NOW_S, robot="r*")
-    for silence in read_silences(connection):
-        assert silence.text
-        silenced_transitions(connection, silence, NOW_S)
-    return [each.text for each in queries.transitions(connection)]
 
 
 @pytest.mark.newest_python
