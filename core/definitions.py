@@ -10,7 +10,7 @@ Sources: wiki.ros.org/msg; design.ros2.org/articles/idl_interface_definition.htm
 from __future__ import annotations
 
 import re
-from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .middleware import canonical_type
 
@@ -30,6 +30,9 @@ NUMBERS: Mapping[str, str] = {
 }  # fmt: skip
 """struct's letter for each type of fixed size."""
 
+ROS1_KINDS: Mapping[str, str] = {"byte": "int8", "char": "uint8"}
+"""Types of .msg that are numbers by another name, in ROS 1."""
+
 TEXTS = ("string", "wstring")
 
 _SEPARATOR = re.compile(r"^={80}\n", re.M)
@@ -37,8 +40,9 @@ _MSG_FIELD = re.compile(
     r"(?:@\w+\s+)?(?P<kind>[A-Za-z][\w/]{0,200})(?:<=\d{1,10})?(?:\[(?:(?P<size>\d{1,10})|<=\d{1,10})?(?P<array>\]))?"
     r"\s+(?P<name>[A-Za-z_]\w{0,200})(?P<constant>\s*=.*)?(?:\s.*)?"
 )
+_STRING_CONSTANT = re.compile(r"w?string(?:<=\d+)?\s+\w+\s*=")
 _MSG_ALIASES = {
-    "byte": "uint8", "char": "uint8", "time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration",
+    "char": "uint8", "time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration",
 }  # fmt: skip
 _IDL_TOKEN = re.compile(
     r"(?:\s+|//[^\n]*|/\*.*?\*/|#[^\n]*)|"
@@ -51,6 +55,7 @@ _IDL_NUMBERS = {
     "unsigned short": "uint16", "long": "int32", "unsigned long": "uint32", "long long": "int64",
     "unsigned long long": "uint64", **{name: name for name in NUMBERS if "int" in name},
 }  # fmt: skip
+_PLAIN_KINDS = frozenset([*NUMBERS, *TEXTS, *ROS1_KINDS, "time", "duration"])
 _LONG_WORDS = ("unsigned", "long", "short")
 
 
@@ -59,16 +64,24 @@ class Field(NamedTuple):
 
     name: str
     kind: str
-    """A key of `NUMBERS`, one of `TEXTS`, or a type `package/Type`."""
+    """A key of `NUMBERS`, one of `TEXTS`, or a type `package/Type`. `parse_msg` keeps byte, char, time and duration."""
     size: Optional[int]
     """None: one value; `SEQUENCE`: an array of any length; else the length of the array."""
 
 
-Definitions = Dict[str, Tuple[Field, ...]]
-"""The fields of each type, by `package/Type`."""
+class Definition(NamedTuple):
+    """One message type."""
+
+    fields: Sequence[Field]
+    constants: Sequence[Tuple[str, str]] = ()
+    """Name and value, as text, of each constant of a .msg."""
+
+
+Definitions = Dict[str, Definition]
+"""The definition of each type, by `package/Type`."""
 
 TIMES: Definitions = {
-    f"builtin_interfaces/{name}": (Field("sec", "int32", None), Field("nanosec", "uint32", None))
+    f"builtin_interfaces/{name}": Definition([Field("sec", "int32", None), Field("nanosec", "uint32", None)])
     for name in ("Time", "Duration")
 }
 """The types that ROS 1 has built in, under the names that they have in ROS 2."""
@@ -86,56 +99,90 @@ def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") 
     Raises:
         ValueError: it is not as the format requires, or too large.
     """
-    if len(text) > LONGEST_TEXT:
-        raise ValueError(f"{len(text)} characters, expected at most {LONGEST_TEXT}")
-    found: Definitions = {}
-    parts = _SEPARATOR.split(text)
-    for number, part in enumerate(parts):
-        first, _, rest = part.partition("\n")
-        if form == "idl":
-            found.update(_Idl(rest if first.startswith("IDL: ") else part).types)
-        else:
-            name = canonical_type(first[len("MSG: ") :].strip()) if number else type_name
-            if number and not first.startswith("MSG: "):
-                raise ValueError("expected a line MSG: after a separator")
-            found.setdefault(name, tuple(_msg_fields(name, rest if number else part, byte)))
-        if sum(map(len, found.values())) > MOST_FIELDS:
-            raise ValueError(f"expected at most {MOST_FIELDS} fields, got more")
     if form == "msg":
-        found = _resolved(found)
+        aliases = {**_MSG_ALIASES, "byte": byte}
+        found = {
+            name: Definition([field._replace(kind=aliases.get(field.kind, field.kind)) for field in definition.fields])
+            for name, definition in parse_msg(type_name, text).items()
+        }
+    else:
+        found = {}
+        for part in _parts(text):
+            first, _, rest = part.partition("\n")
+            found.update(_Idl(rest if first.startswith("IDL: ") else part).types)
+            _check_number_of_fields(found)
     if type_name not in found:
         raise ValueError("the definition does not define it")
     return {**TIMES, **found}
 
 
-def _msg_fields(type_name: str, text: str, byte: str) -> Iterator[Field]:
+def parse_msg(type_name: str, text: str) -> Definitions:
+    """Returns the types in a definition in .msg, `type_name` first, with kinds as they are spelt there.
+
+    Raises:
+        ValueError: it is not as the format requires, or too large.
+    """
+    found: Definitions = {}
+    name = type_name
+    for number, part in enumerate(_parts(text)):
+        if number:
+            first, _, part = part.partition("\n")
+            if not first.startswith("MSG: "):
+                raise ValueError("expected a line MSG: after a separator")
+            name = canonical_type(first[len("MSG: ") :].strip())
+        found.setdefault(name, _msg_definition(name, part))
+        _check_number_of_fields(found)
+    return _resolved(found)
+
+
+def _parts(text: str) -> List[str]:
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"{len(text)} characters, expected at most {LONGEST_TEXT}")
+    return _SEPARATOR.split(text)
+
+
+def _check_number_of_fields(found: Definitions) -> None:
+    if sum(len(definition.fields) for definition in found.values()) > MOST_FIELDS:
+        raise ValueError(f"expected at most {MOST_FIELDS} fields, got more")
+
+
+def _msg_definition(type_name: str, text: str) -> Definition:
     package = type_name.partition("/")[0]
+    fields: List[Field] = []
+    constants: List[Tuple[str, str]] = []
     for line in text.splitlines():
-        line = line.partition("#")[0].strip()  # in a string constant # is text, but its value is not needed
+        line = line.strip()
+        if _STRING_CONSTANT.match(line) is None:  # in which # is text
+            line = line.partition("#")[0].strip()
         if not line:
             continue
         found = _MSG_FIELD.fullmatch(line)
         if found is None:
             raise ValueError(f"expected a field, got {line[:80]!r}")
+        kind, name = found["kind"], found["name"]
         if found["constant"]:
+            constants.append((name, found["constant"].partition("=")[2].strip()))
             continue
-        kind = byte if found["kind"] == "byte" else _MSG_ALIASES.get(found["kind"], found["kind"])
-        if kind not in NUMBERS and kind not in TEXTS:
+        if kind not in _PLAIN_KINDS:
             kind = canonical_type(kind) if "/" in kind else f"{package}/{kind}"
         size = None if not found["array"] else SEQUENCE if found["size"] is None else _size(found["size"])
-        yield Field(found["name"], kind, size)
+        fields.append(Field(name, kind, size))
+    return Definition(fields, constants)
 
 
 def _resolved(types: Definitions) -> Definitions:
     """Looks for types without a package in the other packages too: a Header is that of std_msgs."""
-    by_name = {name.partition("/")[2]: name for name in types}
+    by_name = {"Header": "std_msgs/Header", **{name.partition("/")[2]: name for name in types}}
 
     def resolve(field: Field) -> Field:
         if "/" not in field.kind or field.kind in types or field.kind in TIMES:
             return field
         return field._replace(kind=by_name.get(field.kind.partition("/")[2], field.kind))
 
-    return {name: tuple(map(resolve, fields)) for name, fields in types.items()}
+    return {
+        name: definition._replace(fields=[resolve(field) for field in definition.fields])
+        for name, definition in types.items()
+    }
 
 
 def _size(digits: str) -> int:
@@ -200,7 +247,7 @@ class _Idl:
             self._skip_annotations()
         self._at += 1
         self._expect(";")
-        self.types[f"{(*self._modules, name)[0]}/{name}"] = tuple(fields)
+        self.types[f"{(*self._modules, name)[0]}/{name}"] = Definition(fields)
 
     def _read_constant(self) -> None:
         start = self._at

@@ -9,11 +9,11 @@ from __future__ import annotations
 import base64
 import functools
 import operator
-import re
 from typing import Any, Dict, Mapping, Sequence, Tuple
 
+from .definitions import ROS1_KINDS, SEQUENCE, Field, parse_msg
 from .errors import ConfigError
-from .middleware import Message, split_type_name
+from .middleware import Message, canonical_type, split_type_name
 from .native_messages import Dialect, FieldType, NativeMessages, as_it_is
 
 __all__ = [
@@ -424,10 +424,16 @@ ROS2_FIELDS: Mapping[str, str] = {
 }
 """Fields that only ROS 2 has, by type."""
 
+_ROSGRAPH: Mapping[str, str] = {
+    "rosgraph_msgs/Clock": "time clock\n",
+    "rosgraph_msgs/Log": "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\n"
+    "std_msgs/Header header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n"
+    "string[] topics\n",
+}
+"""Definitions for clients that ask for them; these messages are not checked."""
+
 _TIME = "time"
 _TIME_FIELDS = {"secs": FieldType("int32", "int32"), "nsecs": FieldType("int32", "int32")}
-_KINDS = {"byte": "int8", "char": "uint8"}
-_FIELD = re.compile(r"(?P<element>[\w/]+)(?P<array>\[(?P<size>\d*)\])? (?P<name>\w+)\Z")
 
 
 @functools.lru_cache(maxsize=None)
@@ -436,15 +442,15 @@ def _field_types(type_name: Any) -> Mapping[str, FieldType]:
     if type_name == _TIME:
         return _TIME_FIELDS
     types: Dict[str, FieldType] = {}
-    for line in (MESSAGES[type_name] + ROS2_FIELDS.get(type_name, "")).splitlines():
-        field = _FIELD.match(line)
-        if field is None:  # a constant
-            continue
-        element, is_array = field["element"], field["array"] is not None
-        message = element if element in MESSAGES else _TIME if element in ("time", "duration") else None
-        size = int(field["size"]) if field["size"] else None
-        types[field["name"]] = FieldType(element, _KINDS.get(element, element), message, is_array, size)
+    for name, kind, size in _parsed(type_name, MESSAGES[type_name] + ROS2_FIELDS.get(type_name, "")):
+        message = kind if kind in MESSAGES else _TIME if kind in ("time", "duration") else None
+        count = None if size == SEQUENCE else size
+        types[name] = FieldType(kind, ROS1_KINDS.get(kind, kind), message, size is not None, count)
     return types
+
+
+def _parsed(type_name: str, text: str) -> Sequence[Field]:
+    return parse_msg(type_name, text)[type_name].fields
 
 
 def _find_class(package: str, kind: str, name: str) -> Any:
@@ -545,14 +551,9 @@ def is_stamped(type_name: str) -> bool:
 
 def definition(type_name: str) -> str:
     """Returns a type's definition and those of the types it contains, as from `gendeps --cat`; empty if unknown."""
-    split = split_type_name(type_name)
-    root = "/".join(split or ())
-    if root not in MESSAGES:
-        return ""
-    names, parts = [root], [MESSAGES[root]]
+    texts, names, parts = {**MESSAGES, **_ROSGRAPH}, [canonical_type(type_name)], []
     for name in names:  # grows while it runs
-        for field in _field_types(name).values():
-            if field.element in MESSAGES and field.element not in names:
-                names.append(field.element)
-                parts.append(f"{'=' * 80}\nMSG: {field.element}\n{MESSAGES[field.element]}")
+        text = texts.get(name, "")
+        parts.append(text if name == names[0] else f"{'=' * 80}\nMSG: {name}\n{text}")
+        names += dict.fromkeys(field.kind for field in _parsed(name, text) if field.kind in {*MESSAGES} - {*names})
     return "".join(parts)

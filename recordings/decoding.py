@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 from typing import Any, List, Mapping, Tuple
 
-from robot_health_monitor.core.definitions import SEQUENCE, TIMES, Definitions, Field, parse_definition
+from robot_health_monitor.core.definitions import SEQUENCE, TIMES, Definition, Definitions, Field, parse_definition
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.fixed_fields import STRING, Getter, number_getter, plain_fields
 from robot_health_monitor.core.formatting import printable
@@ -103,7 +103,7 @@ class Types:
         return [(path, place[0]) for path, place in fields if place and place[0] != STRING and path[-2:] != "[]"]
 
     def _field_types(self, native_class: Any) -> Mapping[str, FieldType]:
-        return {field.name: self._field_type(field) for field in self._definitions[native_class.type_name]}
+        return {field.name: self._field_type(field) for field in self._definitions[native_class.type_name].fields}
 
     def _field_type(self, field: Field) -> FieldType:
         message = self._deserializer.classes[field.kind] if "/" in field.kind else None
@@ -137,8 +137,8 @@ def _standard_definitions(is_ros1: bool) -> Definitions:
     store: Any = get_typestore(Stores.ROS1_NOETIC if is_ros1 else ros2)
     found = getattr(store, "fielddefs", None) or store.FIELDDEFS
     fields = {
-        canonical_type(name): tuple(
-            _standard_field(field, int(kind), what, is_ros1) for field, (kind, what) in fields if field != EMPTY.name
+        canonical_type(name): Definition(
+            [_standard_field(field, int(kind), what, is_ros1) for field, (kind, what) in fields if field != EMPTY.name]
         )
         for name, (_, fields) in found.items()
     }

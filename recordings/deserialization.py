@@ -10,7 +10,7 @@ Sources: wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes; OMG
 from __future__ import annotations
 
 import struct
-from typing import Any, Callable, Dict, List, NamedTuple, Set, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -78,10 +78,10 @@ class Deserializer:
 
         return get
 
-    def _fields(self, name: str) -> Tuple[Field, ...]:
+    def _fields(self, name: str) -> Sequence[Field]:
         if name not in self._definitions:
             raise ValueError(f"the definition of {name} is missing")
-        return self._definitions[name] or ((EMPTY,) if self._is_cdr else ())
+        return self._definitions[name].fields or ((EMPTY,) if self._is_cdr else ())
 
     def _measure(self, name: str, above: Set[str]) -> _Shape:
         """Computes the shapes of a type and of the types in it."""

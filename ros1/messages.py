@@ -12,11 +12,9 @@ from typing import Any, Callable, Mapping, Optional
 import genpy
 import rospy
 
+from robot_health_monitor.core.definitions import ROS1_KINDS
 from robot_health_monitor.core.fixed_fields import number_getter
 from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is
-
-_KINDS = {"byte": "int8", "char": "uint8"}
-"""Kinds of types that ROS 1 names differently."""
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
@@ -45,7 +43,7 @@ def _field_type(text: str) -> FieldType:
     element = array["element"] if array else text
     return FieldType(
         element,
-        _KINDS.get(element, element),
+        ROS1_KINDS.get(element, element),
         message_class(element) if "/" in element else _TIMES.get(element),
         is_array=array is not None,
         size=int(array["size"]) if array and array["size"] else None,

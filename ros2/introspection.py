@@ -101,7 +101,8 @@ def _full_text(native_class: Any) -> str:
         lines = []
         inner = []
         for name, field in messages.field_types(cls).items():
-            element = "byte" if field.kind == "octet" else field.kind  # its name in a .msg file
+            # As in a .msg file: byte, and string<=5 for string<5>.
+            element = "byte" if field.kind == "octet" else field.kind.replace("<", "<=").rstrip(">")
             bound = str(field.size) if field.size else f"<={field.most}" if field.most else ""
             lines.append(f"{element}{f'[{bound}]' if field.is_array else ''} {name}\n")
             if field.message is not None:

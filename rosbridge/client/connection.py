@@ -28,7 +28,7 @@ from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 import aiohttp
 
 from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.middleware import Severity, canonical_type
 from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
@@ -37,7 +37,6 @@ from ..address import host_and_port, http_address, shown_address
 from ..flood_limit import FloodLimit
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError
 from ..protocol.codec import decode
-from ..protocol.definitions import canonical
 from ..turns import Turns, limit_reads
 from .backoff import ConnectBackoff
 from .cause import UP, Cause, RedirectError, cause_of_close, cause_of_error
@@ -137,8 +136,8 @@ class ServerConnection:
         """Announces a topic to publish on, now and after every reconnection."""
         with self._lock:
             if topic not in self._advertised:
-                self._advertised[topic] = canonical(type_name)
-                self.send(protocol.Advertise(topic, canonical(type_name)))
+                self._advertised[topic] = canonical_type(type_name)
+                self.send(protocol.Advertise(topic, canonical_type(type_name)))
 
     def unadvertise(self, topic: str) -> None:
         """Ends an `advertise`."""

@@ -9,10 +9,10 @@ from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import LinkError, MessageError, ServiceError
 from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.middleware import canonical_type
 
 from .. import protocol
 from ..protocol import Id, Operation
-from ..protocol.definitions import canonical
 
 __all__ = ["Handler", "OfferedServices", "ServiceCalls"]
 
@@ -103,8 +103,8 @@ class OfferedServices:
             handler: called in the event loop with the request; returns the response, or raises ServiceError.
         """
         with self._lock:
-            self._services[service] = canonical(type_name), handler
-            self._send(protocol.AdvertiseService(service, canonical(type_name)))
+            self._services[service] = canonical_type(type_name), handler
+            self._send(protocol.AdvertiseService(service, canonical_type(type_name)))
 
     def remove(self, service: str) -> None:
         """Ends an `add`."""

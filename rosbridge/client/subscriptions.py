@@ -10,10 +10,10 @@ import threading
 from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Protocol, Set, Tuple
 
 from robot_health_monitor.core.errors import LinkError, ServiceError
+from robot_health_monitor.core.middleware import canonical_type
 
 from .. import protocol
 from ..protocol import Operation
-from ..protocol.definitions import canonical
 
 __all__ = ["Receiver", "Subscriptions"]
 
@@ -62,7 +62,7 @@ class Subscriptions:
             first = topic not in self._receivers
             self._receivers[topic] = (*self._receivers.get(topic, ()), receiver)
             if first or (type_name and not self._types[topic]):
-                self._types[topic] = canonical(type_name)
+                self._types[topic] = canonical_type(type_name)
                 self._send_subscribe(topic)
 
     def remove(self, topic: str, receiver: Receiver) -> None:
@@ -134,7 +134,7 @@ class Subscriptions:
             self._send(protocol.Subscribe(topic, "", _subscription_id(topic)))
         with self._lock:
             if isinstance(found, str) and found and topic in self._untyped:
-                self._types[topic] = canonical(found)
+                self._types[topic] = canonical_type(found)
                 self._send_subscribe(topic)
 
 

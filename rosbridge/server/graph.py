@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Callable, Mapping
 
 from robot_health_monitor.core.middleware import Graph, NodeInfo, ServedMiddleware, resolve_name
+from robot_health_monitor.core.standard_messages import definition
 
-from ..protocol.definitions import full_text
 from .node_access import NodeAccess
 
 __all__ = ["ROSOUT", "ROSOUT_TYPE", "ServedGraph"]
@@ -63,7 +63,7 @@ class ServedGraph:
 
     def definition(self, type_name: str) -> str:
         """Returns the definition of a message type, with the types that it contains; empty if it is not known."""
-        return self._middleware.message_definition(type_name) or full_text(type_name)
+        return self._middleware.message_definition(type_name) or definition(type_name)
 
     async def topic_type(self, topic: str) -> str:
         """Returns the type of a topic; empty if it is not known.

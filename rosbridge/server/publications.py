@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, Callable, Dict, Mapping
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.middleware import Message, ServedMiddleware
+from robot_health_monitor.core.middleware import Message, ServedMiddleware, canonical_type
 
 from ..protocol import Id, ProtocolError
-from ..protocol.definitions import canonical, null_reader
+from ..protocol.definitions import null_reader
 from .access import Access
 from .graph import ServedGraph
 from .node_access import NodeAccess
@@ -59,7 +59,7 @@ class Publications:
             known = self._types.get(topic) or await self._graph.topic_type(topic)
             if not (known or type_name):
                 raise ProtocolError(f"{topic} is not advertised", "publish", id)
-            if known and type_name and canonical(known) != canonical(type_name):
+            if known and type_name and canonical_type(known) != canonical_type(type_name):
                 raise ProtocolError(f"type of {topic}: expected {known}, got {type_name}", "advertise", id)
             type_name = type_name or known
             await self._node.call(self._middleware.advertise, topic, type_name)

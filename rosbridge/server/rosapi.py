@@ -7,14 +7,15 @@ Each call reads the graph once.
 from __future__ import annotations
 
 import json
+from itertools import starmap
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
+from robot_health_monitor.core.definitions import Definition, Field
 from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.middleware import Graph
+from robot_health_monitor.core.middleware import Graph, canonical_type
 from robot_health_monitor.core.parameters import flatten
 
 from ..protocol import definitions
-from ..protocol.definitions import canonical
 
 __all__ = ["PREFIX", "Rosapi"]
 
@@ -127,13 +128,13 @@ class Rosapi:
 
     def _message_details(self, type_name: str) -> Mapping[str, Any]:
         found = definitions.parse(type_name, self._definition(type_name))
-        return {"typedefs": [_typedef(one) for one in found.values() if one.fields or one.constants]}
+        return {"typedefs": [_typedef(name, one) for name, one in found.items() if one.fields or one.constants]}
 
     def _service_request_details(self, type_name: str) -> Mapping[str, Any]:
-        return {"typedefs": [_typedef(one) for one in definitions.service_definition(type_name, False).values()]}
+        return {"typedefs": list(starmap(_typedef, definitions.service_definition(type_name, False).items()))}
 
     def _service_response_details(self, type_name: str) -> Mapping[str, Any]:
-        return {"typedefs": [_typedef(one) for one in definitions.service_definition(type_name, True).values()]}
+        return {"typedefs": list(starmap(_typedef, definitions.service_definition(type_name, True).items()))}
 
     def _get_time(self) -> Mapping[str, Any]:
         seconds, rest = divmod(self._time_s(), 1.0)
@@ -202,23 +203,23 @@ def _texts(args: object, names: Sequence[str]) -> List[str]:
 
 
 def _having(types: Mapping[str, str], type_name: str) -> List[str]:
-    return [name for name, found in types.items() if canonical(found) == canonical(type_name)]
+    return [name for name, found in types.items() if canonical_type(found) == canonical_type(type_name)]
 
 
-def _typedef(definition: definitions.Definition) -> Mapping[str, Any]:
+def _typedef(type_name: str, definition: Definition) -> Mapping[str, Any]:
     """Returns one definition as rosapi_msgs/TypeDef."""
     return {
-        "type": definition.type,
+        "type": type_name,
         "fieldnames": [field.name for field in definition.fields],
-        "fieldtypes": [field.type for field in definition.fields],
-        "fieldarraylen": [field.length for field in definition.fields],
+        "fieldtypes": [field.kind for field in definition.fields],
+        "fieldarraylen": [-1 if field.size is None else max(field.size, 0) for field in definition.fields],
         "examples": [_example(field) for field in definition.fields],
         "constnames": [name for name, _ in definition.constants],
         "constvalues": [value for _, value in definition.constants],
     }
 
 
-def _example(field: definitions.Field) -> str:
-    if field.length >= 0:
+def _example(field: Field) -> str:
+    if field.size is not None:
         return "[]"
-    return "{}" if "/" in field.type or field.type in ("time", "duration") else _EXAMPLES.get(field.type, "0")
+    return "{}" if "/" in field.kind or field.kind in ("time", "duration") else _EXAMPLES.get(field.kind, "0")

@@ -6,11 +6,11 @@ import asyncio
 from typing import Any, Awaitable, Callable, Dict, NamedTuple, Optional, Set, Type
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.middleware import canonical_type
 from robot_health_monitor.runtime.threads import ThreadPool
 
 from .. import protocol
 from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire
-from ..protocol.definitions import canonical
 from .access import Access
 from .frames import frame
 from .graph import ServedGraph
@@ -197,7 +197,7 @@ class Session:
 
     async def _advertise(self, request: protocol.Advertise) -> None:
         known = self._advertised.get(request.topic)
-        if known is not None and canonical(known) == canonical(request.type):
+        if known is not None and canonical_type(known) == canonical_type(request.type):
             return
         self._require_room("advertise", request.id)
         await self._parts.publications.advertise(request.topic, request.type, request.id)

@@ -8,11 +8,11 @@ from typing import Callable, Dict, Optional
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import ServedMiddleware, Severity, Subscription
+from robot_health_monitor.core.middleware import ServedMiddleware, Severity, Subscription, canonical_type
 from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import Limits, ProtocolError
-from ..protocol.definitions import canonical, serializer
+from ..protocol.definitions import serializer
 from .graph import ROSOUT, ROSOUT_TYPE, ServedGraph
 from .node_access import NodeAccess
 from .subscriptions import Options
@@ -176,5 +176,5 @@ class Topics:
 
 def _require_same_type(topic: str, known: str, requested: str) -> None:
     """Raises ProtocolError if both types are given and differ."""
-    if known and requested and canonical(known) != canonical(requested):
+    if known and requested and canonical_type(known) != canonical_type(requested):
         raise ProtocolError(f"type of {topic}: expected {known}, got {requested}", "subscribe")

@@ -15,7 +15,7 @@ SEPARATOR = "=" * 80
 
 def fields(text: str, form: str = "msg") -> List[Tuple[str, str, Any]]:
     """Returns the fields of my_robot/Load."""
-    return [tuple(field) for field in parse_definition("my_robot/Load", text, form)["my_robot/Load"]]  # type: ignore[misc]
+    return [tuple(field) for field in parse_definition("my_robot/Load", text, form)["my_robot/Load"].fields]  # type: ignore[misc]
 
 
 def test_a_msg_has_fields_arrays_defaults_and_constants() -> None:
@@ -101,7 +101,7 @@ def test_every_standard_type_is_as_rosbags_parses_it(store: Any) -> None:
     aliases = {"byte": "uint8", "char": "uint8", "octet": "uint8"}
     for name in known:
         parsed = parse_definition(name.replace("/msg/", "/"), definition(store, name), "msg")
-        found = parsed[name.replace("/msg/", "/")]
+        found = parsed[name.replace("/msg/", "/")].fields
         expected = []
         for field, (kind, what) in known[name][1]:
             size = None
@@ -158,7 +158,7 @@ def test_defaults_are_not_parsed() -> None:
 
 def test_the_largest_definitions_are_parsed() -> None:
     text = "".join(f"float64[36] field_{number}\n" for number in range(MOST_FIELDS))
-    assert len(parse_definition("a/T", text, "msg")["a/T"]) == MOST_FIELDS
+    assert len(parse_definition("a/T", text, "msg")["a/T"].fields) == MOST_FIELDS
 
 
 @pytest.mark.parametrize("folder", ["", "msg/", "srv/", "action/"])

@@ -115,6 +115,9 @@ def test_a_definition_contains_each_type_once() -> None:
     text = definition("diagnostic_msgs/msg/DiagnosticArray")
     heads = [line for line in text.splitlines() if line.startswith("MSG: ")]
     assert heads == ["MSG: std_msgs/Header", "MSG: diagnostic_msgs/DiagnosticStatus", "MSG: diagnostic_msgs/KeyValue"]
+    twist = definition("sensor_msgs/MultiDOFJointState")
+    assert twist.count("MSG: geometry_msgs/Vector3\n") == 1
+    assert definition("rosgraph_msgs/Log").endswith("MSG: std_msgs/Header\n" + MESSAGES["std_msgs/Header"])
     assert definition("nav_msgs/Odometry") == definition("nonsense") == ""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from harness.recorded import ROS1, ROS2, definition, fields_of, random_message, serialized
 
-from robot_health_monitor.core.definitions import SEQUENCE, Field, parse_definition
+from robot_health_monitor.core.definitions import SEQUENCE, Definition, Field, parse_definition
 from robot_health_monitor.recordings.deserialization import Deserializer
 
 
@@ -42,7 +42,7 @@ def test_every_standard_message_is_read_as_it_was_serialized(encoding: str) -> N
 
 
 def reader(fields: Dict[str, Tuple[Field, ...]], is_cdr: bool = False) -> Any:
-    return Deserializer(fields, is_cdr).bind("a/T")
+    return Deserializer({name: Definition(each) for name, each in fields.items()}, is_cdr).bind("a/T")
 
 
 def test_big_endian_arrays_are_read() -> None:

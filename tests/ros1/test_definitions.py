@@ -34,9 +34,10 @@ def test_bytes_are_those_of_genpy(type_name: str) -> None:
 
 @pytest.mark.parametrize("type_name", list(MESSAGES))
 def test_fields_are_those_of_genpy(type_name: str) -> None:
+    from robot_health_monitor.core.standard_messages import definition
     from robot_health_monitor.ros1 import messages
-    from robot_health_monitor.rosbridge.protocol.definitions import full_text, parse
+    from robot_health_monitor.rosbridge.protocol.definitions import parse
 
     theirs = parse(type_name, messages.message_class(type_name)._full_text)
-    ours = parse(type_name, full_text(type_name))
+    ours = parse(type_name, definition(type_name))
     assert {name: one.fields for name, one in ours.items()} == {name: one.fields for name, one in theirs.items()}

@@ -6,10 +6,9 @@ from typing import Any, Dict
 
 import pytest
 
+from robot_health_monitor.core.definitions import SEQUENCE, Field
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.rosbridge.protocol.definitions import (
-    Field,
-    full_text,
     null_reader,
     parse,
     serializer,
@@ -68,7 +67,6 @@ def test_a_message_that_does_not_fit_is_an_error(message: Dict[str, Any]) -> Non
 def test_what_is_not_known_cannot_be_written() -> None:
     assert serializer("nav_msgs/Odometry") is None
     assert serializer("") is None
-    assert full_text("nav_msgs/Odometry") == ""
 
 
 def test_a_definition_is_read_as_gendeps_prints_it() -> None:
@@ -82,24 +80,21 @@ def test_a_definition_is_read_as_gendeps_prints_it() -> None:
     )
     found = parse("some_msgs/Outer", definition)
     assert list(found) == ["some_msgs/Outer", "std_msgs/Header", "some_msgs/Inner"]
-    assert found["some_msgs/Outer"].fields == [
-        Field("header", "std_msgs/Header", -1),
+    assert list(found["some_msgs/Outer"].fields) == [
+        Field("header", "std_msgs/Header", None),
         Field("covariance", "float64", 9),
-        Field("parts", "some_msgs/Inner", 0),
-        Field("few", "uint8", 0),
-        Field("thing", "other_msgs/Thing", -1),
+        Field("parts", "some_msgs/Inner", SEQUENCE),
+        Field("few", "uint8", SEQUENCE),
+        Field("thing", "other_msgs/Thing", None),
     ]
     # A comment belongs to the value of a string constant (wiki.ros.org/msg), and to no other.
-    assert found["some_msgs/Outer"].constants == [("LEVEL", "3"), ("NAME", "a # b")]
+    assert list(found["some_msgs/Outer"].constants) == [("LEVEL", "3"), ("NAME", "a # b")]
 
 
-def test_a_full_text_holds_every_type_within_it_once() -> None:
-    heads = [part.split("\n", 1)[0] for part in full_text("diagnostic_msgs/DiagnosticArray").split("=" * 80 + "\n")]
-    assert heads[1:] == [
-        "MSG: std_msgs/Header",
-        "MSG: diagnostic_msgs/DiagnosticStatus",
-        "MSG: diagnostic_msgs/KeyValue",
-    ]
+def test_a_definition_that_cannot_be_parsed_is_none() -> None:
+    assert parse("x/Root", "float32 data\n?\n") == {}
+    assert serializer("x/Root", "float32 data\n?\n") is None
+    assert null_reader("x/Root", "float32 data\n?\n")({"data": None}) == {"data": None}
 
 
 def test_services_of_std_srvs_are_known() -> None:
