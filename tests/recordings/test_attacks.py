@@ -273,7 +273,7 @@ ATTACKS: Dict[str, Callable[[Path], str]] = {
 _BOTH = """
 import sys
 from robot_health_monitor.__main__ import main
-codes = [main([command, *sys.argv[1:]]) for command in ("replay", "suggest")]
+codes = [int(main([command, *sys.argv[1:]])) for command in ("replay", "suggest")]
 status = dict(line.split(":", 1) for line in open("/proc/self/status"))
 print(codes, status["VmHWM"].split()[0])
 """
