@@ -33,378 +33,142 @@ PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""
 
 _MESSAGES = """
-std_msgs/Bool
-  bool data
-std_msgs/Byte
-  byte data
-std_msgs/ByteMultiArray
-  std_msgs/MultiArrayLayout layout
-  byte[] data
-std_msgs/Char
-  char data
-std_msgs/ColorRGBA
-  float32 r
-  float32 g
-  float32 b
-  float32 a
-std_msgs/Duration
-  duration data
-std_msgs/Empty
-std_msgs/Float32
-  float32 data
-std_msgs/Float32MultiArray
-  std_msgs/MultiArrayLayout layout
-  float32[] data
-std_msgs/Float64
-  float64 data
-std_msgs/Float64MultiArray
-  std_msgs/MultiArrayLayout layout
-  float64[] data
-std_msgs/Header
-  uint32 seq
-  time stamp
-  string frame_id
-std_msgs/Int16
-  int16 data
-std_msgs/Int16MultiArray
-  std_msgs/MultiArrayLayout layout
-  int16[] data
-std_msgs/Int32
-  int32 data
-std_msgs/Int32MultiArray
-  std_msgs/MultiArrayLayout layout
-  int32[] data
-std_msgs/Int64
-  int64 data
-std_msgs/Int64MultiArray
-  std_msgs/MultiArrayLayout layout
-  int64[] data
-std_msgs/Int8
-  int8 data
-std_msgs/Int8MultiArray
-  std_msgs/MultiArrayLayout layout
-  int8[] data
-std_msgs/MultiArrayDimension
-  string label
-  uint32 size
-  uint32 stride
-std_msgs/MultiArrayLayout
-  std_msgs/MultiArrayDimension[] dim
-  uint32 data_offset
-std_msgs/String
-  string data
-std_msgs/Time
-  time data
-std_msgs/UInt16
-  uint16 data
-std_msgs/UInt16MultiArray
-  std_msgs/MultiArrayLayout layout
-  uint16[] data
-std_msgs/UInt32
-  uint32 data
-std_msgs/UInt32MultiArray
-  std_msgs/MultiArrayLayout layout
-  uint32[] data
-std_msgs/UInt64
-  uint64 data
-std_msgs/UInt64MultiArray
-  std_msgs/MultiArrayLayout layout
-  uint64[] data
-std_msgs/UInt8
-  uint8 data
-std_msgs/UInt8MultiArray
-  std_msgs/MultiArrayLayout layout
-  uint8[] data
-geometry_msgs/Point32
-  float32 x
-  float32 y
-  float32 z
-geometry_msgs/Quaternion
-  float64 x
-  float64 y
-  float64 z
-  float64 w
-geometry_msgs/Transform
-  geometry_msgs/Vector3 translation
-  geometry_msgs/Quaternion rotation
-geometry_msgs/Twist
-  geometry_msgs/Vector3 linear
-  geometry_msgs/Vector3 angular
-geometry_msgs/Vector3
-  float64 x
-  float64 y
-  float64 z
-geometry_msgs/Wrench
-  geometry_msgs/Vector3 force
-  geometry_msgs/Vector3 torque
-sensor_msgs/BatteryState
-  uint8 POWER_SUPPLY_STATUS_UNKNOWN=0
-  uint8 POWER_SUPPLY_STATUS_CHARGING=1
-  uint8 POWER_SUPPLY_STATUS_DISCHARGING=2
-  uint8 POWER_SUPPLY_STATUS_NOT_CHARGING=3
-  uint8 POWER_SUPPLY_STATUS_FULL=4
-  uint8 POWER_SUPPLY_HEALTH_UNKNOWN=0
-  uint8 POWER_SUPPLY_HEALTH_GOOD=1
-  uint8 POWER_SUPPLY_HEALTH_OVERHEAT=2
-  uint8 POWER_SUPPLY_HEALTH_DEAD=3
-  uint8 POWER_SUPPLY_HEALTH_OVERVOLTAGE=4
-  uint8 POWER_SUPPLY_HEALTH_UNSPEC_FAILURE=5
-  uint8 POWER_SUPPLY_HEALTH_COLD=6
-  uint8 POWER_SUPPLY_HEALTH_WATCHDOG_TIMER_EXPIRE=7
-  uint8 POWER_SUPPLY_HEALTH_SAFETY_TIMER_EXPIRE=8
-  uint8 POWER_SUPPLY_TECHNOLOGY_UNKNOWN=0
-  uint8 POWER_SUPPLY_TECHNOLOGY_NIMH=1
-  uint8 POWER_SUPPLY_TECHNOLOGY_LION=2
-  uint8 POWER_SUPPLY_TECHNOLOGY_LIPO=3
-  uint8 POWER_SUPPLY_TECHNOLOGY_LIFE=4
-  uint8 POWER_SUPPLY_TECHNOLOGY_NICD=5
+std_msgs/Bool: bool data
+std_msgs/Byte: byte data
+std_msgs/ByteMultiArray: std_msgs/MultiArrayLayout layout; byte[] data
+std_msgs/Char: char data
+std_msgs/ColorRGBA: float32 r; float32 g; float32 b; float32 a
+std_msgs/Duration: duration data
+std_msgs/Empty:
+std_msgs/Float32: float32 data
+std_msgs/Float32MultiArray: std_msgs/MultiArrayLayout layout; float32[] data
+std_msgs/Float64: float64 data
+std_msgs/Float64MultiArray: std_msgs/MultiArrayLayout layout; float64[] data
+std_msgs/Header: uint32 seq; time stamp; string frame_id
+std_msgs/Int16: int16 data
+std_msgs/Int16MultiArray: std_msgs/MultiArrayLayout layout; int16[] data
+std_msgs/Int32: int32 data
+std_msgs/Int32MultiArray: std_msgs/MultiArrayLayout layout; int32[] data
+std_msgs/Int64: int64 data
+std_msgs/Int64MultiArray: std_msgs/MultiArrayLayout layout; int64[] data
+std_msgs/Int8: int8 data
+std_msgs/Int8MultiArray: std_msgs/MultiArrayLayout layout; int8[] data
+std_msgs/MultiArrayDimension: string label; uint32 size; uint32 stride
+std_msgs/MultiArrayLayout: std_msgs/MultiArrayDimension[] dim; uint32 data_offset
+std_msgs/String: string data
+std_msgs/Time: time data
+std_msgs/UInt16: uint16 data
+std_msgs/UInt16MultiArray: std_msgs/MultiArrayLayout layout; uint16[] data
+std_msgs/UInt32: uint32 data
+std_msgs/UInt32MultiArray: std_msgs/MultiArrayLayout layout; uint32[] data
+std_msgs/UInt64: uint64 data
+std_msgs/UInt64MultiArray: std_msgs/MultiArrayLayout layout; uint64[] data
+std_msgs/UInt8: uint8 data
+std_msgs/UInt8MultiArray: std_msgs/MultiArrayLayout layout; uint8[] data
+geometry_msgs/Point32: float32 x; float32 y; float32 z
+geometry_msgs/Quaternion: float64 x; float64 y; float64 z; float64 w
+geometry_msgs/Transform: geometry_msgs/Vector3 translation; geometry_msgs/Quaternion rotation
+geometry_msgs/Twist: geometry_msgs/Vector3 linear; geometry_msgs/Vector3 angular
+geometry_msgs/Vector3: float64 x; float64 y; float64 z
+geometry_msgs/Wrench: geometry_msgs/Vector3 force; geometry_msgs/Vector3 torque
+sensor_msgs/BatteryState:
+  uint8 POWER_SUPPLY_STATUS_UNKNOWN=0; uint8 POWER_SUPPLY_STATUS_CHARGING=1; uint8 POWER_SUPPLY_STATUS_DISCHARGING=2
+  uint8 POWER_SUPPLY_STATUS_NOT_CHARGING=3; uint8 POWER_SUPPLY_STATUS_FULL=4; uint8 POWER_SUPPLY_HEALTH_UNKNOWN=0
+  uint8 POWER_SUPPLY_HEALTH_GOOD=1; uint8 POWER_SUPPLY_HEALTH_OVERHEAT=2; uint8 POWER_SUPPLY_HEALTH_DEAD=3
+  uint8 POWER_SUPPLY_HEALTH_OVERVOLTAGE=4; uint8 POWER_SUPPLY_HEALTH_UNSPEC_FAILURE=5; uint8 POWER_SUPPLY_HEALTH_COLD=6
+  uint8 POWER_SUPPLY_HEALTH_WATCHDOG_TIMER_EXPIRE=7; uint8 POWER_SUPPLY_HEALTH_SAFETY_TIMER_EXPIRE=8
+  uint8 POWER_SUPPLY_TECHNOLOGY_UNKNOWN=0; uint8 POWER_SUPPLY_TECHNOLOGY_NIMH=1; uint8 POWER_SUPPLY_TECHNOLOGY_LION=2
+  uint8 POWER_SUPPLY_TECHNOLOGY_LIPO=3; uint8 POWER_SUPPLY_TECHNOLOGY_LIFE=4; uint8 POWER_SUPPLY_TECHNOLOGY_NICD=5
   uint8 POWER_SUPPLY_TECHNOLOGY_LIMN=6
-  std_msgs/Header header
-  float32 voltage
-  float32 temperature
-  float32 current
-  float32 charge
-  float32 capacity
-  float32 design_capacity
-  float32 percentage
-  uint8 power_supply_status
-  uint8 power_supply_health
-  uint8 power_supply_technology
-  bool present
-  float32[] cell_voltage
-  float32[] cell_temperature
-  string location
+  std_msgs/Header header; float32 voltage; float32 temperature; float32 current; float32 charge; float32 capacity
+  float32 design_capacity; float32 percentage; uint8 power_supply_status; uint8 power_supply_health
+  uint8 power_supply_technology; bool present; float32[] cell_voltage; float32[] cell_temperature; string location
   string serial_number
-sensor_msgs/CameraInfo
-  std_msgs/Header header
-  uint32 height
-  uint32 width
-  string distortion_model
-  float64[] D
-  float64[9] K
-  float64[9] R
-  float64[12] P
-  uint32 binning_x
-  uint32 binning_y
-  sensor_msgs/RegionOfInterest roi
-sensor_msgs/ChannelFloat32
-  string name
-  float32[] values
-sensor_msgs/CompressedImage
-  std_msgs/Header header
-  string format
-  uint8[] data
-sensor_msgs/FluidPressure
-  std_msgs/Header header
-  float64 fluid_pressure
-  float64 variance
-sensor_msgs/Illuminance
-  std_msgs/Header header
-  float64 illuminance
-  float64 variance
-sensor_msgs/Image
-  std_msgs/Header header
-  uint32 height
-  uint32 width
-  string encoding
-  uint8 is_bigendian
-  uint32 step
-  uint8[] data
-sensor_msgs/Imu
-  std_msgs/Header header
-  geometry_msgs/Quaternion orientation
-  float64[9] orientation_covariance
-  geometry_msgs/Vector3 angular_velocity
-  float64[9] angular_velocity_covariance
-  geometry_msgs/Vector3 linear_acceleration
-  float64[9] linear_acceleration_covariance
-sensor_msgs/JointState
-  std_msgs/Header header
-  string[] name
-  float64[] position
-  float64[] velocity
-  float64[] effort
-sensor_msgs/Joy
-  std_msgs/Header header
-  float32[] axes
-  int32[] buttons
-sensor_msgs/JoyFeedback
-  uint8 TYPE_LED=0
-  uint8 TYPE_RUMBLE=1
-  uint8 TYPE_BUZZER=2
-  uint8 type
-  uint8 id
-  float32 intensity
-sensor_msgs/JoyFeedbackArray
-  sensor_msgs/JoyFeedback[] array
-sensor_msgs/LaserEcho
-  float32[] echoes
-sensor_msgs/LaserScan
-  std_msgs/Header header
-  float32 angle_min
-  float32 angle_max
-  float32 angle_increment
-  float32 time_increment
-  float32 scan_time
-  float32 range_min
-  float32 range_max
-  float32[] ranges
-  float32[] intensities
-sensor_msgs/MagneticField
-  std_msgs/Header header
-  geometry_msgs/Vector3 magnetic_field
-  float64[9] magnetic_field_covariance
-sensor_msgs/MultiDOFJointState
-  std_msgs/Header header
-  string[] joint_names
-  geometry_msgs/Transform[] transforms
-  geometry_msgs/Twist[] twist
+sensor_msgs/CameraInfo:
+  std_msgs/Header header; uint32 height; uint32 width; string distortion_model; float64[] D; float64[9] K; float64[9] R
+  float64[12] P; uint32 binning_x; uint32 binning_y; sensor_msgs/RegionOfInterest roi
+sensor_msgs/ChannelFloat32: string name; float32[] values
+sensor_msgs/CompressedImage: std_msgs/Header header; string format; uint8[] data
+sensor_msgs/FluidPressure: std_msgs/Header header; float64 fluid_pressure; float64 variance
+sensor_msgs/Illuminance: std_msgs/Header header; float64 illuminance; float64 variance
+sensor_msgs/Image:
+  std_msgs/Header header; uint32 height; uint32 width; string encoding; uint8 is_bigendian; uint32 step; uint8[] data
+sensor_msgs/Imu:
+  std_msgs/Header header; geometry_msgs/Quaternion orientation; float64[9] orientation_covariance
+  geometry_msgs/Vector3 angular_velocity; float64[9] angular_velocity_covariance
+  geometry_msgs/Vector3 linear_acceleration; float64[9] linear_acceleration_covariance
+sensor_msgs/JointState: std_msgs/Header header; string[] name; float64[] position; float64[] velocity; float64[] effort
+sensor_msgs/Joy: std_msgs/Header header; float32[] axes; int32[] buttons
+sensor_msgs/JoyFeedback:
+  uint8 TYPE_LED=0; uint8 TYPE_RUMBLE=1; uint8 TYPE_BUZZER=2
+  uint8 type; uint8 id; float32 intensity
+sensor_msgs/JoyFeedbackArray: sensor_msgs/JoyFeedback[] array
+sensor_msgs/LaserEcho: float32[] echoes
+sensor_msgs/LaserScan:
+  std_msgs/Header header; float32 angle_min; float32 angle_max; float32 angle_increment; float32 time_increment
+  float32 scan_time; float32 range_min; float32 range_max; float32[] ranges; float32[] intensities
+sensor_msgs/MagneticField:
+  std_msgs/Header header; geometry_msgs/Vector3 magnetic_field; float64[9] magnetic_field_covariance
+sensor_msgs/MultiDOFJointState:
+  std_msgs/Header header; string[] joint_names; geometry_msgs/Transform[] transforms; geometry_msgs/Twist[] twist
   geometry_msgs/Wrench[] wrench
-sensor_msgs/MultiEchoLaserScan
-  std_msgs/Header header
-  float32 angle_min
-  float32 angle_max
-  float32 angle_increment
-  float32 time_increment
-  float32 scan_time
-  float32 range_min
-  float32 range_max
-  sensor_msgs/LaserEcho[] ranges
+sensor_msgs/MultiEchoLaserScan:
+  std_msgs/Header header; float32 angle_min; float32 angle_max; float32 angle_increment; float32 time_increment
+  float32 scan_time; float32 range_min; float32 range_max; sensor_msgs/LaserEcho[] ranges
   sensor_msgs/LaserEcho[] intensities
-sensor_msgs/NavSatFix
-  std_msgs/Header header
-  sensor_msgs/NavSatStatus status
-  float64 latitude
-  float64 longitude
-  float64 altitude
+sensor_msgs/NavSatFix:
+  std_msgs/Header header; sensor_msgs/NavSatStatus status; float64 latitude; float64 longitude; float64 altitude
   float64[9] position_covariance
-  uint8 COVARIANCE_TYPE_UNKNOWN=0
-  uint8 COVARIANCE_TYPE_APPROXIMATED=1
-  uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2
+  uint8 COVARIANCE_TYPE_UNKNOWN=0; uint8 COVARIANCE_TYPE_APPROXIMATED=1; uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2
   uint8 COVARIANCE_TYPE_KNOWN=3
   uint8 position_covariance_type
-sensor_msgs/NavSatStatus
-  int8 STATUS_NO_FIX=-1
-  int8 STATUS_FIX=0
-  int8 STATUS_SBAS_FIX=1
-  int8 STATUS_GBAS_FIX=2
+sensor_msgs/NavSatStatus:
+  int8 STATUS_NO_FIX=-1; int8 STATUS_FIX=0; int8 STATUS_SBAS_FIX=1; int8 STATUS_GBAS_FIX=2
   int8 status
-  uint16 SERVICE_GPS=1
-  uint16 SERVICE_GLONASS=2
-  uint16 SERVICE_COMPASS=4
-  uint16 SERVICE_GALILEO=8
+  uint16 SERVICE_GPS=1; uint16 SERVICE_GLONASS=2; uint16 SERVICE_COMPASS=4; uint16 SERVICE_GALILEO=8
   uint16 service
-sensor_msgs/PointCloud
-  std_msgs/Header header
-  geometry_msgs/Point32[] points
-  sensor_msgs/ChannelFloat32[] channels
-sensor_msgs/PointCloud2
-  std_msgs/Header header
-  uint32 height
-  uint32 width
-  sensor_msgs/PointField[] fields
-  bool is_bigendian
-  uint32 point_step
-  uint32 row_step
-  uint8[] data
-  bool is_dense
-sensor_msgs/PointField
-  uint8 INT8=1
-  uint8 UINT8=2
-  uint8 INT16=3
-  uint8 UINT16=4
-  uint8 INT32=5
-  uint8 UINT32=6
-  uint8 FLOAT32=7
+sensor_msgs/PointCloud: std_msgs/Header header; geometry_msgs/Point32[] points; sensor_msgs/ChannelFloat32[] channels
+sensor_msgs/PointCloud2:
+  std_msgs/Header header; uint32 height; uint32 width; sensor_msgs/PointField[] fields; bool is_bigendian
+  uint32 point_step; uint32 row_step; uint8[] data; bool is_dense
+sensor_msgs/PointField:
+  uint8 INT8=1; uint8 UINT8=2; uint8 INT16=3; uint8 UINT16=4; uint8 INT32=5; uint8 UINT32=6; uint8 FLOAT32=7
   uint8 FLOAT64=8
-  string name
-  uint32 offset
-  uint8 datatype
-  uint32 count
-sensor_msgs/Range
+  string name; uint32 offset; uint8 datatype; uint32 count
+sensor_msgs/Range:
   std_msgs/Header header
-  uint8 ULTRASOUND=0
-  uint8 INFRARED=1
-  uint8 radiation_type
-  float32 field_of_view
-  float32 min_range
-  float32 max_range
-  float32 range
-sensor_msgs/RegionOfInterest
-  uint32 x_offset
-  uint32 y_offset
-  uint32 height
-  uint32 width
-  bool do_rectify
-sensor_msgs/RelativeHumidity
-  std_msgs/Header header
-  float64 relative_humidity
-  float64 variance
-sensor_msgs/Temperature
-  std_msgs/Header header
-  float64 temperature
-  float64 variance
-sensor_msgs/TimeReference
-  std_msgs/Header header
-  time time_ref
-  string source
-diagnostic_msgs/DiagnosticArray
-  std_msgs/Header header
-  diagnostic_msgs/DiagnosticStatus[] status
-diagnostic_msgs/DiagnosticStatus
-  byte OK=0
-  byte WARN=1
-  byte ERROR=2
-  byte STALE=3
-  byte level
-  string name
-  string message
-  string hardware_id
-  diagnostic_msgs/KeyValue[] values
-diagnostic_msgs/KeyValue
-  string key
-  string value
+  uint8 ULTRASOUND=0; uint8 INFRARED=1
+  uint8 radiation_type; float32 field_of_view; float32 min_range; float32 max_range; float32 range
+sensor_msgs/RegionOfInterest: uint32 x_offset; uint32 y_offset; uint32 height; uint32 width; bool do_rectify
+sensor_msgs/RelativeHumidity: std_msgs/Header header; float64 relative_humidity; float64 variance
+sensor_msgs/Temperature: std_msgs/Header header; float64 temperature; float64 variance
+sensor_msgs/TimeReference: std_msgs/Header header; time time_ref; string source
+diagnostic_msgs/DiagnosticArray: std_msgs/Header header; diagnostic_msgs/DiagnosticStatus[] status
+diagnostic_msgs/DiagnosticStatus:
+  byte OK=0; byte WARN=1; byte ERROR=2; byte STALE=3
+  byte level; string name; string message; string hardware_id; diagnostic_msgs/KeyValue[] values
+diagnostic_msgs/KeyValue: string key; string value
 """
 
 _SERVICES = """
-diagnostic_msgs/AddDiagnostics
-  string load_namespace
-  ---
-  bool success
-  string message
-diagnostic_msgs/SelfTest
-  ---
-  string id
-  byte passed
-  diagnostic_msgs/DiagnosticStatus[] status
-sensor_msgs/SetCameraInfo
-  sensor_msgs/CameraInfo camera_info
-  ---
-  bool success
-  string status_message
-std_srvs/Empty
-  ---
-std_srvs/SetBool
-  bool data
-  ---
-  bool success
-  string message
-std_srvs/Trigger
-  ---
-  bool success
-  string message
+diagnostic_msgs/AddDiagnostics: string load_namespace; ---; bool success; string message
+diagnostic_msgs/SelfTest: ---; string id; byte passed; diagnostic_msgs/DiagnosticStatus[] status
+sensor_msgs/SetCameraInfo: sensor_msgs/CameraInfo camera_info; ---; bool success; string status_message
+std_srvs/Empty: ---
+std_srvs/SetBool: bool data; ---; bool success; string message
+std_srvs/Trigger: ---; bool success; string message
 """
 
 
 def _definitions(text: str) -> Dict[str, str]:
+    """Returns the definition of each type: `package/Type:` and its lines, with a semicolon between them."""
     found: Dict[str, str] = {}
     name = ""
-    for line in text.strip().splitlines():
-        if line.startswith("  "):
-            found[name] += f"{line.strip()}\n"
-        else:
-            name = line
+    for row in text.strip().splitlines():
+        if not row.startswith(" "):
+            name, _, row = row.partition(":")
             found[name] = ""
+        found[name] += "".join(f"{line.strip()}\n" for line in row.split(";") if line.strip())
     return found
 
 
