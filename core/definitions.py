@@ -44,12 +44,12 @@ _STRING_CONSTANT = re.compile(r"w?string(?:<=\d+)?\s+\w+\s*=")
 _MSG_ALIASES = {
     "char": "uint8", "time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration",
 }  # fmt: skip
-_IDL_TOKEN = re.compile(
+_IDL_TOKEN = (
     r"(?:\s+|//[^\n]*|/\*.*?\*/|#[^\n]*)|"
     r"(?P<word>[A-Za-z_]\w{0,200}|\d[\w.+-]{0,40}|::|[{}()\[\]<>;,=@+\-*/%|&^~.])"
-    r'|(?P<text>"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\')',
-    re.S,
+    r'|(?P<text>"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\')'
 )
+"""Compiled when it is used: nodes need no IDL."""
 _IDL_NUMBERS = {
     "boolean": "bool", "octet": "uint8", "char": "uint8", "float": "float32", "double": "float64", "short": "int16",
     "unsigned short": "uint16", "long": "int32", "unsigned long": "uint32", "long long": "int64",
@@ -355,10 +355,11 @@ class _Idl:
 
 
 def _idl_tokens(text: str) -> List[str]:
+    match = re.compile(_IDL_TOKEN, re.S).match
     tokens: List[str] = []
     at = 0
     while at < len(text):
-        found = _IDL_TOKEN.match(text, at)
+        found = match(text, at)
         if found is None or found.end() == at or (text.startswith("/*", at) and found["word"]):
             raise ValueError(f"not IDL: {text[at : at + 80]!r}")
         if found["word"] or found["text"]:
