@@ -21,6 +21,7 @@ from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.__main__ import main
+from robot_health_monitor.command_line import COMMANDS
 from robot_health_monitor.core.config import MONITOR_PARAMETERS, NODE_PARAMETERS
 from robot_health_monitor.core.explanation import STATES
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
@@ -28,6 +29,7 @@ from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors import configuration as sensing
 from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
+from robot_health_monitor.exit_codes import exit_codes_text
 from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
 from robot_health_monitor.ops import metrics
 from robot_health_monitor.ops.configuration import HISTORY_PARAMETERS, SERVER_PARAMETERS, TARGET_PARAMETERS
@@ -36,7 +38,6 @@ DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 OWN_FAULT = "check this computer's settings: "
 BLOCK = re.compile(r"(<!-- generated: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
-COMMANDS = ("run", "connect", "check", "sources", "replay", "suggest", "test", "notify", "export", "history", "silence")
 
 
 def pages() -> Dict[Path, str]:
@@ -146,6 +147,7 @@ def _command(name: str) -> str:
     parts = [_wrapped(parser.description)]
     for part in nested[0].choices.values():
         parts.append(f"{_wrapped(f'`{part.prog}`: {part.description}')}\n{_options(part)}")
+    parts.append(_wrapped(parser.epilog))
     return "\n".join(parts)
 
 
@@ -172,8 +174,8 @@ def _options(parser: argparse.ArgumentParser) -> str:
 
 
 def _exit_codes() -> str:
-    codes = re.findall(r"(\d) ((?:[^,(]|\([^)]*\))+)", _parser().epilog or "")
-    return _table(("code", "meaning"), ((code, meaning.rstrip(". ")) for code, meaning in codes))
+    codes = (each.split(" ", 1) for each in re.split(r", (?=\d )|: |\.$", exit_codes_text())[1:-1])
+    return _table(("code", "meaning"), codes)
 
 
 def _metrics() -> str:

@@ -16,6 +16,7 @@ import sys
 from typing import Any, Optional, Sequence
 
 from .arguments import Parser, ShowVersion
+from .exit_codes import exit_codes_text
 
 COMMANDS = {
     "run": "monitor this machine or a simulated robot, without ROS",
@@ -47,13 +48,12 @@ def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
     parser = Parser(
         prog="robot-health",
         description="Monitors the health of robots: battery, temperature, CPU and any other signal.",
-        epilog="Exit codes: 0 success, 1 alerts were found (replay, --duration), 2 usage or configuration error, "
-        "3 the command itself failed.",
+        epilog=exit_codes_text(),
     )
     parser.add_argument("--version", action=ShowVersion, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_CommandParser)
     for name, summary in COMMANDS.items():
-        commands.add_parser(name, help=summary, command=name)
+        commands.add_parser(name, help=summary, command=name, epilog=exit_codes_text(name))
     return parser.parse_args(words or ["--help"])
 
 

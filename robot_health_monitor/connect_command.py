@@ -36,7 +36,7 @@ def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = (
         "Monitors robots through their rosbridge servers. A link that is down is one alert, and is "
-        "re-established automatically; meanwhile the robot's signals raise no alerts. Nothing is published on the "
+        "re-established automatically. Meanwhile the robot's signals raise no alerts. Nothing is published on the "
         "robots. SIGHUP reads the configuration, ops.yaml and the tokens again and changes only what differs."
     )
     parser.add_argument(

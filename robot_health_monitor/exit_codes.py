@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from typing import Mapping
 
 
 class ExitCode(enum.IntEnum):
@@ -15,3 +16,25 @@ class ExitCode(enum.IntEnum):
     """Usage or configuration error."""
     FAILED = 3
     """The command itself failed."""
+
+
+_ALERTS: Mapping[str, str] = {
+    "": "alerts were found (replay, --duration) or a test failed",
+    "run": "alerts were found (only with --duration)",
+    "connect": "alerts were found (only with --duration)",
+    "replay": "alerts were found or differ (--against) or a signal was not judged",
+    "test": "a test failed",
+}
+"""When a command ends with `ALERTS`; empty: any."""
+_FAILED: Mapping[str, str] = {"notify": "a target or the command itself failed"}
+
+
+def exit_codes_text(command: str = "") -> str:
+    """Returns the line about exit codes in the help of a command; empty: of `robot-health`."""
+    meanings = {
+        ExitCode.SUCCESS: "success",
+        ExitCode.ALERTS: _ALERTS.get(command, ""),
+        ExitCode.USAGE: "usage or configuration error",
+        ExitCode.FAILED: _FAILED.get(command, "the command itself failed"),
+    }
+    return "Exit codes: " + ", ".join(f"{int(code)} {meaning}" for code, meaning in meanings.items() if meaning) + "."

@@ -58,7 +58,7 @@ def add_arguments(parser: Parser) -> None:
         "file",
         metavar="FILE",
         nargs="?",
-        help=f"the history (default: that of --ops, else {DEFAULT_FILE})",
+        help=f"the history file (default: named by --ops, else {DEFAULT_FILE})",
     )
     parser.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
     parser.add_argument(

@@ -26,8 +26,7 @@ _FURTHER_S = 30.0
 def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = (
-        "Sends a test alert to every target of an ops.yaml, then resolves it, and reports each response. "
-        "Ends with code 3 if a target failed."
+        "Sends a test alert to every target of an ops.yaml, then resolves it, and reports each response."
     )
     parser.add_argument("file", metavar="FILE", help="an ops.yaml")
     parser.add_argument(

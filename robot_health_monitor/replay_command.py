@@ -22,13 +22,13 @@ def add_arguments(parser: Parser) -> None:
     add_recordings(parser)
     parser.add_argument("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
     parser.add_argument(
-        "--against", metavar="FILE", help="a second configuration; only the alerts in which the two differ are shown"
+        "--against", metavar="FILE", help="show only the alerts in which this second configuration differs"
     )
     parser.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
     parser.add_argument(
         "--force",
         action="store_true",
-        help="let --report replace a file that is not a report; never a file that is read",
+        help="let --report replace any file, except those that are read",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the table on stderr")
     parser.add_argument(
@@ -41,7 +41,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--allow-missing",
         action="store_true",
-        help="do not fail because a signal is not recorded; otherwise that ends with code 1",
+        help="do not end with code 1 because a signal is not recorded",
     )
     parser.add_argument(
         "--from", dest="from_s", metavar="SECONDS", type=_offset, default=0.0, help="begin this long after the start"

@@ -60,8 +60,8 @@ def add_arguments(parser: Parser) -> None:
     add.add_argument(
         "matchers",
         metavar="MATCHERS",
-        help="which alerts, such as robot=r3,signal=battery*; labels robot and signal; = and !=; * and ? as in file "
-        "names",
+        help="which alerts, such as robot=r3,signal=battery* (labels robot and signal, = and !=, * and ? as in file "
+        "names)",
     )
     add.add_argument("--for", dest="for_s", metavar="TIME", type=duration, help="how long: 30m, 1h30m, 7d")
     add.add_argument(
@@ -73,21 +73,21 @@ def add_arguments(parser: Parser) -> None:
     lists = actions.add_parser(
         "list",
         help="list silences, and how many alerts each silences",
-        description="Lists the active silences and those that ended within a day. `open`: alerts that it silences now; "
+        description="Lists active silences, and silences that ended within a day. `open`: alerts that it silences now. "
         "`alerts`: changes to WARN, ERROR or STALE that it has silenced.",
     )
     lists.add_argument("--all", action="store_true", help="also those that ended earlier")
     lists.add_argument("--json", action="store_true", help="one JSON object per silence")
     expire = actions.add_parser("expire", help="end silences now", description="Ends silences now.")
     expire.add_argument("ids", metavar="ID", type=_silence_id, nargs="+", help="as shown by `list`")
-    for change, why in ((add, "why; shown with the alerts"), (expire, "why; shown in the history")):
+    for change, why in ((add, "why, shown with the alerts"), (expire, "why, shown in the history")):
         change.add_argument("--reason", metavar="TEXT", default="", help=why)
         change.add_argument("--author", metavar="NAME", help="who (default: the login name)")
     for action in (add, lists, expire):
         action.add_argument(
             "--history",
             metavar="FILE",
-            help=f"the history file (default: that of --ops, else {DEFAULT_FILE})",
+            help=f"the history file (default: named by --ops, else {DEFAULT_FILE})",
         )
         action.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
 

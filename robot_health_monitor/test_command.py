@@ -19,7 +19,7 @@ def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = (
         "Runs tests of a thresholds.yaml in virtual time: series of samples in, expected alerts out. "
-        "Ends with code 1 if a test fails, and shows the differences."
+        "Shows the differences if a test fails."
     )
     parser.add_argument("files", metavar="FILE", nargs="+", help="tests; docs/recordings.md describes the format")
 
