@@ -24,7 +24,7 @@ from harness.interpreters import find_pythons  # noqa: E402  # found through the
 from harness.requirements import recordings_requirements, runtime_requirements, test_requirements  # noqa: E402
 
 RESULTS = ROOT / ".venv" / "results"
-SESSION_TIMEOUT = "20m"
+SESSION_TIMEOUT = "40m"
 
 ROS1_PACKAGES = [
     "catkin",
