@@ -17,7 +17,14 @@ from itertools import islice
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core.explanation import bounds_text, judged_unit
-from robot_health_monitor.core.formatting import bound_text, duration_text, printable, with_hint, with_unit
+from robot_health_monitor.core.formatting import (
+    bound_text,
+    duration_text,
+    printable,
+    with_degree_sign,
+    with_hint,
+    with_unit,
+)
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig
 
@@ -216,7 +223,8 @@ def _cell(head: str, text: str, is_number: bool) -> str:
     names = ["number" if is_number else "file"]
     if head in _SHARES:
         names.append("zero" if text == "0 %" else f"share {head.lower()}")
-    return f'<td class="{" ".join(names)}" data-head="{_text(head)}">{_text(text)}</td>'
+    shown = with_degree_sign(text) if is_number else text
+    return f'<td class="{" ".join(names)}" data-head="{_text(head)}">{_text(shown)}</td>'
 
 
 def _class(at: int, numbers: int) -> str:
@@ -253,7 +261,7 @@ def _alert_table(report: Report, several: bool) -> Iterable[str]:
 
 
 def _line(transition: Transition) -> str:
-    return with_hint(transition.text, transition.hint)
+    return with_degree_sign(with_hint(transition.text, transition.hint))
 
 
 def _plots(report: Report) -> Iterable[str]:
@@ -288,7 +296,7 @@ def _rules(config: SignalConfig) -> str:
         parts.append(f"stays for {duration_text(config.keep_firing_for_s)} after it has cleared")
     if config.stale_after_s:
         parts.append(f"STALE after {duration_text(config.stale_after_s)} without a sample")
-    return "; ".join(parts)
+    return with_degree_sign("; ".join(parts))
 
 
 def _data(report: Report) -> Mapping[str, Any]:
@@ -319,7 +327,7 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> 
     places, low, high = envelope.columns
     return {
         "name": _plot_title(signal),
-        "unit": printable(judged_unit(config)),
+        "unit": printable(with_degree_sign(judged_unit(config))),
         "start": envelope.start_s,
         "width": envelope.width_s,
         "steps": [after - before for before, after in zip([-1, *places], places)],

@@ -31,6 +31,7 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 from .arguments import Parser, identifier
 from .exit_codes import ExitCode
 from .history_file import DEFAULT_FILE, history_file, iso_time
+from .output.plain import readable
 from .text_plot import text_plot
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
@@ -176,7 +177,7 @@ def _show_transitions(connection: sqlite3.Connection, arguments: argparse.Namesp
         count = 0
         for entry in _merged(transitions, events):
             count += 1
-            stream.write(f"{_line(entry, is_coloured)}\n")
+            stream.write(readable(f"{_line(entry, is_coloured)}\n", stream))
         if not count:
             sys.stderr.write("no alerts\n")
 
@@ -357,7 +358,7 @@ def _show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, s
         writer.writerow(("time", "value"))
         writer.writerows((iso_time(time_s), value) for time_s, value in samples)
         return
-    stream.write(f"{_line(transition, _is_coloured(stream))}\n")
+    stream.write(readable(f"{_line(transition, _is_coloured(stream))}\n", stream))
     for name, value in _details(transition, samples):
         stream.write(f"  {name}: {printable(value)}\n")
     if samples:

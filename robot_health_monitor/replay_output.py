@@ -15,7 +15,7 @@ from robot_health_monitor.core.transition_json import json_line
 from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
 
 from .output.events import Entry
-from .output.plain import plain_line
+from .output.plain import plain_line, readable
 from .replay_table import plain_table, rich_tables
 
 _STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "magenta"}
@@ -84,7 +84,7 @@ class ReplayOutput:
         if self._as_json:
             line = json_line(transition, **({"file": file} if file else {}))
         else:
-            line = plain_line(Entry(wall_s, transition), prefix=file)
+            line = readable(plain_line(Entry(wall_s, transition), prefix=file), sys.stdout)
         self._write(line, _STYLE_OF_LEVEL[transition.to_level])
 
     def log(self, wall_s: float, line: LogLine) -> None:
@@ -107,13 +107,15 @@ class ReplayOutput:
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], last_line: str) -> None:
         """Writes the table, with a line below it."""
         if self._stdout_is_terminal and self._console is not None and not self._as_json:
-            for table in rich_tables(head, rows, self._console.width):
+            shown = [[readable(cell, sys.stdout) for cell in cells] for cells in rows]
+            for table in rich_tables(head, shown, self._console.width):
                 self._console.print()
                 self._console.print(table)
             self._print(last_line, "bold")
             return
         stream = sys.stderr if self._as_json else sys.stdout
-        stream.write("".join(f"{line}\n" for line in ("", *plain_table(head, rows), printable(last_line))))
+        shown = [[readable(cell, stream) for cell in cells] for cells in rows]
+        stream.write("".join(f"{line}\n" for line in ("", *plain_table(head, shown), printable(last_line))))
         stream.flush()
 
     def _write(self, line: str, style: str) -> None:

@@ -17,6 +17,7 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .arguments import Parser
 from .exit_codes import ExitCode
+from .output.plain import readable
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
@@ -71,12 +72,16 @@ def show_sources(as_json: bool, stream: Optional[TextIO] = None, paths: HostPath
     """
     stream = stream or sys.stdout
     readings = read_sources(paths)
+    values = [readable(reading.value_text, stream) for reading in readings]
     if as_json:
         lines = [_json_line(reading) for reading in readings]
     elif stream.isatty():
-        lines = _table(readings, shutil.get_terminal_size().columns)
+        lines = _table(readings, values, shutil.get_terminal_size().columns)
     else:
-        lines = [f"{reading.configuration}: {reading.problem or reading.value_text}" for reading in readings]
+        lines = [
+            f"{reading.configuration}: {reading.problem or readable(reading.value_text, stream)}"
+            for reading in readings
+        ]
     stream.write("".join(f"{printable(line)}\n" for line in lines))
     stream.flush()
 
@@ -124,11 +129,11 @@ def _read(kind: str, options: Dict[str, Any], source: Source) -> SourceReading:
         return SourceReading(kind, shown, None, problem)
 
 
-def _table(readings: List[SourceReading], columns: int) -> List[str]:
+def _table(readings: List[SourceReading], values: List[str], columns: int) -> List[str]:
     rows = [("configuration", "value", "description")]
     rows += [
-        (reading.configuration, reading.value_text, reading.problem or HOST_SOURCES[reading.kind].description)
-        for reading in readings
+        (reading.configuration, value, reading.problem or HOST_SOURCES[reading.kind].description)
+        for reading, value in zip(readings, values)
     ]
     first, second = (max(len(row[column]) for row in rows) for column in (0, 1))
     return [f"{left:<{first}}  {middle:>{second}}  {right}"[: max(columns, 20)] for left, middle, right in rows]

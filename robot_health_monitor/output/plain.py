@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Sequence, TextIO
 
-from robot_health_monitor.core.formatting import printable, with_hint
+from robot_health_monitor.core.formatting import printable, with_degree_sign, with_hint
 from robot_health_monitor.core.model import Transition
 
 from .display import Shown
@@ -24,6 +24,7 @@ class PlainLines:
             name_robots: put the robot's name before each transition.
         """
         self._name_robots = name_robots
+        self._stream = stream
         self._writer = StreamWriter(stream, self._render)
 
     @property
@@ -55,7 +56,7 @@ class PlainLines:
         lines = [plain_line(entry, name_robots=self._name_robots) for entry in entries]
         if dropped:
             lines.insert(0, dropped_line(dropped))
-        return "".join(f"{line}\n" for line in lines)
+        return readable("".join(f"{line}\n" for line in lines), self._stream)
 
 
 def plain_line(
@@ -77,6 +78,11 @@ def plain_line(
         silenced = "" if entry.silenced is None else f" [silenced: {entry.silenced}]"
         return printable(f"{time_text} {robot}{with_hint(event.text, event.hint)}{silenced}")
     return printable(f"{time_text} [{event.severity.name}] {event.node.rpartition('/')[2]}: {event.text}")
+
+
+def readable(text: str, stream: TextIO) -> str:
+    """Returns a text for people as a stream can show it: with °C in place of degC where it is UTF-8."""
+    return with_degree_sign(text) if (stream.encoding or "").lower().startswith("utf") else text
 
 
 def dropped_line(dropped: int) -> str:

@@ -31,7 +31,7 @@ ENDING_SIGNALS = [signal.SIGINT, signal.SIGTERM]
 def test_without_arguments_it_watches_the_three_signals_of_the_installed_configuration(robot_health: Start) -> None:
     process = robot_health("run")
     process.wait_for_text("[INFO] alert_system: watching battery_level on battery_level: WARN below 20 %")
-    process.wait_for_text("watching temperature on temperature: WARN above 80 degC")
+    process.wait_for_text("watching temperature on temperature: WARN above 80 °C")
     process.wait_for_text("watching cpu_usage on cpu_usage")
     process.wait_for_text('[INFO] battery_sensor: sensor "robot" started at 1 Hz')
 

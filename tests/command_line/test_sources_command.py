@@ -54,6 +54,14 @@ def test_a_pipe_gets_a_line_per_source_with_its_value_or_what_is_missing(machine
     )
 
 
+def test_utf_8_shows_the_degree_sign(machine: Machine) -> None:
+    machine(MACHINE)
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    show_sources(False, stream, machine.paths)
+    stream.seek(0)
+    assert '{source: temperature, sensor: "coretemp/Package id 0"}: 52 °C' in stream.read().splitlines()
+
+
 def test_a_terminal_gets_a_table_that_fits(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
     machine(MACHINE)
     monkeypatch.setenv("COLUMNS", "400")

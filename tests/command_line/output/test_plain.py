@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import io
+import tempfile
+
 import pytest
 from harness.transitions import transition
 
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.output.events import Entry
-from robot_health_monitor.output.plain import plain_line
+from robot_health_monitor.output.plain import PlainLines, plain_line, readable
+
+WARM = transition(text="temperature WARN: 80.5 degC is above 80 degC")
 
 HOSTILE = [
     "\x1b[2J",  # clears the screen
@@ -27,6 +32,23 @@ HOSTILE = [
 def test_a_log_line_names_severity_and_node() -> None:
     line = LogLine(0.0, "/robot1/alert_system", Severity.INFO, "watching")
     assert plain_line(Entry(0.0, line), "at") == "at [INFO] alert_system: watching"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "unit"), [("utf-8", "°C"), ("UTF-8", "°C"), ("ascii", "degC"), ("latin-1", "degC")]
+)
+def test_the_degree_sign_is_used_where_the_output_is_utf_8(encoding: str, unit: str) -> None:
+    with tempfile.TemporaryFile("w+", encoding=encoding) as stream:
+        output = PlainLines(stream)
+        output.start(None, None)
+        output.add(Entry(0.0, WARM))
+        output.close()
+        stream.seek(0)
+        assert stream.read().endswith(f" temperature WARN: 80.5 {unit} is above 80 {unit}\n")
+
+
+def test_an_output_without_an_encoding_keeps_the_unit() -> None:
+    assert readable("80.5 degC", io.StringIO()) == "80.5 degC"
 
 
 def test_a_transition_names_its_robot_where_there_are_several() -> None:
