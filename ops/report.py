@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import pkgutil
-from datetime import datetime, timedelta, timezone
+from datetime import timedelta, timezone
 from html import escape
 from itertools import islice
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
@@ -27,6 +27,7 @@ from robot_health_monitor.core.formatting import (
 )
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig
+from robot_health_monitor.runtime.times import local_time
 
 from .envelope import Envelope
 from .plot import plot_bounds, plot_script, plot_style
@@ -347,11 +348,7 @@ def _short(value: float) -> float:
 
 
 def _time(wall_s: float, utc_offset_s: float) -> str:
-    zone = timezone(timedelta(seconds=round(utc_offset_s)))
-    try:
-        return datetime.fromtimestamp(wall_s, zone).strftime("%Y-%m-%d %H:%M:%S")
-    except (ValueError, OverflowError, OSError):
-        return f"{wall_s:.3f}"
+    return local_time(wall_s, zone=timezone(timedelta(seconds=round(utc_offset_s))))
 
 
 def _text(text: str) -> str:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import json
 import re
 import sqlite3
-import time
 from dataclasses import dataclass, replace
 from typing import Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import duration_text, printable
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.runtime.times import local_time
 
 from .history.checked_rows import checked, is_count, is_text, is_time, optional, skip
 from .history.queries import number_range
@@ -162,7 +162,7 @@ def _check_duration(seconds: float) -> None:
 
 def time_text(wall_s: float) -> str:
     """Returns a time in the local time zone, with the zone's name."""
-    return time.strftime("%Y-%m-%d %H:%M %Z", time.localtime(wall_s))
+    return local_time(wall_s, "%Y-%m-%d %H:%M %Z")
 
 
 def add_silence(

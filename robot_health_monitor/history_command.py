@@ -12,7 +12,7 @@ import shutil
 import sqlite3
 import sys
 import time
-from datetime import datetime, timezone
+from datetime import datetime
 from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, TypeVar, Union
 
 from robot_health_monitor.core.errors import ConfigError
@@ -27,6 +27,7 @@ from robot_health_monitor.ops.history.summary import SignalSummary, summarize
 from robot_health_monitor.ops.matchers import matchers_text
 from robot_health_monitor.ops.silences import SilenceEvent, silence_events
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.times import DATE_TIME, local_time
 
 from .arguments import Parser, identifier
 from .exit_codes import ExitCode
@@ -145,10 +146,7 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
 
 def time_text(wall_s: float) -> str:
     """Returns a wall time in the local time zone, with its offset from UTC."""
-    try:
-        return datetime.fromtimestamp(wall_s, timezone.utc).astimezone().strftime("%Y-%m-%d %H:%M:%S %z")
-    except (OverflowError, ValueError, OSError):
-        return f"{wall_s:.0f} s"
+    return local_time(wall_s, f"{DATE_TIME} %z")
 
 
 def _show_transitions(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:

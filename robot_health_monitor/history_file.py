@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from datetime import datetime, timezone
 from typing import Optional
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import read_ops
+from robot_health_monitor.runtime import times
 
 DEFAULT_FILE = "/var/lib/robot-health/history.db"
 """Where a monitor that runs as a service has its history."""
@@ -39,8 +39,5 @@ def history_file(file: Optional[str], ops: Optional[str]) -> str:
 
 
 def iso_time(wall_s: float) -> str:
-    """Returns a wall time in UTC, by ISO 8601."""
-    try:
-        return datetime.fromtimestamp(wall_s, timezone.utc).isoformat(timespec="milliseconds")
-    except (OverflowError, ValueError, OSError):
-        return ""
+    """Returns a wall time in UTC, by ISO 8601; empty where there is no such date."""
+    return (times.iso_time(wall_s) or "").replace("Z", "+00:00")

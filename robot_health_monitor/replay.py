@@ -20,6 +20,7 @@ from robot_health_monitor.recordings.differences import Differences
 from robot_health_monitor.recordings.judging import Judge, JudgedEvent, SignalSummary
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
+from robot_health_monitor.runtime.times import local_time
 
 from .embedded import sections_of_nodes
 from .installed_files import find_installed
@@ -222,7 +223,7 @@ class _Replay:
         summaries = worst_first(summaries)
         plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
-        period = f"{_time(self._start_s)} to {_time(end_s)} ({duration_text(end_s - self._start_s)})"
+        period = f"{local_time(self._start_s)} to {local_time(end_s)} ({duration_text(end_s - self._start_s)})"
         period += f", times in UTC{_utc_offset(self._start_s)}"
         page = render(
             Report(
@@ -302,12 +303,8 @@ def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
     return _Configuration(name, file, section.path, parameters)
 
 
-def _time(wall_s: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(wall_s))
-
-
 def _utc_offset(wall_s: float) -> str:
-    text = time.strftime("%z", time.localtime(wall_s))
+    text = local_time(wall_s, "%z")
     return f"{text[:3]}:{text[3:]}"
 
 

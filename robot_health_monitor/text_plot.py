@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from datetime import datetime
 from typing import List, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.formatting import number_text
+from robot_health_monitor.runtime.times import local_time
 
 _ROWS = 12
 _LEAST_COLUMNS = 10
@@ -47,7 +47,7 @@ def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], wi
     lines = [f"{labels.get(row, ''):>{margin}} |{''.join(cells)}".rstrip() for row, cells in enumerate(grid)]
     axis = " " * margin + " +"
     lines.append(axis + "".join("-" if mark == " " else mark for mark in bad))
-    begin, end = _clock(first_s), _clock(last_s)
+    begin, end = local_time(first_s, "%H:%M:%S"), local_time(last_s, "%H:%M:%S")
     has_room = columns > len(begin) + len(end)
     lines.append(" " * len(axis) + begin + (end.rjust(columns - len(begin)) if has_room else ""))
     return lines
@@ -70,10 +70,3 @@ def _row(value: float, low: float, high: float) -> int:
         return _ROWS // 2
     share = (value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)
     return _ROWS - 1 - round(share * (_ROWS - 1))
-
-
-def _clock(wall_s: float) -> str:
-    try:
-        return datetime.fromtimestamp(wall_s).strftime("%H:%M:%S")
-    except (OverflowError, ValueError, OSError):
-        return f"{wall_s:.0f} s"

@@ -19,10 +19,12 @@ import sqlite3
 import stat
 import threading
 import time
+from datetime import timezone
 from typing import Optional, Union
 from urllib.parse import quote
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.runtime.times import local_time
 
 from . import schema
 from .checked_rows import CheckedConnection
@@ -171,7 +173,7 @@ def set_aside(path: str, wall_s: float) -> str:
         OSError: it cannot be renamed.
     """
     path = os.path.realpath(path)
-    when = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(wall_s))
+    when = local_time(wall_s, "%Y%m%dT%H%M%SZ", timezone.utc)
     aside = f"{path}.damaged-{when}"
     for number in range(2, _MAX_ASIDE):
         if not os.path.lexists(aside):

@@ -14,10 +14,11 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 
 from robot_health_monitor.core.formatting import duration_text
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.runtime.times import utc_text
 
 from ..configuration import TargetSettings
 from .http_target import HttpTarget
-from .notification import Notification, Notified, utc_text
+from .notification import Notification, Notified
 from .sender import DeliveryError, Sender
 
 ALERT = "RobotHealth"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 from dataclasses import dataclass, field
 from typing import Any, Mapping, Optional
 
 from robot_health_monitor.core.formatting import with_hint
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.runtime.times import utc_text
 
 FIRING, RESOLVED = "firing", "resolved"
 
@@ -86,17 +86,3 @@ def alert_line(transition: Mapping[str, Any]) -> str:
         transition: the fields of `--json`; older files have no hint.
     """
     return f"{transition['robot']}: {with_hint(str(transition['text']), str(transition.get('hint', '')))}"
-
-
-def utc_text(wall_s: float) -> str:
-    """Formats a time as ISO 8601 in UTC with milliseconds, as RFC 3339 requires.
-
-    >>> utc_text(1700000000.5)
-    '2023-11-14T22:13:20.500Z'
-
-    Args:
-        wall_s: seconds since 1970; a time before 1970 is shown as 1970.
-    """
-    since = datetime.timedelta(milliseconds=round(min(max(wall_s, 0.0), 253_402_300_799.0) * 1000.0))
-    moment = datetime.datetime(1970, 1, 1) + since
-    return f"{moment.isoformat(timespec='milliseconds')}Z"

@@ -17,6 +17,7 @@ from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.times import iso_time
 
 from ..active_silences import Silences
 from ..history.history import History
@@ -37,7 +38,7 @@ from .requests import (
     read_text,
 )
 from .silence_requests import expire_silence, new_silence, silence_json
-from .state import RobotReader, Samples, iso_time
+from .state import RobotReader, Samples
 from .updates import Updates
 
 __all__ = ["WebInterface"]

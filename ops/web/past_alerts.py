@@ -8,12 +8,12 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tup
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.runtime.times import iso_time
 
 from ..history import queries
 from ..history.history import History
 from ..history.rows import StoredTransition
 from .requests import ApiError
-from .state import iso_time
 
 __all__ = ["PastAlerts", "Query", "query_of"]
 

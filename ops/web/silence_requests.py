@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any, Dict, Mapping
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.runtime.times import iso_time
 
 from ..active_silences import Silences
 from ..matchers import Matcher, matchers_text
 from ..silences import Silence
 from .requests import ApiError, read_text
-from .state import iso_time
 
 __all__ = ["expire_silence", "new_silence", "silence_json"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from datetime import datetime, timezone
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core import explanation
@@ -15,11 +14,12 @@ from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.quality import as_float, converted
 from robot_health_monitor.core.signal_config import SignalConfig
+from robot_health_monitor.runtime.times import iso_time
 
 from ..plot import plot_bounds
 from .own_state import OwnState
 
-__all__ = ["MOST_SAMPLES", "RobotReader", "Samples", "iso_time"]
+__all__ = ["MOST_SAMPLES", "RobotReader", "Samples"]
 
 MOST_SAMPLES = 300
 """Most samples of one signal in an answer."""
@@ -28,14 +28,6 @@ _OFFSET_TOLERANCE_S = 0.25
 """Wall time and the monitor's time may drift apart by this much before samples get other wall times."""
 
 Json = Dict[str, Any]
-
-
-def iso_time(wall_s: float) -> Optional[str]:
-    """Returns a time in s since 1970 as ISO 8601 in UTC, with milliseconds; None where there is no such date."""
-    try:
-        return datetime.fromtimestamp(wall_s, timezone.utc).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    except (ValueError, OverflowError, OSError):
-        return None
 
 
 class Samples(NamedTuple):

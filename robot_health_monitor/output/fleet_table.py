@@ -14,6 +14,7 @@ from rich.text import Text
 
 from robot_health_monitor.core.formatting import count_text
 from robot_health_monitor.core.model import Status
+from robot_health_monitor.runtime.times import local_time
 
 from .display import Shown
 from .status_text import level_text, rank, rank_counts, rank_of, reason_text
@@ -219,4 +220,4 @@ class _Layout:
             return ""
         lasts_s = status.lasts_s
         form = "%b %d" if lasts_s >= _DAY_S else "%H:%M:%S" if self._since >= 8 else "%H:%M"
-        return time.strftime(form, time.localtime(max(0.0, time.time() - lasts_s)))
+        return local_time(max(0.0, time.time() - lasts_s), form)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import Sequence, TextIO
 
 from robot_health_monitor.core.formatting import printable, with_degree_sign, with_hint
 from robot_health_monitor.core.model import Transition
+from robot_health_monitor.runtime.times import DATE_TIME, local_time
 
 from .display import Shown
 from .events import Entry
@@ -59,9 +59,7 @@ class PlainLines:
         return readable("".join(f"{line}\n" for line in lines), self._stream)
 
 
-def plain_line(
-    entry: Entry, time_format: str = "%Y-%m-%d %H:%M:%S", *, name_robots: bool = False, prefix: str = ""
-) -> str:
+def plain_line(entry: Entry, time_format: str = DATE_TIME, *, name_robots: bool = False, prefix: str = "") -> str:
     """Formats an event for people, with the local time, without control characters.
 
     Args:
@@ -71,7 +69,7 @@ def plain_line(
         prefix: text to put before a transition.
     """
     event = entry.event
-    time_text = datetime.fromtimestamp(entry.wall_s).strftime(time_format)
+    time_text = local_time(entry.wall_s, time_format)
     if isinstance(event, Transition):
         prefix = prefix or (event.robot if name_robots else "")
         robot = f"{prefix}: " if prefix else ""

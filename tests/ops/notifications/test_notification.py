@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 
-import pytest
 from harness.transitions import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.transition_json import json_line
-from robot_health_monitor.ops.notifications.notification import Notification, Notified, utc_text
+from robot_health_monitor.ops.notifications.notification import Notification, Notified
 
 
 def test_the_json_is_that_of_the_transition_with_kind_and_time() -> None:
@@ -44,16 +42,3 @@ def test_what_a_target_knows_after_a_notification() -> None:
     notification = Notification(json.loads(json_line(transition(robot="r3"))), False, 12.0)
     text = "r3: battery_level WARN: 19.5 % is below 20 % (was OK for 312 s)"
     assert notification.sent == Notified("r3", "battery_level", Level.WARN, 12.0, text)
-
-
-@pytest.mark.parametrize(
-    ("wall_s", "text"),
-    [
-        (0.0, "1970-01-01T00:00:00.000Z"),
-        (0.9996, "1970-01-01T00:00:01.000Z"),
-        (-5.0, "1970-01-01T00:00:00.000Z"),
-        (math.inf, "9999-12-31T23:59:59.000Z"),
-    ],
-)
-def test_any_time_becomes_a_valid_timestamp(wall_s: float, text: str) -> None:
-    assert utc_text(wall_s) == text

@@ -9,18 +9,11 @@ from harness.web import Robots
 
 from robot_health_monitor.ops.matchers import parse_matchers
 from robot_health_monitor.ops.web.own_state import OwnState
-from robot_health_monitor.ops.web.state import MOST_SAMPLES, RobotReader, iso_time
+from robot_health_monitor.ops.web.state import MOST_SAMPLES, RobotReader
 
 
 def reader(robots: Robots) -> RobotReader:
     return RobotReader(robots.all[0], OwnState(lambda: robots.all, dict), robots.wall_s)
-
-
-def test_times_are_iso_8601_in_utc() -> None:
-    assert iso_time(0.0) == "1970-01-01T00:00:00.000Z"
-    assert iso_time(1_795_324_032.25) == "2026-11-22T05:07:12.250Z"
-    for impossible in (float("nan"), float("inf"), 1e300, -1e18):
-        assert iso_time(impossible) is None
 
 
 def test_a_signal_without_a_sample_is_unknown() -> None:
