@@ -163,14 +163,8 @@ def _in_transaction(file: str, function: Callable[[sqlite3.Connection], Result])
         raise ConfigError(f"cannot be opened: {error}", file=file) from None
     try:
         schema.require_known(connection)
-        connection.execute("BEGIN IMMEDIATE")
-        try:
-            result = function(connection)
-        except BaseException:
-            connection.execute("ROLLBACK")
-            raise
-        connection.execute("COMMIT")
-        return result
+        with schema.transaction(connection):
+            return function(connection)
     except (sqlite3.Error, schema.UnknownSchemaError) as error:
         raise ConfigError(f"cannot be used: {error}", file=file) from None
     finally:

@@ -6,7 +6,8 @@ The tables of notifications and silences are here too, so that one version descr
 from __future__ import annotations
 
 import sqlite3
-from typing import Callable, List, Mapping
+from contextlib import contextmanager
+from typing import Callable, Iterator, List, Mapping
 
 from robot_health_monitor.core.errors import ConfigError
 
@@ -185,8 +186,7 @@ def prepare(connection: sqlite3.Connection) -> None:
     """
     if version_of(connection) == SCHEMA_VERSION:
         return
-    connection.execute("BEGIN IMMEDIATE")
-    try:
+    with transaction(connection):
         version = version_of(connection)
         if version == 0:
             for statement in _TABLES.split(";\n"):
@@ -197,10 +197,26 @@ def prepare(connection: sqlite3.Connection) -> None:
             _MIGRATIONS[version](connection)
             version += 1
         connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """Runs a block in one transaction, which is rolled back if the block or the commit fails.
+
+    Args:
+        connection: in autocommit mode (`isolation_level=None`).
+    """
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
     except BaseException:
-        connection.execute("ROLLBACK")
+        try:
+            if connection.in_transaction:  # otherwise SQLite has rolled it back because of its error
+                connection.execute("ROLLBACK")
+        except sqlite3.Error:
+            pass  # the first error is the one that matters
         raise
-    connection.execute("COMMIT")
 
 
 def require_known(connection: sqlite3.Connection) -> None:

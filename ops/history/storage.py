@@ -264,12 +264,11 @@ class Storage:
         connection = file.connection
         try:
             self._shorten_log(file)
-            connection.execute("BEGIN IMMEDIATE")
-            if self._memory is None:
-                self._begin_run(connection)
-            else:
-                self._move_from_memory(self._memory, connection)
-            connection.execute("COMMIT")
+            with schema.transaction(connection):
+                if self._memory is None:
+                    self._begin_run(connection)
+                else:
+                    self._move_from_memory(self._memory, connection)
         except BaseException:
             _close(file)
             raise
@@ -382,15 +381,12 @@ class Storage:
         return self._in_transaction(connection, lambda: retention.delete_old(self._run[0], before_s))
 
     def _in_transaction(self, connection: sqlite3.Connection, function: Callable[[], bool]) -> bool:
-        connection.execute("BEGIN IMMEDIATE")
         try:
-            result = function()
-            connection.execute("COMMIT")
+            with schema.transaction(connection):
+                return function()
         except BaseException:
             self._retention = None  # its counts include what was rolled back
-            roll_back(connection)
             raise
-        return result
 
     def _shorten_log(self, file: DatabaseFile) -> None:
         """Empties the log if it has become too long although its thread copies it.
@@ -416,15 +412,6 @@ def report_skipped(faults: Faults, connection: sqlite3.Connection) -> None:
     """Reports the first row that was skipped because of its values; the fault lasts until the monitor is restarted."""
     if isinstance(connection, CheckedConnection) and connection.skipped and ROWS_PART not in faults.current():
         faults.report(ROWS_PART, connection.skipped_text, Level.WARN)
-
-
-def roll_back(connection: sqlite3.Connection) -> None:
-    """Rolls back a transaction, unless SQLite has done so because of its error."""
-    try:
-        if connection.in_transaction:
-            connection.execute("ROLLBACK")
-    except sqlite3.Error:
-        pass  # the connection is about to be replaced
 
 
 def _boot_s() -> float:

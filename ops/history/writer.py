@@ -10,7 +10,8 @@ from typing import Callable, Deque, Generic, List, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
 
-from .storage import Storage, roll_back
+from . import schema
+from .storage import Storage
 
 Result = TypeVar("Result")
 
@@ -155,12 +156,10 @@ class Writer:
     def _attempt(self, batch: List[Job[object]]) -> Optional[BaseException]:
         connection = self._storage.connection
         try:
-            connection.execute("BEGIN IMMEDIATE")
-            for job in batch:
-                job.result = job.function(connection)
-            connection.execute("COMMIT")
+            with schema.transaction(connection):
+                for job in batch:
+                    job.result = job.function(connection)
         except Exception as error:
-            roll_back(connection)
             return error
         self._storage.note_committed()
         return None

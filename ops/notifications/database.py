@@ -53,7 +53,10 @@ class QueueDatabase:
 
         def use(connection: sqlite3.Connection) -> Result:
             self._history_connection = connection
-            return function(connection) if self._memory is None else _in_transaction(self._memory, function)
+            if self._memory is None:
+                return function(connection)
+            with schema.transaction(self._memory):
+                return function(self._memory)
 
         try:
             return self._history.run(use, timeout_s)
@@ -109,14 +112,3 @@ def _is_readable(connection: sqlite3.Connection, table: str) -> bool:
     except sqlite3.Error:
         return False
     return True
-
-
-def _in_transaction(connection: sqlite3.Connection, function: Callable[[sqlite3.Connection], Result]) -> Result:
-    connection.execute("BEGIN")
-    try:
-        result = function(connection)
-    except BaseException:
-        connection.execute("ROLLBACK")
-        raise
-    connection.execute("COMMIT")
-    return result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from typing import Callable, Collection, Dict, List, Optional, Sequence
+from typing import Callable, Collection, Dict, List, Mapping, Optional, Sequence
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -15,11 +15,15 @@ from robot_health_monitor.runtime.threads import StepThread
 from ..active_silences import Silences
 from ..configuration import TargetSettings
 from ..history.history import History
+from .alertmanager import Alertmanager
+from .apprise import AppriseTarget
+from .command import Command
 from .database import QueueDatabase
 from .delivery import Delivery
 from .heartbeat import Heartbeat
 from .notification_queue import NotificationQueue
-from .senders import make_sender
+from .sender import Sender
+from .webhook import Webhook
 
 CHECK_PERIOD_S = 1.0
 """Period of the check for silences that have expired, in s."""
@@ -32,6 +36,12 @@ CLOSE_TIMEOUT_S = 1.0
 
 _TIMEOUT_S = 5.0
 _CLOSE_POLL_S = 0.02
+
+_SENDERS: Mapping[str, Callable[[TargetSettings], Sender]] = {
+    "webhook": Webhook,
+    "command": Command,
+    "apprise": AppriseTarget,
+}
 
 
 class Notifier:
@@ -249,3 +259,15 @@ class Notifier:
 def _alerted(targets: Sequence[TargetSettings]) -> List[TargetSettings]:
     """Returns those that are sent alerts."""
     return [target for target in targets if target.type != "heartbeat"]
+
+
+def make_sender(settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> Sender:
+    """Returns the sender for a target of any type except `heartbeat`, which sends no alerts.
+
+    Args:
+        settings: the target.
+        wall_time_s: seconds since 1970.
+    """
+    if settings.type == "alertmanager":
+        return Alertmanager(settings, wall_time_s)
+    return _SENDERS[settings.type](settings)

@@ -14,8 +14,8 @@ from ..configuration import TargetSettings
 from .alertmanager import ALERT, REPEAT_EVERY_S
 from .heartbeat import Heartbeat
 from .notification import Notification
+from .notifier import make_sender
 from .sender import DeliveryError, Sender
-from .senders import make_sender
 
 ALERTMANAGER_HOLD_S = 60.0
 """How long a test alert stays at Alertmanager by default, in s: it notifies after its `group_wait`, default 30 s."""

@@ -135,3 +135,32 @@ def test_silences_of_version_1_are_kept(tmp_path: Path) -> None:
     (silence,) = history.run(read_silences)
     assert (silence.author, silence.until_s, silence.noticed_s, silence.ended_by) == ("ana", 65.0, None, "")
     history.close()
+
+
+def run(connection: sqlite3.Connection, *statements: str) -> None:
+    """Executes statements in one transaction."""
+    with schema.transaction(connection):
+        for statement in statements:
+            connection.execute(statement)
+
+
+def test_a_transaction_is_rolled_back_if_its_block_or_its_commit_fails() -> None:
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    connection.execute("PRAGMA foreign_keys = ON")
+    connection.execute("CREATE TABLE parents (id INTEGER PRIMARY KEY)")
+    connection.execute("CREATE TABLE children (parent REFERENCES parents DEFERRABLE INITIALLY DEFERRED)")
+    with pytest.raises(sqlite3.OperationalError, match="no such table"):
+        run(connection, "INSERT INTO parents VALUES (1)", "DELETE FROM missing")
+    with pytest.raises(sqlite3.IntegrityError, match="FOREIGN KEY"):
+        run(connection, "INSERT INTO children VALUES (7)")  # found at the commit
+    assert not connection.in_transaction
+    run(connection, "INSERT INTO parents VALUES (2)")
+    assert connection.execute("SELECT id FROM parents").fetchall() == [(2,)]
+    assert connection.execute("SELECT parent FROM children").fetchall() == []
+
+
+def test_an_error_that_has_ended_the_transaction_stays_the_error() -> None:
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    with pytest.raises(sqlite3.OperationalError, match="no such table"):
+        run(connection, "ROLLBACK", "DELETE FROM missing")
+    assert not connection.in_transaction

@@ -17,7 +17,7 @@ from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.history import schema
 from robot_health_monitor.ops.notifications.delivery import LONGEST_RETRY_S, MOST_REFUSALS, Delivery
 from robot_health_monitor.ops.notifications.notification_queue import NotificationQueue
-from robot_health_monitor.ops.notifications.senders import make_sender
+from robot_health_monitor.ops.notifications.notifier import make_sender
 
 
 class Database:

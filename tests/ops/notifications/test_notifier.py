@@ -23,9 +23,10 @@ from harness.waiting import wait_for
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.active_silences import Silences
-from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
+from robot_health_monitor.ops.configuration import TARGET_TYPES, HistorySettings, TargetSettings
 from robot_health_monitor.ops.history.history import History, RobotHistory
 from robot_health_monitor.ops.notifications import Notifier
+from robot_health_monitor.ops.notifications.notifier import make_sender
 from robot_health_monitor.ops.silences import add_silence, parse_matchers
 
 DEADLINE_S = 30.0
@@ -365,3 +366,11 @@ def test_a_monitor_without_targets_gets_some(server: HttpServer) -> None:
         assert notifier.use_targets([heartbeat, target]) == "added alive, chat"
         record(history, "WARN")
         assert texts(server, 1) == ["battery WARN"]
+
+
+@pytest.mark.parametrize("type_name", [name for name in TARGET_TYPES if name != "heartbeat"])
+def test_a_sender_can_be_made_for_each_type_and_contacts_nothing(type_name: str) -> None:
+    sender = make_sender(TargetSettings("target", type_name, url="http://host.invalid", command=("horn",)))
+    assert sender.place and not sender.warning
+    assert (sender.repeat_every_s is not None) == (type_name == "alertmanager")
+    sender.close()
