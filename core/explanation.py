@@ -187,6 +187,13 @@ def bounds_text(config: SignalConfig) -> str:
     return ", ".join(f"{level.upper()} {side} {number}" for (level, side), number in zip(words, numbers))
 
 
+def source_text(config: SignalConfig) -> str:
+    """Returns where a signal comes from and how it is judged: `scan on /scan: frequency_hz WARN below 8 Hz`."""
+    bounds = bounds_text(config)
+    statistic = "" if config.statistic == "last" else f"{config.statistic} "
+    return f"{config.name} on {config.topic}" + (f": {statistic}{bounds}" if bounds else "")
+
+
 def shown_text(judgement: Judgement) -> str:
     """Returns the value of a signal as it is shown everywhere, with its unit; empty: there is none yet.
 

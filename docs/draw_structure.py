@@ -68,7 +68,8 @@ def way_of_a_sample() -> List[Tuple[str, str]]:
     AlertSystem(bus.node("alert_system", parameters={"signals": {"battery": SIGNAL}}), {"page": lambda event: None})
     robot = bus.node("robot")
     topic = robot.advertise("battery", "std_msgs/Float32")
-    robot.publish(topic, {"data": 25.0})
+    for value in (19.0, 25.0):  # what is read once, such as the definition of a type, is no step
+        robot.publish(topic, {"data": value})
     bus.run_until(2.0)
     way: Dict[str, str] = {}
 

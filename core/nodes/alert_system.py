@@ -11,15 +11,15 @@ from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_wh
 from ..continuity import Continuity, SignalHistory
 from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
-from ..explanation import bounds_text
+from ..explanation import source_text
 from ..faults import Fault
 from ..formatting import printable
 from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets, event_text
-from ..signal_config import LINK, SignalConfig
-from .changes import Sections, describe_changes
+from ..signal_config import LINK
+from .changes import describe_changes, sections_of
 from .identity import (
     DIAGNOSTICS,
     LOG_LEVEL,
@@ -125,7 +125,7 @@ class AlertSystem:
         middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
         if self._continuity is not None:
             now_s = middleware.now_s()
-            self._continuity.record_configuration(_sections(config))
+            self._continuity.record_configuration(sections_of(config))
             restored = self._continuity.restore(now_s, at_first_call=middleware.waiting_for_clock())
             self._announce(restored, now_s)
         middleware.subscribe(SIMULATED_SENSORS, STRING_TYPE, self._note_simulated, field="data", latched=True)
@@ -139,7 +139,7 @@ class AlertSystem:
         if self._watches_defaults:
             middleware.log(Severity.INFO, f"no signals configured: watching {', '.join(DEFAULT_SIGNALS)}")
         for signal in config.signals.values():
-            middleware.log(Severity.INFO, f"watching {_summary(signal)}")
+            middleware.log(Severity.INFO, f"watching {source_text(signal)}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
         if latching and (history is None or not history.is_kept):
             middleware.log(
@@ -442,26 +442,9 @@ class AlertSystem:
         self._config = config
         if self._continuity is not None:
             record = self._continuity.record_configuration
-            self._middleware.faults.guard("storing the configuration", record, _sections(config))
+            self._middleware.faults.guard("storing the configuration", record, sections_of(config))
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
         self._unavailable &= same
         self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())
-        return describe_changes(_changeable(old, given), _changeable(config, tree))
-
-
-def _sections(config: MonitorConfig) -> Sections:
-    return {
-        "": {"publish_rate": config.publish_rate},
-        **{name: vars(signal) for name, signal in config.signals.items()},
-    }
-
-
-def _changeable(config: MonitorConfig, tree: Mapping[str, Any]) -> Sections:
-    sections = _sections(config)
-    return {**sections, "": {**sections[""], LOG_LEVEL: tree.get(LOG_LEVEL, "INFO")}}
-
-
-def _summary(signal: SignalConfig) -> str:
-    bounds = bounds_text(signal)
-    statistic = "" if signal.statistic == "last" else f"{signal.statistic} "
-    return f"{signal.name} on {signal.topic}" + (f": {statistic}{bounds}" if bounds else "")
+        before = sections_of(old, log_level=given.get(LOG_LEVEL, "INFO"))
+        return describe_changes(before, sections_of(config, log_level=tree.get(LOG_LEVEL, "INFO")))

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from typing import List, Mapping
 
+from ..config import MonitorConfig
 from ..formatting import bound_text
 from ..middleware import NOTHING_CHANGED
 
 Sections = Mapping[str, Mapping[str, object]]
 """Values by key, in named sections (signals, metrics); the section "" holds the node's own values."""
+
+
+def sections_of(config: MonitorConfig, **own: object) -> Sections:
+    """Returns the values of a configuration of alert_system, and further ones of the node itself."""
+    signals = {name: vars(signal) for name, signal in config.signals.items()}
+    return {"": {"publish_rate": config.publish_rate, **own}, **signals}
 
 
 def describe_changes(old: Sections, new: Sections) -> str:

@@ -262,3 +262,10 @@ def test_an_invalid_value_is_shown_on_its_side_of_the_limit(value: float, text: 
 )
 def test_bounds_are_put_in_words_with_the_unit_of_the_statistic(settings: Dict[str, Any], text: str) -> None:
     assert explanation.bounds_text(read_signal("a", settings)) == text
+
+
+def test_the_source_of_a_signal_names_topic_statistic_and_bounds() -> None:
+    scan = {"topic": "/scan", "statistic": "frequency_hz", "warn_below": 8.0}
+    assert explanation.source_text(read_signal("scan", scan)) == "scan on /scan: frequency_hz WARN below 8 Hz"
+    assert explanation.source_text(read_signal("battery", {"warn_below": 20.0})) == "battery on battery: WARN below 20"
+    assert explanation.source_text(read_signal("imu", {})) == "imu on imu"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from robot_health_monitor.core.nodes.changes import Sections, describe_changes
+from robot_health_monitor.core import load_config
+from robot_health_monitor.core.nodes.changes import Sections, describe_changes, sections_of
 
 
 @pytest.mark.parametrize(
@@ -23,3 +24,11 @@ from robot_health_monitor.core.nodes.changes import Sections, describe_changes
 )
 def test_a_change_is_described_by_its_old_and_new_value(old: Sections, new: Sections, text: str) -> None:
     assert describe_changes(old, new) == text
+
+
+def test_the_sections_of_alert_system_are_its_signals_and_its_own_values() -> None:
+    config = load_config({"publish_rate": 2.0, "signals": {"a": {"warn_below": 5.0}, "b": {}}})
+    sections = sections_of(config, log_level="INFO")
+    assert list(sections) == ["", "a", "b"]
+    assert sections[""] == {"publish_rate": 2.0, "log_level": "INFO"}
+    assert (sections["a"]["warn_below"], sections["b"]["warn_below"]) == (5.0, None)
