@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Set, Tuple
 
+from robot_health_monitor.core.definitions import NUMBERS
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import list_text
 from robot_health_monitor.core.signal_config import LINK
@@ -24,8 +25,6 @@ SUPPORTED_PACKAGES = ("std_msgs", "sensor_msgs")
 _TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")
 """Topics of the middleware itself."""
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
-_NUMBERS = "bBhHiIqQfd"
-"""struct's letters of numbers."""
 _TIMES = ("sec", "nanosec", "secs", "nsecs")
 
 _UNITS: Mapping[Tuple[str, str], str] = {
@@ -128,7 +127,7 @@ def _fields(channel: Channel) -> List[str]:
     for path, letter in types_of(channel).numbers():
         is_code = package == "sensor_msgs" and letter in ("b", "B")
         is_time = path.split(".")[-1] in _TIMES
-        if letter in _NUMBERS and not is_code and not is_time and not path.startswith("header."):
+        if letter != NUMBERS["bool"] and not is_code and not is_time and not path.startswith("header."):
             fields.append(path)
     return fields
 
