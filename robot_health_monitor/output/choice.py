@@ -11,6 +11,8 @@ from .display import Output
 from .json_lines import JsonLines
 from .plain import PlainLines
 
+__all__ = ["choose_output"]
+
 
 def choose_output(as_json: bool, name_robots: bool = False) -> Output:
     """Returns the output: JSON if requested, a live table on a terminal, otherwise plain lines.

@@ -10,6 +10,8 @@ from robot_health_monitor.core.nodes import AlertSystem
 
 from .events import Entry
 
+__all__ = ["Output", "OutputError", "Shown", "ShownRobot"]
+
 
 class OutputError(ServiceError):
     """The output could not be written completely. `str()` says why."""

@@ -11,6 +11,8 @@ from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.outlets import Event, Outlet
 
+__all__ = ["Entry", "Events", "LibraryLog"]
+
 
 class Entry(NamedTuple):
     """One event, as the output receives it."""

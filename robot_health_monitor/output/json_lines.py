@@ -14,6 +14,8 @@ from .events import Entry
 from .plain import dropped_line, plain_line
 from .stream_writer import StreamWriter
 
+__all__ = ["JsonLines"]
+
 
 class JsonLines:
     """Writes transitions to one stream and the log to another."""

@@ -30,6 +30,8 @@ from .signal_table import TREND_SAMPLES, SignalRow, short_bounds, signal_lines
 from .status_text import STYLE_OF_LEVEL, level_text, rank
 from .stream_writer import StreamWriter
 
+__all__ = ["LiveView"]
+
 _STYLE_OF_SEVERITY = {Severity.WARN: STYLE_OF_LEVEL[Level.WARN], Severity.ERROR: "red", Severity.FATAL: "bold red"}
 _STYLING = re.compile("\x1b\\[[0-9;]*m")
 _REDRAW_S = 0.9

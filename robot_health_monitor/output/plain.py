@@ -12,6 +12,8 @@ from .display import Shown
 from .events import Entry
 from .stream_writer import StreamWriter
 
+__all__ = ["PlainLines", "dropped_line", "plain_line", "readable"]
+
 
 class PlainLines:
     """Writes one line per event."""

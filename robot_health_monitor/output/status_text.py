@@ -9,7 +9,16 @@ from rich.text import Text
 from robot_health_monitor.core.formatting import with_hint
 from robot_health_monitor.core.model import Level, Status
 
-__all__ = ["STYLE_OF_LEVEL", "UNKNOWN_STATES", "is_unknown", "level_text", "rank", "rank_counts", "rank_of"]
+__all__ = [
+    "STYLE_OF_LEVEL",
+    "UNKNOWN_STATES",
+    "is_unknown",
+    "level_text",
+    "rank",
+    "rank_counts",
+    "rank_of",
+    "reason_text",
+]
 
 STYLE_OF_LEVEL = {
     Level.OK: "green",

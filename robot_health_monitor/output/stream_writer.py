@@ -19,6 +19,8 @@ from typing import Callable, Deque, Generic, List, Optional, Sequence, TextIO, T
 
 from robot_health_monitor.standard_streams import join_unless_blocked
 
+__all__ = ["Item", "MOST_ITEMS", "StreamWriter", "write_error"]
+
 Item = TypeVar("Item")
 
 MOST_ITEMS = 2_000

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("rich", reason="rich, which draws the table, is not installed")
 
 from robot_health_monitor.core.model import Level, Status
-from robot_health_monitor.output.status_text import is_unknown, level_text, rank, rank_counts
+from robot_health_monitor.output.status_text import UNKNOWN_STATES, is_unknown, level_text, rank, rank_counts
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def status(level: Level, **facts: str) -> Status:
@@ -40,3 +45,9 @@ def test_a_silenced_alert_says_so() -> None:
 
 def test_levels_are_counted_the_worst_first() -> None:
     assert rank_counts([0, 6, 0, 1, 6]) == "2 ERROR, 1 unknown, 2 OK"
+
+
+def test_the_page_uses_the_same_words() -> None:
+    levels = (ROOT / "ops" / "web" / "page" / "levels.js").read_text(encoding="utf-8")
+    labels = re.findall(r'^  \["\w+", "([^"]+)"\],$', levels, re.MULTILINE)
+    assert sorted(labels) == sorted(["NO LINK", *(level.name for level in Level), *UNKNOWN_STATES])
