@@ -258,6 +258,18 @@ def test_a_share_that_is_not_zero_has_a_colour(head: str, text: str, expected: s
     assert f'<td class="{expected}" data-head="{head}">{text}</td>' in page
 
 
+def test_degrees_have_their_sign_in_cells_rules_plots_and_alerts() -> None:
+    line = "battery WARN: 85 degC is above 80 degC"
+    signal = battery(unit="degC", hysteresis=2.0)
+    alerts = [ReportedAlert(START_S, "", transition(text=line))]
+    page = render(report([signal], alerts, header=["signal", "max"], rows=[["battery", "85 degC"]]))
+    assert '<td class="number" data-head="max">85 °C</td>' in page
+    assert "hysteresis 2 °C" in page
+    assert data_of(page)["signals"][0]["unit"] == "°C"
+    assert "battery WARN: 85 °C is above 80 °C" in page
+    assert "degC" not in page
+
+
 def test_rules_are_words() -> None:
     signal = battery(error_below=10.0, for_s=5.0, hysteresis=2.0, keep_firing_for_s=90.0, stale_after_s=3.0)
     assert (
