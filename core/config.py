@@ -331,7 +331,7 @@ def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], pat
         except ConfigError as error:
             problem = f"{error.problem}; the type is that of signal {giver} of the same topic"
             problems.add(ConfigError(problem, (*path, name, "field")))
-            problem = f"signal {name} of the same topic has no type of its own, and a field that this type has not"
+            problem = f"signal {name} of the same topic names no type, and this type has no field {signal.field}"
             problems.add(ConfigError(problem, (*path, giver, "type")))
 
 

@@ -51,7 +51,7 @@ class Hints:
         """Returns the latest answer; begins to look it up again if it is older than 10 s."""
         now_s = self._clock()
         known = self._known.get((topic, type_name))
-        # One that nobody has asked for meanwhile belongs to an earlier silence.
+        # One that was not asked for meanwhile belongs to an earlier silence.
         if known is None or not 0.0 <= now_s - known.asked_s < 2.0 * _PERIOD_S:
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()

@@ -82,7 +82,7 @@ class Silence:
     noticed_s: Optional[float] = None
     """When a monitor noticed that it was made in the future, by a clock that was wrong; None: it was not."""
     ended_by: str = ""
-    """Who ended it; empty: nobody did, or it is not known."""
+    """Who ended it; empty: it was not ended, or this is unknown."""
     ended_reason: str = ""
     """Why it was ended."""
 

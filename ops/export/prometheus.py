@@ -166,7 +166,7 @@ class _Rules:
     def _error(self, sides: Sequence[str]) -> List[str]:
         """Returns the rule of ERROR: a bound is crossed, or the data are invalid. The value of the latter is NaN.
 
-        Each may have to last for a time of its own; `for` is the shorter one.
+        Each has its own duration; `for` is the shorter one.
         """
         signal = self._signal
         for_s, keep_s = (signal.error_for_s, signal.error_keep_firing_for_s) if sides else (signal.invalid_for_s, 0.0)

@@ -52,7 +52,7 @@ class History:
         Args:
             settings: the file and what to keep; None: a history in memory, with the same tables.
             wall_time_s: seconds since 1970.
-            faults: receives what is wrong with it; None: nobody does.
+            faults: receives what is wrong with it; None: not reported.
         """
         self.file = None if settings is None else settings.file
         """Path of the file; None: the history is in memory."""

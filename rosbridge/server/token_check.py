@@ -44,7 +44,7 @@ class Credentials(enum.Enum):
 
 
 class WrongTokens:
-    """Counts wrong tokens per address. The right token is always accepted, so that nobody can lock out others."""
+    """Counts wrong tokens per address. The right token is always accepted, so that no client can lock out others."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         """Starts without attempts; `clock` returns monotonic seconds."""

@@ -19,7 +19,7 @@ from robot_health_monitor.recordings.reading import Recordings
 FLOAT32 = "std_msgs/Float32"
 TOPICS = ("/battery_level", "/temperature", "/alerts")
 TICK_S = 1.0
-LATENCY_S = 0.5
+LATENCY_S = 2.0
 """Largest difference between the arrival of a message at the recorder and at the node on a busy machine."""
 PARAMETERS = {
     "signals": {
@@ -70,10 +70,10 @@ def test_a_replay_gives_the_alerts_of_the_run(
     heard = ros.listen("/alerts", "diagnostic_msgs/DiagnosticStatus")
 
     pause = threading.Event()
-    for step in range(65):
-        battery = 50.0 if step < 10 or step >= 55 else 15.0 if step < 25 else 5.0
+    for step in range(95):
+        battery = 50.0 if step < 10 or step >= 85 else 15.0 if step < 32 else 5.0
         ros.publish("/battery_level", FLOAT32, {"data": battery})
-        if step < 25:
+        if step < 45:
             ros.publish("/temperature", FLOAT32, {"data": 85.0 if step > 5 else 60.0})
         pause.wait(0.1)
     ros.wait_until(lambda: len(heard) >= 5)

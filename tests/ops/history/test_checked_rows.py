@@ -1,4 +1,4 @@
-"""Values that nobody expects in a history file: each reader gives the rest, and nothing of it stops the monitor."""
+"""Unexpected values in a history file: each reader gives the rest, and nothing of it stops the monitor."""
 
 from __future__ import annotations
 
