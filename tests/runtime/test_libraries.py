@@ -18,7 +18,7 @@ def without(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
 def test_everything_that_is_missing_is_named_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     without(monkeypatch, "cbor2", "aiohttp")
     with pytest.raises(MissingLibraryError) as raised, libraries("cbor2", "json", "aiohttp"):
-        importlib.import_module("aiohttp.web")
+        importlib.import_module("aiohttp")
     assert str(raised.value) == "aiohttp, cbor2 are not installed: pip install aiohttp cbor2"
 
 

@@ -39,7 +39,7 @@ def columns() -> Iterator[Tuple[str, str]]:
 
 
 @pytest.mark.newest_python
-@pytest.mark.parametrize(("table", "column"), columns(), ids=lambda name: str(name))
+@pytest.mark.parametrize(("table", "column"), list(columns()), ids=lambda name: str(name))
 def test_an_odd_value_anywhere_stops_no_reader_and_no_monitor(file: Path, table: str, column: str) -> None:
     for odd in ODD:
         connection = sqlite3.connect(str(file), isolation_level=None)
