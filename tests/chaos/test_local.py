@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -168,6 +170,36 @@ def test_half_open_connections_cost_no_alert_and_no_request(
                 request = urllib.request.Request(f"http://127.0.0.1:{port}/{path}", headers=headers)
                 with urllib.request.urlopen(request, timeout=DEADLINE_S) as response:
                     assert response.status == 200
+    trial.finish()
+    end(process)
+
+
+def damage(file: Path, chance: random.Random) -> None:
+    """Gives every row of some columns an unexpected value, as another program or a bad disk may do."""
+    connection = sqlite3.connect(str(file), timeout=DEADLINE_S, isolation_level=None)
+    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
+    for (table,) in connection.execute(query).fetchall():
+        columns = [row[1] for row in connection.execute(f"PRAGMA table_info({table})")]
+        with contextlib.suppress(sqlite3.Error):  # a key
+            connection.execute(f"UPDATE {table} SET {chance.choice(columns)} = ?", (chance.choice(ODD),))
+    connection.close()
+
+
+ODD = ("text", 9e999, 2**63 - 1, b"\xff\x00", None, "", -1)
+
+
+def test_odd_rows_in_the_history_cost_no_alert(
+    robot_health: Any, robot: Any, thresholds: Path, port: int, seed: int, tmp_path: Path
+) -> None:
+    file, ops = tmp_path / "history.db", tmp_path / "ops.yaml"
+    ops.write_text(f"history: {{file: {file}}}\nnotify: {{gone: {{type: webhook, url: 'http://127.0.0.1:9'}}}}\n")
+    process = robot_health(*options(port, thresholds), "--ops", ops)
+    process.wait_for_text("serving on")
+    trial = trial_of(robot("rosbridge_peer", f"http://127.0.0.1:{port}/"), seed)
+    chance = random.Random(seed)
+    for _ in range(ROUNDS * 2):
+        trial.change(trial.pause)
+        damage(file, chance)
     trial.finish()
     end(process)
 
