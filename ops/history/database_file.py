@@ -5,7 +5,7 @@ when the process is killed. The thread of `_Sync` flushes the log to the disk ea
 that a power cut loses no more than the last second, and copies the log into the file when it has grown. The writer
 itself waits for the disk only when the kernel makes it wait.
 
-A log begins anew only if everything in it has been copied and nobody reads it. Under load that moment never comes by
+SQLite starts the log again only when all of it has been copied and no reader uses it. Under load that never happens by
 itself: then the thread makes the writer wait while it copies the last few pages.
 """
 
