@@ -79,8 +79,11 @@ def test_a_replay_gives_the_alerts_of_the_run(
     ros.wait_until(lambda: len(heard) >= 5)
     recorder.send_signal(signal.SIGINT)
     assert recorder.wait(20) == 0
+    # After a SIGINT, `rosbag record` waits at most 0.25 s for its recorder, which names the bag when it is complete.
+    bag = tmp_path / "run.bag"
+    ros.wait_until(bag.exists)
 
-    with Recordings([str(tmp_path / "run.bag")]) as recordings:
+    with Recordings([str(bag)]) as recordings:
         (channel,) = [channel for channel in recordings.channels if channel.topic == "/alerts"]
         read = types_of(channel).field_getter("")
         announced = [(time_ns / 1e9, read(data)) for time_ns, _, data in recordings.messages([{channel: None}])]
