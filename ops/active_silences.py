@@ -12,6 +12,7 @@ from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.formatting import count_text, duration_text, printable
 from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.runtime.threads import MonotonicEvent
 
 from .history.history import History
 from .matchers import Matcher
@@ -60,7 +61,7 @@ class Silences:
         self._next_end_s = float("inf")
         self._version = 0
         self._seen: Optional[Tuple[sqlite3.Connection, int]] = None
-        self._closing = threading.Event()
+        self._closing = MonotonicEvent()
         history.on_record(self._note_transition)
         self._refresh(history.run)
         threading.Thread(target=self._follow, name="silences", daemon=True).start()

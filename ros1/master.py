@@ -19,6 +19,7 @@ from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.parameters import describe
+from robot_health_monitor.runtime.threads import MonotonicEvent
 
 _SUCCESS = 1
 _ERRORS = (
@@ -191,7 +192,7 @@ class MasterWatch(threading.Thread):
         self._node = node
         self._on_change = on_change
         self._period_s = period_s
-        self._stopped = threading.Event()
+        self._stopped = MonotonicEvent()
         self._identity = master.identity(node)
 
     def stop(self) -> None:

@@ -27,6 +27,7 @@ from robot_health_monitor.core.middleware import Message, Result, Severity, reso
 from robot_health_monitor.core.missing_samples import Hints
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
+from robot_health_monitor.runtime.threads import MonotonicEvent
 
 from . import messages
 from .master import Master
@@ -388,7 +389,7 @@ class _Timer(threading.Thread):
         self._simulated = simulated
         self._lock = lock
         self._on_failure = on_failure
-        self._cancelled = threading.Event()
+        self._cancelled = MonotonicEvent()
         self._last_s = clock()
         self._callback = callback
         self._schedule = PeriodicSchedule(period_s, self._last_s)

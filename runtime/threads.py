@@ -9,17 +9,64 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import queue
+import select
+import socket
 import threading
 from typing import Any, Callable, Coroutine, Optional, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
 
-__all__ = ["LoopThread", "StepThread", "ThreadPool", "run_in_daemon_thread"]
+__all__ = ["LoopThread", "MonotonicEvent", "StepThread", "ThreadPool", "run_in_daemon_thread"]
 
 Result = TypeVar("Result")
 _CLOSE_TIMEOUT_S = 5.0
 _WAIT_AFTER_ERROR_S = 1.0
+_LONGEST_WAIT_S = 86400.0
+"""Of one call of `poll`, which takes at most 24 days."""
 _Job = Tuple["asyncio.Future[Any]", Callable[..., Any], Tuple[Any, ...]]
+
+
+class MonotonicEvent:
+    """A `threading.Event` for one waiting thread, whose timed wait follows the monotonic clock.
+
+    Until Python 3.10, timed waits of `threading` follow the wall clock: if it is set back by an hour, they last an hour
+    longer (bpo-41710).
+    """
+
+    def __init__(self) -> None:
+        """Creates an event that is not set."""
+        self._is_set = False
+        self._lock = threading.Lock()
+        self._reader, self._writer = socket.socketpair()
+        self._poll = select.poll()
+        self._poll.register(self._reader, select.POLLIN)
+
+    def __del__(self) -> None:
+        self._reader.close()
+        self._writer.close()
+
+    def is_set(self) -> bool:
+        """Returns whether it is set."""
+        return self._is_set
+
+    def set(self) -> None:
+        """Ends the wait."""
+        with self._lock:
+            if not self._is_set:
+                self._is_set = True
+                self._writer.send(b"1")
+
+    def clear(self) -> None:
+        """Lets `wait` wait again."""
+        with self._lock:
+            if self._is_set:
+                self._is_set = False
+                self._reader.recv(1)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Waits until it is set, at most `timeout_s`; returns whether it is set."""
+        self._poll.poll(min(max(0.0, timeout_s), _LONGEST_WAIT_S) * 1000.0)
+        return self._is_set
 
 
 async def run_in_daemon_thread(function: Callable[[], Result]) -> Result:
@@ -190,7 +237,7 @@ class StepThread:
         """
         self._step = step
         self._on_error = on_error
-        self._wake = threading.Event()
+        self._wake = MonotonicEvent()
         self._is_closed = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 

@@ -24,6 +24,7 @@ from typing import Optional, Union
 from urllib.parse import quote
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.runtime.threads import MonotonicEvent
 from robot_health_monitor.runtime.times import local_time
 
 from . import schema
@@ -289,7 +290,7 @@ class _Sync:
         self.copying = threading.Lock()
         self._began_s: Optional[float] = None
         self._is_stopping = False
-        self._wake = threading.Event()
+        self._wake = MonotonicEvent()
         self._thread = threading.Thread(target=self._run, name="history sync", daemon=True)
         self._thread.start()
 

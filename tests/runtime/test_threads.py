@@ -11,12 +11,18 @@ import threading
 import weakref
 from pathlib import Path
 from queue import Queue
-from typing import List
+from typing import List, Optional
 
 import pytest
 
 from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.runtime.threads import LoopThread, StepThread, ThreadPool, run_in_daemon_thread
+from robot_health_monitor.runtime.threads import (
+    LoopThread,
+    MonotonicEvent,
+    StepThread,
+    ThreadPool,
+    run_in_daemon_thread,
+)
 
 ROOT = str(Path(__file__).resolve().parents[2])
 
@@ -222,3 +228,42 @@ def test_a_thread_that_is_closed_before_its_first_step_makes_none() -> None:
     thread.start()
     thread.join(DEADLINE_S)
     assert steps == []
+
+
+def test_an_event_ends_a_wait_from_another_thread_and_can_be_used_again() -> None:
+    event = MonotonicEvent()
+    assert not event.wait(0.0)
+    assert not event.wait(-1.0)
+    for _ in range(3):
+        thread = threading.Thread(target=event.set)
+        thread.start()
+        assert event.wait(float("inf"))
+        thread.join()
+        assert event.is_set()
+        event.set()
+        assert event.wait(0.0)
+        event.clear()
+        event.clear()
+        assert not event.is_set()
+        assert not event.wait(0.001)
+
+
+def test_a_thread_waits_by_the_monotonic_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On Python 3.8, a clock that is set back lengthens every timed wait of `threading`."""
+    steps: Queue[int] = Queue()
+
+    timed: List[object] = []
+    wait = threading.Condition.wait
+
+    def note(self: threading.Condition, timeout: Optional[float] = None) -> bool:
+        if timeout is not None and threading.current_thread().name == "steps":
+            timed.append(timeout)
+        return wait(self, timeout)
+
+    monkeypatch.setattr(threading.Condition, "wait", note)
+    thread = StepThread("steps", lambda: steps.put(1) or 0.001, lambda error: None)
+    thread.start()
+    assert [steps.get(timeout=20.0) for _ in range(3)] == [1, 1, 1]
+    assert timed == []
+    thread.close()
+    thread.join(20.0)
