@@ -50,7 +50,8 @@ ROS1_PACKAGES = [
 RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 """Of the tests of recordings, the one that needs ROS 1."""
 
-BROWSER = ["chromium", "chromium-driver"]
+TOOLS = [["prometheus"], ["prometheus-alertmanager"], ["faketime"], ["chromium", "chromium-driver"]]
+"""Debian's packages that some tests use; those of a list are installed together."""
 
 ROS2_WHEELS = [
     "ros-jazzy-rclpy",
@@ -123,8 +124,9 @@ if hasattr(nox.options, "allow_parallel"):  # nox for Python 3.8 and 3.9 has no 
 
 @nox.session(venv_backend="none")
 def apt(session: nox.Session) -> None:
-    """Installs Debian's packages that the tests use, if this user may: ROS 1, Prometheus's tools, a browser."""
-    for packages in ([] if NOETIC else ROS1_PACKAGES, ["prometheus"], ["prometheus-alertmanager"], BROWSER):
+    """Installs Debian's packages that the tests use, if this user may."""
+    wanted = [*([] if NOETIC else [ROS1_PACKAGES]), *TOOLS]
+    for packages in wanted:
         missing = missing_packages(packages)
         if missing and os.geteuid() == 0 and shutil.which("apt-get"):
             options = {"silent": True, "external": True, "success_codes": range(256)}
@@ -132,7 +134,7 @@ def apt(session: nox.Session) -> None:
             session.run_install(*apt_get, "update", **options)
             session.env["DEBIAN_FRONTEND"] = "noninteractive"
             session.run_install(*apt_get, "install", "-y", "--no-install-recommends", *missing, **options)
-    missing = missing_packages([*([] if NOETIC else ROS1_PACKAGES), "prometheus", "prometheus-alertmanager", *BROWSER])
+    missing = missing_packages([package for packages in wanted for package in packages])
     if missing:
         session.skip(f"not installed; as root: apt-get install {' '.join(missing)}")
 

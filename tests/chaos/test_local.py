@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import os
 import random
 import signal
@@ -19,6 +20,7 @@ from typing import Any, Callable, Dict, Iterator, List
 import cbor2
 import pytest
 from harness.chaos import DEADLINE_S, Robot, check_stderr, end, kill, trial_of
+from harness.line_process import LineProcess
 from harness.unread import fill
 from harness.waiting import wait_for
 
@@ -200,6 +202,53 @@ def test_odd_rows_in_the_history_cost_no_alert(
     for _ in range(ROUNDS * 2):
         trial.change(trial.pause)
         damage(file, chance)
+    trial.finish()
+    end(process)
+
+
+class WallClock:
+    """The wall clock of a process, which can be set while it runs. Its monotonic clock stays."""
+
+    def __init__(self, folder: Path) -> None:
+        libraries = glob.glob("/usr/lib/*/faketime/libfaketime.so.1")
+        if not libraries:
+            pytest.skip("needs Debian's package faketime")
+        self._file = folder / "clock"
+        self.variables = {
+            "LD_PRELOAD": libraries[0],
+            "FAKETIME_TIMESTAMP_FILE": str(self._file),
+            "FAKETIME_CACHE_DURATION": "1",
+            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+        }
+
+    def set(self, offset: str) -> None:
+        """Sets the clock: `+300d` is 300 days fast. Takes effect within a second."""
+        new = self._file.with_suffix(".new")
+        new.write_text(offset, encoding="ascii")
+        new.replace(self._file)
+
+
+def test_a_wrong_clock_that_is_set_right_costs_no_alert(
+    robot: Any, environment: Dict[str, str], thresholds: Path, port: int, seed: int, tmp_path: Path
+) -> None:
+    clock = WallClock(tmp_path)
+    clock.set("+300d")
+    file, ops = tmp_path / "history.db", tmp_path / "ops.yaml"
+    ops.write_text(f"history: {{file: {file}}}\nnotify: {{gone: {{type: webhook, url: 'http://127.0.0.1:9'}}}}\n")
+    command = [sys.executable, "-m", "robot_health_monitor"]
+    process = LineProcess(
+        [*command, *map(str, options(port, thresholds)), "--ops", str(ops)], {**environment, **clock.variables}
+    )
+    process.wait_for_text("serving on")
+    trial = trial_of(robot("rosbridge_peer", f"http://127.0.0.1:{port}/"), seed)
+    trial.change(trial.pause)
+    silence = [*command, "silence", "add", "signal=other", "--for", "10m", "--reason", "test", "--history", str(file)]
+    subprocess.run(silence, env={**environment, **clock.variables}, check=True, stdout=subprocess.DEVNULL)
+    for offset in ("+0d", "-2d", "+1h", "+0d"):
+        clock.set(offset)
+        for _ in range(ROUNDS):
+            trial.change(lambda: trial.pause(0.6))
+    assert "which is in the future; it ends in 10 min" in process.wait_for_text("which is in the future")
     trial.finish()
     end(process)
 
