@@ -8,8 +8,6 @@ from urllib.parse import urlsplit
 
 from robot_health_monitor.core.errors import ConfigError
 
-__all__ = ["full_address", "host_and_port", "http_address", "shown_address"]
-
 _SHOWN_CHARS = 100
 
 

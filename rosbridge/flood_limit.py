@@ -6,8 +6,6 @@ of them may wait, and each costs time.
 
 from __future__ import annotations
 
-__all__ = ["MOST_PER_SECOND", "FloodLimit"]
-
 MOST_PER_SECOND = 100
 """Most frames without content in one second. Healthy peers send one every few seconds."""
 

@@ -6,8 +6,6 @@ small frames turn into most of a second of work.
 
 from __future__ import annotations
 
-__all__ = ["READ_BYTES", "TURN_S", "Turns", "limit_reads"]
-
 READ_BYTES = 16_384
 """Most bytes that are read at once.
 

@@ -7,8 +7,6 @@ from typing import Callable, Optional
 
 from robot_health_monitor.runtime.backoff import Backoff
 
-__all__ = ["HELD_S", "ConnectBackoff"]
-
 HELD_S = 10.0
 """A connection that lasted this long, in s, is a good one: the delays start again from the shortest."""
 

@@ -14,8 +14,6 @@ from robot_health_monitor.core.formatting import printable
 
 from ..address import shown_address
 
-__all__ = ["UP", "Cause", "RedirectError", "cause_of_close", "cause_of_error"]
-
 _LONGEST_REASON = 100
 _POLICY_VIOLATION = 1008
 _TOO_LARGE = 1009

@@ -32,11 +32,10 @@ from robot_health_monitor.core.middleware import Severity, canonical_type
 from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
-from .. import protocol
 from ..address import host_and_port, http_address, shown_address
 from ..flood_limit import FloodLimit
-from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError
-from ..protocol.codec import decode
+from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError, Wire, operations
+from ..protocol.codec import HEAD_BYTES, decode, topic_of_message
 from ..turns import Turns, limit_reads
 from .backoff import ConnectBackoff
 from .cause import UP, Cause, RedirectError, cause_of_close, cause_of_error
@@ -46,9 +45,6 @@ from .send_queue import SendQueue
 from .services import OfferedServices, ServiceCalls
 from .subscriptions import Subscriptions
 from .timeouts import ignore_result, within
-from .topic_of_message import HEAD_BYTES, topic_of_message
-
-__all__ = ["LARGEST_MESSAGE_BYTES", "ServerConnection"]
 
 LARGEST_MESSAGE_BYTES = 64_000_000
 """Default size above which a message ends the connection."""
@@ -137,13 +133,13 @@ class ServerConnection:
         with self._lock:
             if topic not in self._advertised:
                 self._advertised[topic] = canonical_type(type_name)
-                self.send(protocol.Advertise(topic, canonical_type(type_name)))
+                self.send(operations.Advertise(topic, canonical_type(type_name)))
 
     def unadvertise(self, topic: str) -> None:
         """Ends an `advertise`."""
         with self._lock:
             if self._advertised.pop(topic, None) is not None:
-                self.send(protocol.Unadvertise(topic))
+                self.send(operations.Unadvertise(topic))
 
     def send(self, operation: Operation) -> None:
         """Sends an operation; drops it while the connection is down.
@@ -156,7 +152,7 @@ class ServerConnection:
         if not self.up or self._loop is None:
             return
         wires = self._protocol.send(operation, compression=self._compression)
-        may_drop = isinstance(operation, protocol.Publish)
+        may_drop = isinstance(operation, operations.Publish)
         for wire in wires:
             if threading.get_ident() == self._thread:
                 self._enqueue(wire, may_drop)
@@ -170,7 +166,7 @@ class ServerConnection:
         Raises:
             MessageError: the message cannot be encoded.
         """
-        self.send(protocol.Publish(topic, message))
+        self.send(operations.Publish(topic, message))
 
     def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
         """Connects again, to another address or with another token or trust. Called in the loop.
@@ -289,7 +285,7 @@ class ServerConnection:
         self.up = True
         with self._lock:
             for topic, type_name in self._advertised.items():
-                self.send(protocol.Advertise(topic, type_name))
+                self.send(operations.Advertise(topic, type_name))
         self.services.send_all()
         self.subscriptions.send_all(self._compression)
         self._probation = asyncio.get_event_loop().call_later(self._probation_s, self._report, True, UP)
@@ -337,9 +333,7 @@ class ServerConnection:
         await asyncio.wait({decoding})
         self._receive(data, now_s, lambda data, limits: decoding.result())
 
-    def _receive(
-        self, data: protocol.Wire, now_s: float, read: Callable[[protocol.Wire, Limits], Dict[str, Any]] = decode
-    ) -> None:
+    def _receive(self, data: Wire, now_s: float, read: Callable[[Wire, Limits], Dict[str, Any]] = decode) -> None:
         try:
             if len(data) > HEAD_BYTES and self._receive_undecoded(data):
                 return
@@ -349,11 +343,11 @@ class ServerConnection:
                 self.subscriptions.deliver(topic, message)  # by far the most frequent
                 return
             operation = self._protocol.receive_decoded(fields, now_s)
-            if isinstance(operation, protocol.Publish):
+            if isinstance(operation, operations.Publish):
                 self.subscriptions.deliver(operation.topic, operation.msg)
-            elif isinstance(operation, protocol.CallService):
+            elif isinstance(operation, operations.CallService):
                 self.services.answer(operation)
-            elif isinstance(operation, protocol.ServiceResponse):
+            elif isinstance(operation, operations.ServiceResponse):
                 self.calls.receive(operation)
         except ProtocolError as error:
             text = printable(str(error))[:_LONGEST_TEXT]
@@ -362,7 +356,7 @@ class ServerConnection:
             text = printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]
             self._log.write("failed", Severity.ERROR, f"a message from {self.address} was not processed: {text}")
 
-    def _receive_undecoded(self, data: protocol.Wire) -> bool:
+    def _receive_undecoded(self, data: Wire) -> bool:
         """Counts the arrival of a large message; returns False if it has to be decoded."""
         topic = topic_of_message(data)
         too_large = len(data) > self.limits.message_bytes
@@ -374,7 +368,7 @@ class ServerConnection:
             self._log.write("too large", Severity.WARN, f"dropped a message from {self.address}: {sizes}")
         return too_large
 
-    def _enqueue(self, wire: protocol.Wire, may_drop: bool) -> None:
+    def _enqueue(self, wire: Wire, may_drop: bool) -> None:
         if self._queue is not None and not self._queue.put(wire) and not may_drop and self._overflowed is not None:
             # A lost subscription would be a silent failure; after a reconnection all of them are sent again.
             self._overflowed.set()

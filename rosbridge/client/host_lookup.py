@@ -17,8 +17,6 @@ from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from .timeouts import ignore_result
 
-__all__ = ["HostLookup"]
-
 
 class HostLookup(AbstractResolver):
     """The look-ups of one connection: one at a time, each in a separate thread."""

@@ -16,8 +16,6 @@ import aiohttp
 
 from .timeouts import within
 
-__all__ = ["wait_until_unanswered"]
-
 _ALLOWED_PERIODS = 0.5
 """How long a server may take to answer, in periods of the pings."""
 _KERNEL_CLOCK_S = 0.02

@@ -23,8 +23,6 @@ from .cause import Cause
 from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
 from .publishers import PublisherLookup
 
-__all__ = ["RosbridgeClient", "RosbridgeMiddleware"]
-
 _LOG_NAME = "rosbridge"
 _WAKE_PERIOD_S = 0.02
 """Timers are called up to this late."""

@@ -10,8 +10,6 @@ from robot_health_monitor.core.missing_samples import Answer, explain, similar_t
 
 from .subscriptions import Call
 
-__all__ = ["PublisherLookup"]
-
 _TIMEOUT_S = 5.0
 _MOST_CANDIDATES = 3
 """Similar topics of which the server is asked for publishers, for one question."""

@@ -8,8 +8,6 @@ from typing import Deque
 
 from ..protocol import Wire
 
-__all__ = ["SendQueue"]
-
 
 class SendQueue:
     """WebSocket messages on their way to one server. Used in the event loop only."""

@@ -11,10 +11,7 @@ from robot_health_monitor.core.errors import LinkError, MessageError, ServiceErr
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import canonical_type
 
-from .. import protocol
-from ..protocol import Id, Operation
-
-__all__ = ["Handler", "OfferedServices", "ServiceCalls"]
+from ..protocol import Id, Operation, operations
 
 Handler = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 
@@ -55,7 +52,7 @@ class ServiceCalls:
         future: asyncio.Future[Any] = asyncio.get_event_loop().create_future()
         self._waiting[id] = future
         try:
-            self._send(protocol.CallService(service, request, id))
+            self._send(operations.CallService(service, request, id))
             values = await asyncio.wait_for(future, timeout_s)
         except asyncio.TimeoutError:
             raise ServiceError(f"{service} did not answer within {timeout_s:g} s") from None
@@ -63,7 +60,7 @@ class ServiceCalls:
             del self._waiting[id]
         return values if isinstance(values, dict) else {}
 
-    def receive(self, response: protocol.ServiceResponse) -> None:
+    def receive(self, response: operations.ServiceResponse) -> None:
         """Ends the call that a response belongs to; any other response is ignored."""
         future = self._waiting.get(response.id)
         if future is None or future.done():
@@ -104,21 +101,21 @@ class OfferedServices:
         """
         with self._lock:
             self._services[service] = canonical_type(type_name), handler
-            self._send(protocol.AdvertiseService(service, canonical_type(type_name)))
+            self._send(operations.AdvertiseService(service, canonical_type(type_name)))
 
     def remove(self, service: str) -> None:
         """Ends an `add`."""
         with self._lock:
             if self._services.pop(service, None) is not None:
-                self._send(protocol.UnadvertiseService(service))
+                self._send(operations.UnadvertiseService(service))
 
     def send_all(self) -> None:
         """Offers every service on a new connection."""
         with self._lock:
             for service, (type_name, _) in self._services.items():
-                self._send(protocol.AdvertiseService(service, type_name))
+                self._send(operations.AdvertiseService(service, type_name))
 
-    def answer(self, request: protocol.CallService) -> None:
+    def answer(self, request: operations.CallService) -> None:
         """Sends the response to a request."""
         _, handler = self._services.get(request.service, ("", None))
         arguments = request.args if isinstance(request.args, dict) else {}
@@ -129,4 +126,4 @@ class OfferedServices:
                 values, answered = dict(handler(arguments)), True
             except (ServiceError, MessageError) as error:
                 values = str(error)
-        self._send(protocol.ServiceResponse(request.service, values, answered, request.id))
+        self._send(operations.ServiceResponse(request.service, values, answered, request.id))

@@ -12,10 +12,7 @@ from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Protocol, 
 from robot_health_monitor.core.errors import LinkError, ServiceError
 from robot_health_monitor.core.middleware import canonical_type
 
-from .. import protocol
-from ..protocol import Operation
-
-__all__ = ["Receiver", "Subscriptions"]
+from ..protocol import Operation, operations
 
 _TYPE_PERIOD_S = 1.0
 _TYPE_TIMEOUT_S = 5.0
@@ -74,7 +71,7 @@ class Subscriptions:
             elif self._receivers.pop(topic, None) is not None:
                 del self._types[topic]
                 self._untyped.discard(topic)
-                self._send(protocol.Unsubscribe(topic, _subscription_id(topic)))
+                self._send(operations.Unsubscribe(topic, _subscription_id(topic)))
 
     def send_all(self, compression: str) -> None:
         """Sends every subscription, on a new connection.
@@ -121,7 +118,7 @@ class Subscriptions:
             self._untyped.add(topic)
             return
         self._untyped.discard(topic)
-        self._send(protocol.Subscribe(topic, type_name, _subscription_id(topic), compression=self._compression))
+        self._send(operations.Subscribe(topic, type_name, _subscription_id(topic), compression=self._compression))
 
     async def _find_type(self, topic: str) -> None:
         found: Optional[object] = None
@@ -131,7 +128,7 @@ class Subscriptions:
             return
         except ServiceError:
             # A server without rosapi. It accepts a subscription without a type once the topic exists.
-            self._send(protocol.Subscribe(topic, "", _subscription_id(topic)))
+            self._send(operations.Subscribe(topic, "", _subscription_id(topic)))
         with self._lock:
             if isinstance(found, str) and found and topic in self._untyped:
                 self._types[topic] = canonical_type(found)

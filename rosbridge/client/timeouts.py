@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 from typing import Any, Coroutine, TypeVar
 
-__all__ = ["ignore_result", "within"]
-
 _Result = TypeVar("_Result")
 
 

@@ -2,67 +2,7 @@
 
 from .codec import Wire
 from .connection import CBOR_SUBPROTOCOL, Connection
-from .errors import Id, ProtocolError
-from .limits import DEFAULT_LIMITS, Limits
-from .operations import (
-    COMPRESSIONS,
-    NO_FIELDS,
-    OPERATIONS,
-    STATUS_LEVELS,
-    ActionFeedback,
-    ActionResult,
-    Advertise,
-    AdvertiseAction,
-    AdvertiseService,
-    Auth,
-    CallService,
-    CancelActionGoal,
-    Operation,
-    Publish,
-    SendActionGoal,
-    ServiceResponse,
-    SetLevel,
-    Status,
-    Subscribe,
-    Unadvertise,
-    UnadvertiseAction,
-    UnadvertiseService,
-    Unsubscribe,
-    operation_fields,
-    read_operation,
-)
+from .limits import DEFAULT_LIMITS, Id, Limits, ProtocolError
+from .operations import Operation
 
-__all__ = [
-    "CBOR_SUBPROTOCOL",
-    "Connection",
-    "DEFAULT_LIMITS",
-    "Id",
-    "Limits",
-    "ProtocolError",
-    "Wire",
-    "Operation",
-    "OPERATIONS",
-    "COMPRESSIONS",
-    "STATUS_LEVELS",
-    "NO_FIELDS",
-    "Advertise",
-    "Unadvertise",
-    "Publish",
-    "Subscribe",
-    "Unsubscribe",
-    "CallService",
-    "ServiceResponse",
-    "AdvertiseService",
-    "UnadvertiseService",
-    "AdvertiseAction",
-    "UnadvertiseAction",
-    "SendActionGoal",
-    "CancelActionGoal",
-    "ActionFeedback",
-    "ActionResult",
-    "SetLevel",
-    "Status",
-    "Auth",
-    "operation_fields",
-    "read_operation",
-]
+__all__ = ["CBOR_SUBPROTOCOL", "Connection", "DEFAULT_LIMITS", "Id", "Limits", "Operation", "ProtocolError", "Wire"]

@@ -1,19 +1,27 @@
-"""JSON and the choice between JSON and CBOR."""
+"""The encodings of messages: JSON, CBOR (RFC 8949), and text as a PNG image.
+
+The CBOR decoder accepts only what rosbridge peers send: the types of JSON, byte strings and typed arrays, all of
+definite length. General CBOR libraries also follow shared references, big numbers and string references, with which a
+message of 149 bytes can fill the memory. Here each byte of the message is read once and every length is checked against
+what is left of the message.
+"""
 
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
+import math
 import re
-from typing import Any, Callable, Dict, Iterator, List, Tuple, Union
+import struct
+import zlib
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
+
+import cbor2
 
 from robot_health_monitor.core.errors import MessageError
 
-from .cbor import decode_cbor
-from .errors import ProtocolError, shown
-from .limits import Limits
-
-__all__ = ["Wire", "decode", "encode_json", "encode_json_with_nan", "encode_large_json"]
+from .limits import DEFAULT_LIMITS, Limits, ProtocolError, shown
 
 Wire = Union[str, bytes]
 """One WebSocket message: text for JSON, binary for CBOR."""
@@ -164,3 +172,188 @@ def _without_infinities(value: object) -> object:
     if isinstance(value, (list, tuple)):
         return [_without_infinities(item) for item in value]
     return value
+
+
+_TYPED_ARRAYS = {64: "B", 69: "H", 70: "I", 71: "Q", 72: "b", 77: "h", 78: "i", 79: "q", 85: "f", 86: "d"}
+"""Tags of RFC 8746 for little-endian arrays, and the struct format of an element."""
+_UNSIGNED, _NEGATIVE, _BYTES, _TEXT, _LIST, _MAP, _TAG, _SIMPLE = range(8)
+_CONSTANTS: Dict[int, Any] = {20: False, 21: True, 22: None, 23: None}
+_FLOATS = {25: struct.Struct(">e"), 26: struct.Struct(">f"), 27: struct.Struct(">d")}
+
+
+def encode_cbor(value: Mapping[str, Any]) -> bytes:
+    """Returns `value` as CBOR.
+
+    Raises:
+        MessageError: the value contains a type that cannot be encoded.
+    """
+    try:
+        return cbor2.dumps(value)
+    except (cbor2.CBOREncodeError, ValueError, TypeError) as error:
+        raise MessageError(f"cannot be encoded as CBOR: {error}") from None
+
+
+def decode_cbor(data: bytes, limits: Limits) -> object:
+    """Returns the value in `data` as JSON would represent it: typed arrays as lists, byte strings as base64.
+
+    Raises:
+        ProtocolError: it is not CBOR, uses a feature that rosbridge does not, or exceeds a limit.
+    """
+    decoder = _CborDecoder(data, limits)
+    value = decoder.item(limits.nesting)
+    if decoder.position != len(data):
+        raise ProtocolError("bytes after the end of the CBOR message")
+    return value
+
+
+class _CborDecoder:
+    def __init__(self, data: bytes, limits: Limits) -> None:
+        self.position = 0
+        self._data = data
+        self._containers_left = limits.containers
+        self._nesting = limits.nesting
+
+    def item(self, levels: int) -> Any:
+        """Reads one item, with at most `levels` levels of lists and maps."""
+        kind, argument = self.head()
+        if kind == _TEXT:
+            return self._text(argument)
+        if kind in (_SIMPLE, _UNSIGNED):
+            return argument
+        if kind == _NEGATIVE:
+            return -1 - argument
+        if kind == _BYTES:
+            return base64.b64encode(self._take(argument)).decode("ascii")
+        if kind == _TAG:
+            return self._typed_array(argument)
+        return self._container(kind, argument, levels)
+
+    def head(self) -> Tuple[int, Any]:
+        """Reads the start of an item; returns its major type and its length or value."""
+        first = self._take(1)[0]
+        kind, info = first >> 5, first & 31
+        if kind == _SIMPLE:
+            return kind, self._simple(info)
+        if info < 24:
+            return kind, info
+        if info > 27:
+            raise ProtocolError("CBOR items of indefinite length are not supported")
+        return kind, int.from_bytes(self._take(1 << (info - 24)), "big")
+
+    def key(self) -> str:
+        """Reads an item that must be a text."""
+        kind, length = self.head()
+        if kind != _TEXT:
+            raise ProtocolError("a key is not a string")
+        return self._text(length)
+
+    def _container(self, kind: int, length: int, levels: int) -> Any:
+        if levels == 0:
+            raise ProtocolError(f"nested more than {self._nesting} levels deep")
+        self._containers_left -= 1
+        if self._containers_left < 0:
+            raise ProtocolError("too many lists and maps")
+        if length > len(self._data) - self.position:
+            raise ProtocolError("the CBOR message is cut off")
+        if kind == _LIST:
+            return [self.item(levels - 1) for _ in range(length)]
+        return {self.key(): self.item(levels - 1) for _ in range(length)}
+
+    def _simple(self, info: int) -> Any:
+        if info in _FLOATS:
+            form = _FLOATS[info]
+            return form.unpack(self._take(form.size))[0]
+        if info not in _CONSTANTS:
+            raise ProtocolError(f"unknown CBOR value {info}")
+        return _CONSTANTS[info]
+
+    def _text(self, length: int) -> str:
+        try:
+            return self._take(length).decode("utf-8")
+        except UnicodeDecodeError:
+            raise ProtocolError("a string is not UTF-8") from None
+
+    def _typed_array(self, tag: int) -> List[Any]:
+        form = _TYPED_ARRAYS.get(tag)
+        if form is None:
+            raise ProtocolError(f"CBOR tag {tag} is not supported")
+        kind, length = self.head()
+        if kind != _BYTES:
+            raise ProtocolError("a typed array is not a byte string")
+        count, rest = divmod(length, struct.calcsize(f"<{form}"))
+        if rest:
+            raise ProtocolError("a typed array is cut off")
+        return list(struct.unpack(f"<{count}{form}", self._take(length)))
+
+    def _take(self, length: int) -> bytes:
+        end = self.position + length
+        if end > len(self._data):
+            raise ProtocolError("the CBOR message is cut off")
+        taken = self._data[self.position : end]
+        self.position = end
+        return taken
+
+
+HEAD_BYTES = 2_048
+"""How much of a message `topic_of_message` looks at."""
+_JSON_MEMBER = re.compile(r'[\s,]*"(\w{1,32})"\s*:\s*("(?:[^"\\\x00-\x1f]|\\.)*")')
+
+
+def topic_of_message(data: Wire) -> Optional[str]:
+    """Finds the topic of a large message without decoding the message.
+
+    Only the members before `msg` are looked at, and at most `HEAD_BYTES`: servers write `op` and `topic` first. None:
+    this is not a `publish` operation, or its topic comes later.
+
+    Args:
+        data: JSON or CBOR, of any size; it need not be valid.
+    """
+    head = data[:HEAD_BYTES]
+    members = dict(_members_of_json(head) if isinstance(head, str) else _members_of_cbor(head))
+    return members.get("topic") if members.get("op") == "publish" else None
+
+
+def _members_of_json(text: str) -> Iterator[Tuple[str, str]]:
+    found = re.match(r"\s*\{", text)
+    with contextlib.suppress(ValueError):  # an escape that JSON does not have
+        while found:
+            found = _JSON_MEMBER.match(text, found.end())
+            if found:
+                yield found[1], json.loads(found[2])
+
+
+def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
+    decoder = _CborDecoder(data, DEFAULT_LIMITS)
+    with contextlib.suppress(ProtocolError):  # a value that is not a text, or the end of the head
+        if data.startswith(b"\xbf"):  # a map of indefinite length
+            decoder.position = 1
+        elif decoder.head()[0] != _MAP:
+            return
+        while True:
+            yield decoder.key(), decoder.key()
+
+
+_BYTES_PER_PIXEL = 3
+_COMPRESSION_LEVEL = 1  # the default takes four times as long for a few percent
+
+
+def encode_png(text: str) -> str:
+    """Returns `text` as a base64 PNG file: rosbridge's compression `png`.
+
+    Its UTF-8 bytes, padded with line feeds, are the pixels of an 8-bit RGB image that is about as wide as high. There
+    is no decoder: neither rosbridge servers nor this package's client receive images.
+    """
+    data = text.encode("utf-8")
+    width = max(1, math.isqrt(len(data) // _BYTES_PER_PIXEL))
+    stride = width * _BYTES_PER_PIXEL
+    height = max(1, -(-len(data) // stride))
+    data = data.ljust(stride * height, b"\n")
+    rows = b"".join(b"\0" + data[start : start + stride] for start in range(0, len(data), stride))
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, _COMPRESSION_LEVEL)), (b"IEND", b""))
+    file = b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, body) for kind, body in chunks)
+    return base64.b64encode(file).decode("ascii")
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))

@@ -14,8 +14,6 @@ from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.middleware import canonical_type
 from robot_health_monitor.core.standard_messages import SERVICES, definition
 
-__all__ = ["null_reader", "parse", "serializer", "service_definition"]
-
 _MOST_TYPES = 200
 """Most types in the definition of a message that is serialized; each may contain the next."""
 _LARGEST_ARRAY = 100_000

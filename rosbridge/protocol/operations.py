@@ -7,39 +7,11 @@ accepted.
 
 from __future__ import annotations
 
+import re
 from types import MappingProxyType
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Type, Union
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type, Union, get_args
 
-from .errors import Id, ProtocolError, shown
-from .limits import Limits
-
-__all__ = [
-    "Operation",
-    "OPERATIONS",
-    "COMPRESSIONS",
-    "STATUS_LEVELS",
-    "NO_FIELDS",
-    "Advertise",
-    "Unadvertise",
-    "Publish",
-    "Subscribe",
-    "Unsubscribe",
-    "CallService",
-    "ServiceResponse",
-    "AdvertiseService",
-    "UnadvertiseService",
-    "AdvertiseAction",
-    "UnadvertiseAction",
-    "SendActionGoal",
-    "CancelActionGoal",
-    "ActionFeedback",
-    "ActionResult",
-    "SetLevel",
-    "Status",
-    "Auth",
-    "operation_fields",
-    "read_operation",
-]
+from .limits import Id, Limits, ProtocolError, shown
 
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 STATUS_LEVELS = ("none", "error", "warning", "info")
@@ -214,47 +186,16 @@ class Auth(NamedTuple):
 
 
 Operation = Union[
-    Advertise,
-    Unadvertise,
-    Publish,
-    Subscribe,
-    Unsubscribe,
-    CallService,
-    ServiceResponse,
-    AdvertiseService,
-    UnadvertiseService,
-    AdvertiseAction,
-    UnadvertiseAction,
-    SendActionGoal,
-    CancelActionGoal,
-    ActionFeedback,
-    ActionResult,
-    SetLevel,
-    Status,
-    Auth,
-]
+    Advertise, Unadvertise, Publish, Subscribe, Unsubscribe, CallService, ServiceResponse, AdvertiseService,
+    UnadvertiseService, AdvertiseAction, UnadvertiseAction, SendActionGoal, CancelActionGoal, ActionFeedback,
+    ActionResult, SetLevel, Status, Auth,
+]  # fmt: skip
 
 OPERATIONS: Dict[str, Type[Any]] = {
-    "advertise": Advertise,
-    "unadvertise": Unadvertise,
-    "publish": Publish,
-    "subscribe": Subscribe,
-    "unsubscribe": Unsubscribe,
-    "call_service": CallService,
-    "service_response": ServiceResponse,
-    "advertise_service": AdvertiseService,
-    "unadvertise_service": UnadvertiseService,
-    "advertise_action": AdvertiseAction,
-    "unadvertise_action": UnadvertiseAction,
-    "send_action_goal": SendActionGoal,
-    "cancel_action_goal": CancelActionGoal,
-    "action_feedback": ActionFeedback,
-    "action_result": ActionResult,
-    "set_level": SetLevel,
-    "status": Status,
-    "auth": Auth,
+    re.sub(r"\B[A-Z]", r"_\g<0>", operation.__name__).lower(): operation for operation in get_args(Operation)
 }
-"""Every operation by its name on the wire, except `fragment` and `png`, which carry other operations."""
+"""Every operation by its name on the wire (`SetLevel` is `set_level`), except `fragment` and `png`, which carry others.
+"""
 
 _NAMES = {operation: name for name, operation in OPERATIONS.items()}
 
@@ -275,8 +216,30 @@ Arguments = Union[Mapping[str, Any], List[Any]]
 Anything = Any
 
 
+_Reader = Callable[[object, Limits], object]
+"""Returns the value of a field that a peer sent; raises ProtocolError if it is not as expected."""
+
+
 def _unexpected(expected: str, found: object) -> ProtocolError:
     return ProtocolError(f"expected {expected}, got {shown(found)}")
+
+
+def _instance(kind: type, expected: str) -> _Reader:
+    def read(found: object, limits: Limits) -> object:
+        if isinstance(found, kind):
+            return found
+        raise _unexpected(expected, found)
+
+    return read
+
+
+def _word(words: Sequence[str]) -> _Reader:
+    def read(found: object, limits: Limits) -> object:
+        if isinstance(found, str) and found in words:
+            return found
+        raise _unexpected(f"one of {', '.join(words)}", found)
+
+    return read
 
 
 def _read_name(found: object, limits: Limits) -> str:
@@ -297,12 +260,6 @@ def _read_id(found: object, limits: Limits) -> Id:
     raise _unexpected(f"a string of at most {limits.name_chars} characters or an integer", found)
 
 
-def _read_flag(found: object, limits: Limits) -> bool:
-    if isinstance(found, bool):
-        return found
-    raise _unexpected("true or false", found)
-
-
 def _read_number(found: object, limits: Limits) -> float:
     if isinstance(found, (int, float)) and not isinstance(found, bool) and -1e15 < found < 1e15:
         return float(found)
@@ -316,14 +273,6 @@ def _read_positive(found: object, limits: Limits) -> float:
     return number
 
 
-def _read_optional_positive(found: object, limits: Limits) -> Optional[float]:
-    return None if found is None else _read_positive(found, limits)
-
-
-def _read_count(found: object, limits: Limits) -> int:
-    return int(_read_positive(found, limits))
-
-
 def _read_size(found: object, limits: Limits) -> Optional[int]:
     if found is None:
         return None
@@ -331,30 +280,6 @@ def _read_size(found: object, limits: Limits) -> Optional[int]:
     if size < limits.fragment_chars:
         raise _unexpected(f"at least {limits.fragment_chars} characters", found)
     return size
-
-
-def _read_compression(found: object, limits: Limits) -> str:
-    if isinstance(found, str) and found in COMPRESSIONS:
-        return found
-    raise _unexpected(f"one of {', '.join(COMPRESSIONS)}", found)
-
-
-def _read_status_level(found: object, limits: Limits) -> str:
-    if isinstance(found, str) and found in STATUS_LEVELS:
-        return found
-    raise _unexpected(f"one of {', '.join(STATUS_LEVELS)}", found)
-
-
-def _read_text(found: object, limits: Limits) -> str:
-    if isinstance(found, str):
-        return found
-    raise _unexpected("a string", found)
-
-
-def _read_fields(found: object, limits: Limits) -> Mapping[str, Any]:
-    if isinstance(found, dict):
-        return found
-    raise _unexpected("an object", found)
 
 
 def _read_arguments(found: object, limits: Limits) -> Union[Mapping[str, Any], List[Any]]:
@@ -365,38 +290,29 @@ def _read_arguments(found: object, limits: Limits) -> Union[Mapping[str, Any], L
     raise _unexpected("an object or a list", found)
 
 
-def _read_anything(found: object, limits: Limits) -> object:
-    return found
-
-
-_READERS: Dict[str, Callable[[object, Limits], object]] = {
+_READERS: Dict[str, _Reader] = {
     "Name": _read_name,
     "OptionalName": _read_optional_name,
     "AnyId": _read_id,
-    "Flag": _read_flag,
-    "Count": _read_count,
+    "Flag": _instance(bool, "true or false"),
+    "Count": lambda found, limits: int(_read_positive(found, limits)),
     "Milliseconds": _read_positive,
-    "Seconds": _read_optional_positive,
+    "Seconds": lambda found, limits: None if found is None else _read_positive(found, limits),
     "Number": _read_number,
     "Size": _read_size,
-    "Compression": _read_compression,
-    "StatusLevel": _read_status_level,
-    "Text": _read_text,
-    "Fields": _read_fields,
+    "Compression": _word(COMPRESSIONS),
+    "StatusLevel": _word(STATUS_LEVELS),
+    "Text": _instance(str, "a string"),
+    "Fields": _instance(dict, "an object"),
     "Arguments": _read_arguments,
-    "Anything": _read_anything,
+    "Anything": lambda found, limits: found,
 }
 
 
-def _fields_of(operation: Type[Any]) -> Tuple[Tuple[str, Callable[[object, Limits], object], bool], ...]:
+def _fields_of(operation: Type[Any]) -> Sequence[Tuple[str, _Reader, bool]]:
     """Returns (name, reader, required) per field."""
-    defaults: Mapping[str, object] = operation._field_defaults
-    return tuple((name, _READERS[_annotation(operation, name)], name not in defaults) for name in operation._fields)
-
-
-def _annotation(operation: Type[Any], name: str) -> str:
-    annotation = operation.__annotations__[name]
-    return str(getattr(annotation, "__forward_arg__", annotation))
+    kinds = {name: str(getattr(one, "__forward_arg__", one)) for name, one in operation.__annotations__.items()}
+    return [(name, _READERS[kinds[name]], name not in operation._field_defaults) for name in operation._fields]
 
 
 _FIELDS = {name: _fields_of(operation) for name, operation in OPERATIONS.items()}

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from typing import Sequence
 from urllib.parse import urlsplit
 
-__all__ = ["LOCAL_PAGES", "Access", "is_loopback", "monitor_access"]
-
 LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
 

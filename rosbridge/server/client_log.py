@@ -11,8 +11,6 @@ from aiohttp.http import HttpProcessingError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.runtime.log_limit import LogLimit
 
-__all__ = ["ClientLog"]
-
 _LONGEST_TEXT = 500
 
 

@@ -8,9 +8,8 @@ from typing import Any, Dict, Mapping, Protocol, Tuple
 
 from robot_health_monitor.core.errors import ServiceError
 
-from ..protocol import CallService, Id, Operation, ServiceResponse
-
-__all__ = ["ClientServices", "Provider"]
+from ..protocol import Id, Operation
+from ..protocol.operations import CallService, ServiceResponse
 
 
 class Provider(Protocol):

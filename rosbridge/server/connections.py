@@ -11,8 +11,6 @@ import enum
 import resource
 from typing import Callable, Dict, Optional, Protocol
 
-__all__ = ["Closable", "Connections", "Stage", "connection_limit"]
-
 
 class Closable(Protocol):
     """An open connection."""

@@ -9,14 +9,10 @@ from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional
 from robot_health_monitor.core.errors import MessageError
 
 from ..protocol import Wire
-from ..protocol.cbor import encode_cbor
-from ..protocol.codec import encode_json, encode_large_json
-from ..protocol.fragments import split
-from ..protocol.png import encode_png
+from ..protocol.codec import encode_cbor, encode_json, encode_large_json, encode_png
+from ..protocol.connection import split
 from .frames import frame
 from .message_size import LARGE_BYTES, estimated_bytes
-
-__all__ = ["EncodedMessage", "Encoding", "Serializer"]
 
 Serializer = Callable[[Mapping[str, Any]], bytes]
 

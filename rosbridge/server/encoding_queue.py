@@ -11,8 +11,6 @@ from robot_health_monitor.runtime.threads import ThreadPool
 
 from .encoded_message import EncodedMessage, Encoding
 
-__all__ = ["EncodingQueue"]
-
 R = TypeVar("R")
 
 

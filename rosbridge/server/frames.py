@@ -5,8 +5,6 @@ from __future__ import annotations
 import struct
 from typing import Union
 
-__all__ = ["frame"]
-
 _FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 
 

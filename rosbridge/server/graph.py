@@ -9,8 +9,6 @@ from robot_health_monitor.core.standard_messages import definition
 
 from .node_access import NodeAccess
 
-__all__ = ["ROSOUT", "ROSOUT_TYPE", "ServedGraph"]
-
 ROSOUT = "/rosout"
 ROSOUT_TYPE = "rosgraph_msgs/Log"
 

@@ -16,8 +16,6 @@ from aiohttp.http_exceptions import LineTooLong
 
 from .connections import Connections
 
-__all__ = ["MOST_REQUEST_BYTES", "HttpConnection", "json_error"]
-
 MOST_REQUEST_BYTES = 131_072
 """Size of a request, or of its head if its body is read later, and of a first message with the token."""
 

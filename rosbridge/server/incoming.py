@@ -14,8 +14,6 @@ from ..flood_limit import FloodLimit
 from ..protocol import Wire
 from ..turns import Turns
 
-__all__ = ["FloodError", "Incoming"]
-
 _MESSAGES = (WSMsgType.TEXT, WSMsgType.BINARY)
 _WITHOUT_CONTENT = (*_MESSAGES, WSMsgType.PING, WSMsgType.PONG)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["LARGE_BYTES", "estimated_bytes"]
-
 LARGE_BYTES = 65_536
 """Messages above this size are encoded and decoded in a background thread."""
 

@@ -18,8 +18,6 @@ from robot_health_monitor.runtime.threads import ThreadPool
 
 from .message_size import estimated_bytes
 
-__all__ = ["NodeAccess"]
-
 T = TypeVar("T")
 
 _THREADS = 4

@@ -13,8 +13,6 @@ from .access import Access
 from .graph import ServedGraph
 from .node_access import NodeAccess
 
-__all__ = ["MOST_TOPICS", "Publications"]
-
 MOST_TOPICS = 1_000
 """Most topics that clients may advertise, in sum. They stay advertised: others may have subscribed to them."""
 

@@ -6,11 +6,9 @@ from typing import NamedTuple, Optional
 
 from aiohttp import web
 
-from ..protocol.errors import shown
+from ..protocol.limits import shown
 from .access import Access, is_loopback
 from .http_connection import json_error
-
-__all__ = ["Refusal", "check_request"]
 
 
 class Refusal(NamedTuple):

@@ -17,8 +17,6 @@ from robot_health_monitor.core.parameters import flatten
 
 from ..protocol import definitions
 
-__all__ = ["PREFIX", "Rosapi"]
-
 PREFIX = "/rosapi/"
 _EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
 

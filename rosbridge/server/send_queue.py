@@ -10,8 +10,6 @@ import asyncio
 from collections import deque
 from typing import Deque, Optional
 
-__all__ = ["SendQueue"]
-
 
 class SendQueue:
     """The frames that wait for one client."""

@@ -42,8 +42,6 @@ from .slow_clients import SlowClients
 from .token_check import Client, Credentials, TokenCheck
 from .topics import Topics
 
-__all__ = ["Server"]
-
 _SWEEP_PERIOD_S = 1.0
 _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""

@@ -10,8 +10,6 @@ from robot_health_monitor.runtime.threads import LoopThread
 
 from .server import Server
 
-__all__ = ["ServerThread"]
-
 _CLOSE_TIMEOUT_S = 4.0
 
 

@@ -15,8 +15,6 @@ from .graph import ServedGraph
 from .node_access import NodeAccess
 from .rosapi import PREFIX, Rosapi
 
-__all__ = ["Services"]
-
 Arguments = Union[Mapping[str, Any], List[Any]]
 
 

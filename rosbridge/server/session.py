@@ -9,8 +9,7 @@ from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceE
 from robot_health_monitor.core.middleware import canonical_type
 from robot_health_monitor.runtime.threads import ThreadPool
 
-from .. import protocol
-from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire
+from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire, operations
 from .access import Access
 from .frames import frame
 from .graph import ServedGraph
@@ -22,9 +21,7 @@ from .slow_clients import SlowClients
 from .subscriptions import ByteBudget, Options, merge, options_of
 from .topics import Topics
 
-__all__ = ["AuthenticationError", "ServerParts", "Session"]
-
-_NO_STATUS = protocol.STATUS_LEVELS.index("none")
+_NO_STATUS = operations.STATUS_LEVELS.index("none")
 _ABORTED = 6
 """STATUS_ABORTED of action_msgs/GoalStatus."""
 _LARGE_RECEIVED_BYTES = 10_000
@@ -76,7 +73,7 @@ class Session:
         self._provided: Set[str] = set()
         self._calls: Set[asyncio.Task[None]] = set()
 
-    def read_auth(self, data: Wire) -> protocol.Auth:
+    def read_auth(self, data: Wire) -> operations.Auth:
         """Returns the first message of a client that has not presented the token in its request.
 
         Raises:
@@ -88,7 +85,7 @@ class Session:
             operation = self._connection.receive(data, 0.0)
         except ProtocolError:
             operation = None
-        if not isinstance(operation, protocol.Auth):
+        if not isinstance(operation, operations.Auth):
             raise AuthenticationError("token required")
         return operation
 
@@ -124,8 +121,8 @@ class Session:
 
     def send_status(self, level: str, text: str, id: Id = None) -> None:  # noqa: A002 - the protocol's word
         """Sends a `status` if the client requested this level: other clients treat it as an error."""
-        if protocol.STATUS_LEVELS.index(level) <= self._level:
-            self.send(protocol.Status(level, text, id))
+        if operations.STATUS_LEVELS.index(level) <= self._level:
+            self.send(operations.Status(level, text, id))
 
     def caught_up(self) -> None:
         """Reports how many messages were dropped, once the client has read the others."""
@@ -166,7 +163,7 @@ class Session:
         if handler is not None:
             await handler(self, operation)
 
-    async def _subscribe(self, request: protocol.Subscribe) -> None:
+    async def _subscribe(self, request: operations.Subscribe) -> None:
         requests = self._subscriptions.get(request.topic, {})
         limits = self._parts.limits
         if sum(map(len, self._subscriptions.values())) >= limits.subscriptions and request.id not in requests:
@@ -182,7 +179,7 @@ class Session:
             raise ProtocolError(error.problem, "subscribe", request.id) from None
         self.send_status("info", f"subscribed to {request.topic}", request.id)
 
-    async def _unsubscribe(self, request: protocol.Unsubscribe) -> None:
+    async def _unsubscribe(self, request: operations.Unsubscribe) -> None:
         requests = self._subscriptions.get(request.topic)
         if requests is None:
             self.send_status("warning", f"{request.topic} is not subscribed to", request.id)
@@ -195,7 +192,7 @@ class Session:
         merged = merge(requests.values()) if requests else None
         await self._parts.topics.subscribe(self, request.topic, "", merged)
 
-    async def _advertise(self, request: protocol.Advertise) -> None:
+    async def _advertise(self, request: operations.Advertise) -> None:
         known = self._advertised.get(request.topic)
         if known is not None and canonical_type(known) == canonical_type(request.type):
             return
@@ -203,18 +200,18 @@ class Session:
         await self._parts.publications.advertise(request.topic, request.type, request.id)
         self._advertised[request.topic] = request.type
 
-    async def _unadvertise(self, request: protocol.Unadvertise) -> None:
+    async def _unadvertise(self, request: operations.Unadvertise) -> None:
         if self._advertised.pop(request.topic, None) is None:
             self.send_status("warning", f"{request.topic} is not advertised", request.id)
 
-    async def _publish(self, request: protocol.Publish) -> None:
+    async def _publish(self, request: operations.Publish) -> None:
         if request.topic not in self._advertised:
             self._require_room("publish", request.id)
             await self._parts.publications.advertise(request.topic, "", request.id)
             self._advertised[request.topic] = ""
         await self._parts.publications.publish(request.topic, request.msg, request.id)
 
-    async def _call_service(self, request: protocol.CallService) -> None:
+    async def _call_service(self, request: operations.CallService) -> None:
         if len(self._calls) >= self._parts.limits.calls:
             await self._respond(request, f"more than {self._parts.limits.calls} calls are pending", result=False)
             return
@@ -223,7 +220,7 @@ class Session:
         self._calls.add(call)
         call.add_done_callback(self._calls.discard)
 
-    async def _call(self, request: protocol.CallService) -> None:
+    async def _call(self, request: operations.CallService) -> None:
         try:
             values = await self._parts.services.call(request.service, request.args, request.timeout)
             await self._respond(request, values, result=True)
@@ -233,8 +230,8 @@ class Session:
             self._parts.log(f"a service call of a client failed: {type(error).__name__}: {error}")
             await self._respond(request, f"{type(error).__name__}: {error}", result=False)
 
-    async def _respond(self, request: protocol.CallService, values: object, *, result: bool) -> None:
-        response = protocol.ServiceResponse(request.service, values, result, request.id)
+    async def _respond(self, request: operations.CallService, values: object, *, result: bool) -> None:
+        response = operations.ServiceResponse(request.service, values, result, request.id)
         compression = "png" if request.compression == "png" else self._compression
         options = {"fragment_size": request.fragment_size, "compression": compression}
         if estimated_bytes(values) > LARGE_BYTES:
@@ -243,7 +240,7 @@ class Session:
             wires = self._connection.send(response, **options)  # type: ignore[arg-type]
         self.put(b"".join(map(frame, wires)))
 
-    async def _advertise_service(self, request: protocol.AdvertiseService) -> None:
+    async def _advertise_service(self, request: operations.AdvertiseService) -> None:
         self._require_room("advertise_service", request.id)
         service = self._parts.graph.resolve(request.service)
         if not self._parts.access.may_offer(service):
@@ -253,19 +250,19 @@ class Session:
         self._parts.services.of_clients.add(service, request.type, self)
         self._provided.add(service)
 
-    async def _unadvertise_service(self, request: protocol.UnadvertiseService) -> None:
+    async def _unadvertise_service(self, request: operations.UnadvertiseService) -> None:
         service = self._parts.graph.resolve(request.service)
         self._provided.discard(service)
         self._parts.services.of_clients.remove(service, self)
 
-    async def _service_response(self, response: protocol.ServiceResponse) -> None:
+    async def _service_response(self, response: operations.ServiceResponse) -> None:
         self._parts.services.of_clients.respond(response, self)
 
-    async def _set_level(self, request: protocol.SetLevel) -> None:
-        self._level = protocol.STATUS_LEVELS.index(request.level)
+    async def _set_level(self, request: operations.SetLevel) -> None:
+        self._level = operations.STATUS_LEVELS.index(request.level)
 
-    async def _send_action_goal(self, request: protocol.SendActionGoal) -> None:
-        self.send(protocol.ActionResult(request.action, "actions are not supported", _ABORTED, False, request.id))
+    async def _send_action_goal(self, request: operations.SendActionGoal) -> None:
+        self.send(operations.ActionResult(request.action, "actions are not supported", _ABORTED, False, request.id))
 
     async def _refuse_action(self, request: Operation) -> None:
         raise ProtocolError("actions are not supported")
@@ -277,20 +274,20 @@ class Session:
 
 
 _HANDLERS: Dict[Type[Any], Callable[[Session, Any], Awaitable[None]]] = {
-    protocol.Subscribe: Session._subscribe,
-    protocol.Unsubscribe: Session._unsubscribe,
-    protocol.Advertise: Session._advertise,
-    protocol.Unadvertise: Session._unadvertise,
-    protocol.Publish: Session._publish,
-    protocol.CallService: Session._call_service,
-    protocol.AdvertiseService: Session._advertise_service,
-    protocol.UnadvertiseService: Session._unadvertise_service,
-    protocol.ServiceResponse: Session._service_response,
-    protocol.SetLevel: Session._set_level,
-    protocol.SendActionGoal: Session._send_action_goal,
-    protocol.AdvertiseAction: Session._refuse_action,
-    protocol.CancelActionGoal: Session._refuse_action,
-    protocol.ActionFeedback: Session._refuse_action,
-    protocol.ActionResult: Session._refuse_action,
+    operations.Subscribe: Session._subscribe,
+    operations.Unsubscribe: Session._unsubscribe,
+    operations.Advertise: Session._advertise,
+    operations.Unadvertise: Session._unadvertise,
+    operations.Publish: Session._publish,
+    operations.CallService: Session._call_service,
+    operations.AdvertiseService: Session._advertise_service,
+    operations.UnadvertiseService: Session._unadvertise_service,
+    operations.ServiceResponse: Session._service_response,
+    operations.SetLevel: Session._set_level,
+    operations.SendActionGoal: Session._send_action_goal,
+    operations.AdvertiseAction: Session._refuse_action,
+    operations.CancelActionGoal: Session._refuse_action,
+    operations.ActionFeedback: Session._refuse_action,
+    operations.ActionResult: Session._refuse_action,
 }
 """Operations that are not listed (`status`, `auth`, `unadvertise_action`) need no action."""

@@ -7,8 +7,6 @@ from typing import Callable, Protocol, Set
 
 from .send_queue import SendQueue
 
-__all__ = ["SlowClient", "SlowClients"]
-
 _PERIOD_S = 0.02
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Deque, Generic, Iterable, NamedTuple, Optional, Tuple, TypeVar
 
-from ..protocol import COMPRESSIONS, Limits, Subscribe
-
-__all__ = ["ByteBudget", "Options", "Pacer", "merge", "options_of"]
+from ..protocol import Limits
+from ..protocol.operations import COMPRESSIONS, Subscribe
 
 T = TypeVar("T")
 

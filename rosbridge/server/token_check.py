@@ -18,10 +18,8 @@ from typing import Callable, Deque, Dict, NamedTuple, Tuple
 
 from aiohttp import web
 
-from ..protocol import Auth
+from ..protocol.operations import Auth
 from .http_connection import json_error
-
-__all__ = ["Client", "Credentials", "TokenCheck", "WrongTokens"]
 
 SESSION_S = 30 * 86_400
 """How long a cookie is valid, in s."""

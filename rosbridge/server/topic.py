@@ -12,8 +12,6 @@ from .encoded_message import EncodedMessage, Encoding, Serializer
 from .encoding_queue import EncodingQueue
 from .subscriptions import ByteBudget, Options, Pacer
 
-__all__ = ["Receiver", "Topic"]
-
 
 class Receiver(Protocol):
     """A client, as seen from a topic."""

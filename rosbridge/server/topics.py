@@ -18,8 +18,6 @@ from .node_access import NodeAccess
 from .subscriptions import Options
 from .topic import Receiver, Topic
 
-__all__ = ["Topics"]
-
 _LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.ERROR: 8, Severity.FATAL: 16}
 """Severity in rosgraph_msgs/Log."""
 

@@ -32,9 +32,10 @@ from robot_health_monitor.ops.matchers import matches_pattern, parse_matchers
 from robot_health_monitor.ops.silences import parse_duration_s
 from robot_health_monitor.rosbridge.address import host_and_port, shown_address
 from robot_health_monitor.rosbridge.client.connection import ServerConnection
-from robot_health_monitor.rosbridge.client.topic_of_message import topic_of_message
-from robot_health_monitor.rosbridge.protocol import COMPRESSIONS, Connection, Limits, ProtocolError, Wire
+from robot_health_monitor.rosbridge.protocol import Connection, Limits, ProtocolError, Wire
+from robot_health_monitor.rosbridge.protocol.codec import topic_of_message
 from robot_health_monitor.rosbridge.protocol.definitions import null_reader, parse, serializer
+from robot_health_monitor.rosbridge.protocol.operations import COMPRESSIONS
 from robot_health_monitor.rosbridge.server.access import Access, is_loopback
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.session import AuthenticationError, Session

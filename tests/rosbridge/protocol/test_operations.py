@@ -6,9 +6,8 @@ from typing import Any, Dict
 import pytest
 from harness.rosbridge_operations import EXAMPLES
 
-from robot_health_monitor.rosbridge import protocol
-from robot_health_monitor.rosbridge.protocol.errors import ProtocolError
-from robot_health_monitor.rosbridge.protocol.limits import Limits
+from robot_health_monitor.rosbridge.protocol import operations
+from robot_health_monitor.rosbridge.protocol.limits import Limits, ProtocolError
 from robot_health_monitor.rosbridge.protocol.operations import OPERATIONS, operation_fields, read_operation
 
 
@@ -76,4 +75,4 @@ def test_a_wrong_field_is_reported_in_one_line(fields: Dict[str, Any], problem: 
 
 def test_the_smallest_fragment_size_is_accepted() -> None:
     operation = read_operation({"op": "subscribe", "topic": "/a", "fragment_size": 256}, Limits())
-    assert operation == protocol.Subscribe("/a", fragment_size=256)
+    assert operation == operations.Subscribe("/a", fragment_size=256)

@@ -6,7 +6,7 @@ from typing import Any, List
 import pytest
 
 from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.rosbridge.protocol import CallService, ServiceResponse
+from robot_health_monitor.rosbridge.protocol.operations import CallService, ServiceResponse
 from robot_health_monitor.rosbridge.server.client_services import ClientServices
 
 

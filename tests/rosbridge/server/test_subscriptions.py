@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from typing import List, Optional
 
-from robot_health_monitor.rosbridge.protocol import Subscribe
 from robot_health_monitor.rosbridge.protocol.limits import Limits
+from robot_health_monitor.rosbridge.protocol.operations import Subscribe
 from robot_health_monitor.rosbridge.server.subscriptions import ByteBudget, Options, Pacer, merge, options_of
 
 

@@ -9,7 +9,7 @@ from typing import Any, Dict, List
 import pytest
 from aiohttp.test_utils import make_mocked_request
 
-from robot_health_monitor.rosbridge.protocol import Auth
+from robot_health_monitor.rosbridge.protocol.operations import Auth
 from robot_health_monitor.rosbridge.server.token_check import (
     SESSION_S,
     Client,
