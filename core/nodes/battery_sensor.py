@@ -12,8 +12,8 @@ from ..middleware import Middleware, Severity, Timer
 from ..model import Level, Status
 from ..parameters import Parameter, read_parameters
 from ..sensors import configuration
+from ..sensors.host import HOST_PATHS, HostPaths
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
-from ..sensors.sysfs import HOST_PATHS, HostPaths
 from .changes import Sections, describe_changes
 from .identity import (
     DIAGNOSTICS,
@@ -146,7 +146,7 @@ class BatterySensor:
         """Returns `simulated`, `host` or `none` per metric."""
         kinds = {}
         for metric in dict.fromkeys([*configuration.METRICS, *self._sources]):
-            source = (configuration.settings_of(self._tree, metric) or {}).get("source", "none")
+            source = configuration.settings_of(self._tree, metric).get("source", "none")
             kinds[metric] = str(source) if metric in configuration.METRICS else "host"
         return kinds
 
@@ -192,4 +192,4 @@ def _read_sensor(tree: Mapping[str, Any], paths: HostPaths) -> Tuple[Dict[str, A
 
 def _sections(values: Mapping[str, Any], tree: Mapping[str, Any], sources: Mapping[str, Source]) -> Sections:
     metrics = dict.fromkeys([*configuration.METRICS, *sources])
-    return {"": values, **{metric: configuration.settings_of(tree, metric) or {} for metric in metrics}}
+    return {"": values, **{metric: configuration.settings_of(tree, metric) for metric in metrics}}

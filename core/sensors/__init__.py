@@ -1,8 +1,8 @@
 """Sources of measurements: simulated or this machine."""
 
 from .configuration import METRICS, read_sources
+from .host import HOST_PATHS, HostPaths
 from .source import NoSuchSensor, NotMeasuredYet, SensorError, Source
-from .sysfs import HOST_PATHS, HostPaths
 
 __all__ = [
     "HOST_PATHS",

@@ -7,16 +7,13 @@ source.read(now_s)                      # % used, or SensorError
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..parameters import Parameter
-from .host import HostCpuUsage, HostTemperature, call_psutil, temperature_sensors
+from .host import HOST_PATHS, Battery, HostCpuUsage, HostPaths, HostTemperature, call_psutil, temperature_sensors
 from .source import NoSuchSensor, NotMeasuredYet, SensorError, Source
-from .sysfs import HOST_PATHS, Battery, HostPaths
-
-
-def _no_options(paths: HostPaths) -> Iterable[Any]:
-    return ()
 
 
 class HostSource(NamedTuple):
@@ -30,22 +27,16 @@ class HostSource(NamedTuple):
     """Creates the source; takes the option by its name, and `paths`."""
     option: Optional[Parameter] = None
     """Selects one where a machine may have several."""
-    available: Callable[[HostPaths], Iterable[Any]] = _no_options
+    available: Callable[[HostPaths], Iterable[Any]] = lambda paths: ()
     """Returns the values of the option that this machine has; raises SensorError if they cannot be read."""
 
 
+@dataclass(frozen=True)
 class HostReading:
-    """A source that is a function of the kernel's files."""
+    """A source that remembers nothing between two reads."""
 
-    def __init__(self, read: Callable[[HostPaths], float], paths: HostPaths = HOST_PATHS) -> None:
-        """Reads nothing yet.
-
-        Args:
-            read: returns the value; may raise SensorError.
-            paths: where the kernel's files are.
-        """
-        self._read = read
-        self._paths = paths
+    function: Callable[[], float]
+    """Returns the value; may raise SensorError."""
 
     def read(self, now_s: float) -> float:
         """Returns the current value.
@@ -53,50 +44,14 @@ class HostReading:
         Raises:
             SensorError: it cannot be read.
         """
-        return self._read(self._paths)
-
-
-class HostDisk:
-    """Usage of a disk."""
-
-    def __init__(self, field: str, scale: float, path: str, paths: HostPaths = HOST_PATHS) -> None:
-        """Reads nothing yet.
-
-        Args:
-            field: field of psutil's disk usage.
-            scale: factor from psutil's unit to this source's.
-            path: mount point of the disk.
-            paths: where the kernel's files are.
-        """
-        self._field = field
-        self._scale = scale
-        self._path = path
-        self._paths = paths
-
-    def read(self, now_s: float) -> float:
-        """Returns the current value.
-
-        Raises:
-            SensorError: no disk is mounted at the path. Without this check, the empty folder of an unmounted disk
-                would be read as the disk that contains it.
-        """
-        if not os.path.ismount(self._path):
-            raise SensorError(f"no disk is mounted at {self._path}{_containing_disk(self._path)}")
-        usage = call_psutil("disk_usage", f"the disk at {self._path}", self._paths, self._path)
-        return float(getattr(usage, self._field)) * self._scale
+        return self.function()
 
 
 class HostNetworkRate:
     """Rate at which counters of a network interface grow, per second."""
 
     def __init__(self, fields: Tuple[str, str], interface: str = "", paths: HostPaths = HOST_PATHS) -> None:
-        """Reads nothing yet.
-
-        Args:
-            fields: counters of psutil that are added up.
-            interface: name of the interface; empty: all together.
-            paths: where the kernel's files are.
-        """
+        """Adds up two counters of psutil, of one interface or, without a name, of all together."""
         self._fields = fields
         self._interface = interface
         self._paths = paths
@@ -137,18 +92,20 @@ class HostNetworkRate:
         return sum(int(getattr(counter, field)) for counter in chosen for field in self._fields)
 
 
-def _load(index: int) -> Callable[[HostPaths], float]:
-    def read(paths: HostPaths) -> float:
-        try:
-            return os.getloadavg()[index]
-        except (AttributeError, OSError) as error:
-            raise SensorError(f"this machine has no load average: {error}") from None
-
-    return read
+def _reading(function: Callable[..., float], *arguments: object) -> Callable[..., Source]:
+    """Returns what makes a source of a function, which also gets `paths` and the option."""
+    return lambda paths=HOST_PATHS, **option: HostReading(partial(function, *arguments, paths=paths, **option))
 
 
-def _memory(field: str, scale: float = 1.0) -> Callable[[HostPaths], float]:
-    return lambda paths: float(getattr(call_psutil("virtual_memory", "memory", paths), field)) * scale
+def _load(index: int, paths: HostPaths) -> float:
+    try:
+        return os.getloadavg()[index]
+    except (AttributeError, OSError) as error:
+        raise SensorError(f"this machine has no load average: {error}") from None
+
+
+def _memory(field: str, scale: float, paths: HostPaths) -> float:
+    return float(getattr(call_psutil("virtual_memory", "memory", paths), field)) * scale
 
 
 def _swap_percent(paths: HostPaths) -> float:
@@ -158,16 +115,14 @@ def _swap_percent(paths: HostPaths) -> float:
     return float(swap.percent)
 
 
-def _reading(read: Callable[[HostPaths], float]) -> Callable[..., Source]:
-    return lambda paths=HOST_PATHS: HostReading(read, paths)
+def _disk(field: str, scale: float, path: str, paths: HostPaths) -> float:
+    """Returns the usage of the disk that is mounted at a path.
 
-
-def _disk(field: str, scale: float) -> Callable[..., Source]:
-    return lambda path, paths=HOST_PATHS: HostDisk(field, scale, path, paths)
-
-
-def _network(*fields: str) -> Callable[..., Source]:
-    return lambda interface="", paths=HOST_PATHS: HostNetworkRate((fields[0], fields[1]), interface, paths)
+    Without the check, the empty folder of an unmounted disk would be read as the disk that contains it.
+    """
+    if not os.path.ismount(path):
+        raise SensorError(f"no disk is mounted at {path}{_containing_disk(path)}")
+    return float(getattr(call_psutil("disk_usage", f"the disk at {path}", paths, path), field)) * scale
 
 
 def _containing_disk(path: str) -> str:
@@ -177,6 +132,10 @@ def _containing_disk(path: str) -> str:
     while not os.path.ismount(above):
         above = os.path.dirname(above)
     return f": the folder is on the disk at {above}"
+
+
+def _battery(read: Callable[[Battery], float], paths: HostPaths) -> float:
+    return float(read(Battery(paths)))
 
 
 def _cores(paths: HostPaths) -> List[Optional[int]]:
@@ -210,28 +169,29 @@ _CORE = Parameter("core", int, None, "core, counted from 0; left out: all cores 
 _PATH = Parameter("path", str, "/", "mount point of the disk")
 _SENSOR = Parameter("sensor", str, "", "sensor, as chip/label or chip/number; left out: the hottest of the CPU")
 _INTERFACE = Parameter("interface", str, "", "network interface; left out: all together")
-
+_ERRORS = partial(HostNetworkRate, ("errin", "errout"))
+_DROPS = partial(HostNetworkRate, ("dropin", "dropout"))
 
 HOST_SOURCES: Mapping[str, HostSource] = {
     "cpu_percent": HostSource("%", "CPU load", HostCpuUsage, _CORE, _cores),
-    "load_1min": HostSource("", "load average over 1 minute", _reading(_load(0))),
-    "load_5min": HostSource("", "load average over 5 minutes", _reading(_load(1))),
-    "load_15min": HostSource("", "load average over 15 minutes", _reading(_load(2))),
-    "memory_percent": HostSource("%", "memory in use", _reading(_memory("percent"))),
-    "memory_available": HostSource("MB", "memory available to programs", _reading(_memory("available", 1e-6))),
+    "load_1min": HostSource("", "load average over 1 minute", _reading(_load, 0)),
+    "load_5min": HostSource("", "load average over 5 minutes", _reading(_load, 1)),
+    "load_15min": HostSource("", "load average over 15 minutes", _reading(_load, 2)),
+    "memory_percent": HostSource("%", "memory in use", _reading(_memory, "percent", 1.0)),
+    "memory_available": HostSource("MB", "memory available to programs", _reading(_memory, "available", 1e-6)),
     "swap_percent": HostSource("%", "swap in use", _reading(_swap_percent)),
-    "disk_percent": HostSource("%", "disk in use", _disk("percent", 1.0), _PATH, _mount_points),
-    "disk_free": HostSource("GB", "free disk space", _disk("free", 1e-9), _PATH, _mount_points),
+    "disk_percent": HostSource("%", "disk in use", _reading(_disk, "percent", 1.0), _PATH, _mount_points),
+    "disk_free": HostSource("GB", "free disk space", _reading(_disk, "free", 1e-9), _PATH, _mount_points),
     "temperature": HostSource("degC", "temperature", HostTemperature, _SENSOR, _sensors),
-    "battery_percent": HostSource("%", "battery charge", _reading(lambda paths: Battery(paths).percent())),
+    "battery_percent": HostSource("%", "battery charge", _reading(_battery, Battery.percent)),
     "battery_plugged": HostSource(
-        "", "1 while the charger is connected, else 0", _reading(lambda paths: float(Battery(paths).is_plugged()))
+        "", "1 while the charger is connected, else 0", _reading(_battery, Battery.is_plugged)
     ),
-    "battery_voltage": HostSource("V", "battery voltage", _reading(lambda paths: Battery(paths).volts())),
+    "battery_voltage": HostSource("V", "battery voltage", _reading(_battery, Battery.volts)),
     "battery_current": HostSource(
-        "A", "battery current, negative when discharging", _reading(lambda paths: Battery(paths).amperes())
+        "A", "battery current, negative when discharging", _reading(_battery, Battery.amperes)
     ),
-    "network_errors": HostSource("1/s", "packets with errors", _network("errin", "errout"), _INTERFACE, _interfaces),
-    "network_drops": HostSource("1/s", "dropped packets", _network("dropin", "dropout"), _INTERFACE, _interfaces),
+    "network_errors": HostSource("1/s", "packets with errors", _ERRORS, _INTERFACE, _interfaces),
+    "network_drops": HostSource("1/s", "dropped packets", _DROPS, _INTERFACE, _interfaces),
 }
 """Allowed values of `source` in the section `host` of battery_sensor."""

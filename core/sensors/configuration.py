@@ -8,15 +8,14 @@ from __future__ import annotations
 import random
 import re
 from dataclasses import replace
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Dict, Mapping, Optional, Tuple
 
 from ..errors import ConfigError, Path, Problems
 from ..parameters import Parameter, read_parameters, require_mapping
 from .catalogue import HOST_SOURCES
-from .host import HostBattery, HostCpuUsage, HostTemperature
+from .host import HOST_PATHS, HostPaths
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 from .source import Source
-from .sysfs import HOST_PATHS, HostPaths
 
 METRICS: Mapping[str, str] = {"battery_level": "%", "temperature": "degC", "cpu_usage": "%"}
 """Name (which is also the topic) and unit of the standard metrics, in the order in which they are published."""
@@ -51,7 +50,7 @@ METRIC_PARAMETERS: Mapping[str, Tuple[Parameter, ...]] = {
         Parameter("spread", float, 30.0, "simulated: largest deviation from the mean in %", minimum=0.0),
     ),
 }
-"""Parameters of the standard metrics, each in the section of its name."""
+"""Parameters of the standard metrics, each in the section of its name; the first is `source`."""
 
 HOST_SECTION = "host"
 """Section with further metrics of this machine, by name, which is also the topic."""
@@ -60,20 +59,15 @@ SECTION_NAMES = (*METRIC_PARAMETERS, HOST_SECTION)
 """Sections of the node's configuration."""
 
 _HOST_SOURCE = Parameter("source", str, None, "metric of this machine", choices=tuple(HOST_SOURCES))
+_HOST_METRICS = {"battery_level": "battery_percent", "temperature": "temperature", "cpu_usage": "cpu_percent"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
-
-_HOST: Mapping[str, Callable[[HostPaths], Source]] = {
-    "battery_level": lambda paths: HostBattery(paths),
-    "temperature": lambda paths: HostTemperature(paths=paths),
-    "cpu_usage": lambda paths: HostCpuUsage(paths=paths),
-}
 
 
 def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HOST_PATHS) -> Dict[str, Source]:
     """Creates the sources of a node's configuration.
 
     Args:
-        tree: the node's whole configuration; only `seed` and the sections are read.
+        tree: the node's whole configuration; only `seed`, `sensors` and the sections are read.
         path: keys above the tree, for error messages.
         paths: where the kernel's files are.
 
@@ -84,7 +78,6 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HO
     Raises:
         ConfigError: unknown keys or values that are not allowed, all of them.
     """
-    tree = with_default_source(tree)
     sources: Dict[str, Source] = {}
     problems = Problems()
     seed = random.getrandbits(32)
@@ -93,7 +86,7 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HO
             seed = SEED.read(tree["seed"], (*path, "seed"))
     for metric in METRICS:
         with problems:
-            source = _read_source(metric, tree.get(metric, {}), f"{seed}/{metric}", (*path, metric), paths)
+            source = _read_source(metric, tree, f"{seed}/{metric}", (*path, metric), paths)
             if source is not None:
                 sources[metric] = source
     with problems:
@@ -104,38 +97,21 @@ def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HO
     return sources
 
 
-def settings_of(tree: Mapping[str, Any], metric: str) -> Optional[Mapping[str, Any]]:
-    """Returns the settings of one metric in a valid configuration, defaults included; None if it is not there."""
-    tree = with_default_source(tree)
+def settings_of(tree: Mapping[str, Any], metric: str) -> Mapping[str, Any]:
+    """Returns the settings of one metric in a valid configuration, defaults included; empty if it is not there."""
     if metric in METRICS:
-        section = tree.get(metric, {})
-        if section.get("source") is False:
-            section = {**section, "source": "none"}
-        return {**{parameter.name: parameter.default for parameter in METRIC_PARAMETERS[metric]}, **section}
-    section = tree.get(HOST_SECTION, {}).get(metric)
-    if section is None:
-        return None
-    return {**{parameter.name: parameter.default for parameter in _host_parameters(section["source"])}, **section}
-
-
-def with_default_source(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Returns a node's configuration in which metrics without a `source` have that of the parameter `sensors`."""
-    default = tree.get("sensors", "")
-    if not default:
-        return tree
-    sections = {metric: tree.get(metric, {}) for metric in METRICS}
-    sections = {metric: section for metric, section in sections.items() if isinstance(section, Mapping)}
-    return {**tree, **{metric: {"source": default, **section} for metric, section in sections.items()}}
+        section, parameters = _section(tree, metric, ()), METRIC_PARAMETERS[metric]
+    else:
+        section = tree.get(HOST_SECTION, {}).get(metric, {})
+        parameters = _host_parameters(section["source"]) if section else ()
+    return {**{parameter.name: parameter.default for parameter in parameters}, **section}
 
 
 def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
     """Returns the parameters of every metric in a valid configuration, by their dotted names."""
     # A middleware that fills in defaults must not fill in another source than `sensors` does.
     source = replace(_SOURCE, default=tree.get("sensors") or _SOURCE.default)
-    sections = {
-        metric: tuple(source if parameter is _SOURCE else parameter for parameter in parameters)
-        for metric, parameters in METRIC_PARAMETERS.items()
-    }
+    sections = {metric: (source, *parameters[1:]) for metric, parameters in METRIC_PARAMETERS.items()}
     for metric, found in _host_sections(tree, ()).items():
         sections[f"{HOST_SECTION}.{metric}"] = _host_parameters(found["source"])
     return tuple(
@@ -143,6 +119,13 @@ def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
         for section, parameters in sections.items()
         for parameter in parameters
     )
+
+
+def _section(tree: Mapping[str, Any], metric: str, path: Path) -> Mapping[str, Any]:
+    """Returns the section of a standard metric; its default source is that of the parameter `sensors`."""
+    found = require_mapping(tree.get(metric, {}), path)
+    source = found.get("source", tree.get("sensors") or _SOURCE.default)
+    return {**found, "source": "none" if source is False else source}  # YAML reads a plain `off` or `no` as false
 
 
 def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[str, Any]]:
@@ -174,16 +157,13 @@ def _read_host_source(section: Mapping[str, Any], path: Path, paths: HostPaths) 
     return HOST_SOURCES[source].make(**options, paths=paths)
 
 
-def _read_source(metric: str, found: object, seed: str, path: Path, paths: HostPaths) -> Optional[Source]:
-    section = require_mapping(found, path)
-    if section.get("source") is False:  # YAML reads a plain `off` or `no` as false
-        section = {**section, "source": "none"}
-    values = read_parameters(section, METRIC_PARAMETERS[metric], path)
+def _read_source(metric: str, tree: Mapping[str, Any], seed: str, path: Path, paths: HostPaths) -> Optional[Source]:
+    values = read_parameters(_section(tree, metric, path), METRIC_PARAMETERS[metric], path)
     kind = values.pop("source")
     if kind == "none":
         return None
     if kind == "host":
-        return _HOST[metric](paths)
+        return HOST_SOURCES[_HOST_METRICS[metric]].make(paths=paths)
     if metric == "battery_level":
         return SimulatedBattery(**values)
     if metric == "temperature":

@@ -1,26 +1,41 @@
-"""The three metrics of this machine: CPU load, temperature, battery.
+"""Reads this machine: temperatures and batteries from the kernel's files below /sys, loads and counters with psutil.
 
-psutil reads /proc and is imported when it is first needed. What cannot be read raises SensorError.
+Formats: the kernel's Documentation/hwmon/sysfs-interface.rst (thousandths of a degree C) and
+Documentation/ABI/testing/sysfs-class-power (microvolts, microamperes, microwatts). psutil reads /proc and is imported
+when it is first needed. What cannot be read raises SensorError.
 """
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+import glob
+import os
+import re
+from dataclasses import dataclass
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from ..formatting import list_text
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
-from .sysfs import HOST_PATHS, Battery, HostPaths, Temperature, read_temperatures
+
+
+class HostPaths(NamedTuple):
+    """Where the kernel's files are. Tests pass folders with the files of other machines."""
+
+    proc: str = "/proc"
+    sys: str = "/sys"
+
+
+HOST_PATHS = HostPaths()
+"""The files of this machine."""
+
+_CPU_CHIPS = ("coretemp", "k10temp", "zenpower", "cpu", "soc_thermal", "soc-thermal", "x86_pkg_temp", "via_cputemp")
+"""Prefixes of the names of CPU temperature chips: Intel, AMD, ARM boards, thermal zones, VIA."""
 
 
 class HostCpuUsage:
     """CPU load of this machine since the previous read, in %."""
 
     def __init__(self, core: Optional[int] = None, paths: HostPaths = HOST_PATHS) -> None:
-        """Reads the counters, so that the first `read` has something to compare with.
-
-        Args:
-            core: a core, counted from 0; None: all cores together.
-            paths: where the kernel's files are.
-        """
+        """Reads the counters of one core, counted from 0, or of all, so that the first `read` can compare."""
         # Not psutil.cpu_percent(): it compares with the previous call in the same thread, and rospy calls back from
         # other threads than the one that made the node. Its first answer is a meaningless 0.0.
         self._core = core
@@ -52,33 +67,27 @@ class HostCpuUsage:
         return self._percent
 
     def _cpu_times(self) -> Dict[str, float]:
-        if self._core is None:
-            return _named_times(call_psutil("cpu_times", "CPU times", self._paths))
-        cores = call_psutil("cpu_times", "CPU times", self._paths, percpu=True)
-        if self._cores is None:
-            self._cores = len(cores)
-        if self._core >= self._cores:
-            raise SensorError(f"this machine has no core {self._core}, the last one is {self._cores - 1}")
-        if len(cores) != self._cores:  # the list is renumbered when a core goes offline
-            raise SensorError(f"{len(cores)} of {self._cores} cores are online: core {self._core} is ambiguous")
-        return _named_times(cores[self._core])
+        times = call_psutil("cpu_times", "CPU times", self._paths, percpu=self._core is not None)
+        if self._core is not None:
+            if self._cores is None:
+                self._cores = len(times)
+            if self._core >= self._cores:
+                raise SensorError(f"this machine has no core {self._core}, the last one is {self._cores - 1}")
+            if len(times) != self._cores:  # the list is renumbered when a core goes offline
+                raise SensorError(f"{len(times)} of {self._cores} cores are online: core {self._core} is ambiguous")
+            times = times[self._core]
+        # Linux counts the time of guests in user and nice as well.
+        return {kind: seconds for kind, seconds in times._asdict().items() if kind not in ("guest", "guest_nice")}
 
 
+@dataclass(frozen=True)
 class HostTemperature:
-    """A temperature of this machine in degrees C.
+    """A temperature of this machine in degrees C."""
 
-    Without a sensor's name: the hottest sensor of the CPU; if the CPU has none, the hottest of all.
-    """
-
-    def __init__(self, sensor: str = "", paths: HostPaths = HOST_PATHS) -> None:
-        """Reads nothing yet.
-
-        Args:
-            sensor: `chip/label` or `chip/number` as `robot-health sources` lists them; empty: see above.
-            paths: where the kernel's files are.
-        """
-        self._sensor = sensor
-        self._paths = paths
+    sensor: str = ""
+    """`chip/label` or `chip/number`, as `robot-health sources` lists them; empty: the hottest sensor of the CPU, or if
+    the CPU has none, the hottest of all."""
+    paths: HostPaths = HOST_PATHS
 
     def read(self, now_s: float) -> float:
         """Returns the temperature in degrees C.
@@ -86,8 +95,8 @@ class HostTemperature:
         Raises:
             SensorError: there is no such sensor, or it has no plausible reading.
         """
-        chips = read_temperatures(self._paths)
-        return self._hottest(chips) if self._sensor == "" else self._one(chips)
+        chips = read_temperatures(self.paths)
+        return self._one(chips) if self.sensor else self._hottest(chips)
 
     def _hottest(self, chips: Mapping[str, Sequence[Temperature]]) -> float:
         readings = [(chip, sensor.celsius) for chip, sensors in chips.items() for sensor in sensors]
@@ -97,43 +106,49 @@ class HostTemperature:
         if candidates:
             return max(candidates)
         if readings:
-            raise SensorError(
-                f"no plausible temperature: {_list_readings(readings)}; set the source to simulated or none"
-            )
+            texts = [f"{chip} reads {celsius}" for chip, celsius in readings]
+            listed = list_text(texts, most=3)
+            raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
         raise NoSuchSensor(
-            f"no temperature sensor in {self._paths.sys}/class/hwmon or {self._paths.sys}/class/thermal (virtual "
+            f"no temperature sensor in {self.paths.sys}/class/hwmon or {self.paths.sys}/class/thermal (virtual "
             "machines and containers have none); load its driver (sensors-detect), or set the source to simulated or "
             "none"
         )
 
     def _one(self, chips: Mapping[str, Sequence[Temperature]]) -> float:
-        celsius = _by_name(chips).get(self._sensor)
+        celsius = _by_name(chips).get(self.sensor)
         if celsius is None:
-            available = ", ".join(temperature_sensors(self._paths)) or "none"
-            raise SensorError(f"this machine has no temperature sensor {self._sensor}; available: {available}")
+            available = ", ".join(temperature_sensors(self.paths)) or "none"
+            raise SensorError(f"this machine has no temperature sensor {self.sensor}; available: {available}")
         if not _is_plausible(celsius):
-            raise SensorError(f"no plausible temperature: {self._sensor} reads {celsius}")
+            raise SensorError(f"no plausible temperature: {self.sensor} reads {celsius}")
         return celsius
 
 
-class HostBattery:
-    """Charge of this machine's battery in %."""
+class Temperature(NamedTuple):
+    """One temperature sensor of a chip."""
 
-    def __init__(self, paths: HostPaths = HOST_PATHS) -> None:
-        """Reads nothing yet.
+    label: str
+    """Its label, empty if it has none."""
+    celsius: float
+    """Its reading in degrees C, which may be a placeholder."""
 
-        Args:
-            paths: where the kernel's files are.
-        """
-        self._paths = paths
 
-    def read(self, now_s: float) -> float:
-        """Returns the charge in %.
-
-        Raises:
-            SensorError: there is no battery, or its charge cannot be read.
-        """
-        return Battery(self._paths).percent()
+def read_temperatures(paths: HostPaths = HOST_PATHS) -> Dict[str, List[Temperature]]:
+    """Returns the temperature sensors of this machine by the name of their chip, or of their thermal zone."""
+    chips: Dict[str, List[Temperature]] = {}
+    for folder in _sorted(f"{paths.sys}/class/hwmon/hwmon*"):
+        for chip in (folder, os.path.join(folder, "device")):
+            temperatures = _chip_temperatures(chip)
+            if temperatures:
+                chips.setdefault(_text(chip, "name") or "unknown", []).extend(temperatures)
+                break
+    if not chips:  # boards such as Jetson have thermal zones only
+        for zone in _sorted(f"{paths.sys}/class/thermal/thermal_zone*"):
+            celsius = _thousandths(zone, "temp")
+            if celsius is not None:
+                chips.setdefault(_text(zone, "type") or "unknown", []).append(Temperature("", celsius))
+    return chips
 
 
 def temperature_sensors(paths: HostPaths = HOST_PATHS) -> List[str]:
@@ -146,15 +161,80 @@ def temperature_sensors(paths: HostPaths = HOST_PATHS) -> List[str]:
     return names
 
 
-def call_psutil(function: str, subject: str, paths: HostPaths, *arguments: Any, **options: Any) -> Any:
-    """Calls a function of psutil.
+class Battery:
+    """The battery of this machine: the first by name that does not power a device such as a gamepad.
 
-    Args:
-        function: its name.
-        subject: what it reads, for error messages.
-        paths: where the kernel's files are.
-        arguments: for the function.
-        options: for the function.
+    Each method raises SensorError if its value cannot be read.
+    """
+
+    def __init__(self, paths: HostPaths = HOST_PATHS) -> None:
+        """Finds the battery; raises NoSuchSensor if there is none."""
+        supplies = os.path.join(paths.sys, "class", "power_supply")
+        self._supplies = _sorted(f"{supplies}/*")
+        for folder in self._supplies:
+            name = os.path.basename(folder)
+            is_battery = name.startswith("BAT") or "battery" in name.lower()
+            if is_battery and _text(folder, "scope") != "Device":
+                self._folder = folder
+                return
+        raise NoSuchSensor(
+            f"no battery in {supplies}; set the source to simulated or none, or publish the battery of the "
+            "robot from its driver"
+        )
+
+    def percent(self) -> float:
+        """Returns the charge in %, at most 100: a new battery may hold more than its nominal charge."""
+        for kind in ("energy", "charge"):
+            now, full = self._find_number(f"{kind}_now"), self._find_number(f"{kind}_full")
+            if now is not None and full:
+                return min(100.0 * now / full, 100.0)
+        return min(float(self._number("capacity")), 100.0)
+
+    def is_plugged(self) -> bool:
+        """Returns whether a charger is connected."""
+        for supply in self._supplies:
+            online = _text(supply, "online")
+            if online in ("0", "1") and _text(supply, "type") in ("Mains", None):
+                return online == "1"
+        status = (_text(self._folder, "status") or "").lower()
+        if status not in ("charging", "discharging", "full"):
+            raise SensorError("this machine does not report whether its charger is connected")
+        return status != "discharging"
+
+    def volts(self) -> float:
+        """Returns the voltage in V."""
+        return self._number("voltage_now") / 1e6
+
+    def amperes(self) -> float:
+        """Returns the current in A, negative when discharging as in sensor_msgs/BatteryState."""
+        current = self._find_number("current_now")
+        if current is not None:
+            amperes = abs(current) / 1e6
+        else:
+            volts = self.volts()
+            if not volts:
+                raise SensorError("the battery of this machine has no current_now, and its voltage is 0")
+            amperes = abs(self._number("power_now")) / 1e6 / volts
+        return -amperes if _text(self._folder, "status") == "Discharging" else amperes
+
+    def _number(self, file: str) -> int:
+        text = _text(self._folder, file)
+        if text is None:
+            raise SensorError(f"the battery of this machine has no {file}")
+        try:
+            return int(text)
+        except ValueError:
+            raise SensorError(f"the battery of this machine has no {file}: expected a number, got {text!r}") from None
+
+    def _find_number(self, file: str) -> Optional[int]:
+        try:
+            return self._number(file)
+        except SensorError:
+            return None
+
+
+def call_psutil(function: str, subject: str, paths: HostPaths, *arguments: Any, **options: Any) -> Any:
+    """Calls a function of psutil by its name; `subject` is what it reads, for errors.
 
     Raises:
         SensorError: psutil is not installed, lacks the function on this system, or failed.
@@ -172,10 +252,6 @@ def call_psutil(function: str, subject: str, paths: HostPaths, *arguments: Any, 
         raise SensorError(f"psutil cannot read {subject}: {type(error).__name__}: {error}") from error
 
 
-_CPU_CHIPS = ("coretemp", "k10temp", "zenpower", "cpu", "soc_thermal", "soc-thermal", "x86_pkg_temp", "via_cputemp")
-"""Prefixes of the names of CPU temperature chips: Intel, AMD, ARM boards, thermal zones, VIA."""
-
-
 def _is_plausible(celsius: float) -> bool:
     """Returns False for placeholders.
 
@@ -185,23 +261,43 @@ def _is_plausible(celsius: float) -> bool:
     return celsius != 0.0 and -55.0 <= celsius <= 125.0
 
 
-def _list_readings(readings: Iterable[Tuple[str, float]]) -> str:
-    texts = [f"{chip} reads {celsius}" for chip, celsius in readings]
-    return ", ".join(texts[:3]) + (", ..." if len(texts) > 3 else "")
-
-
-def _named_times(times: Any) -> Dict[str, float]:
-    # Linux counts the time of guests in user and nice as well.
-    return {kind: seconds for kind, seconds in times._asdict().items() if kind not in ("guest", "guest_nice")}
-
-
 def _by_name(chips: Mapping[str, Sequence[Temperature]]) -> Dict[str, float]:
     """Returns the readings by every name of their sensor."""
     readings: Dict[str, float] = {}
     for chip, sensors in chips.items():
-        for number, sensor in enumerate(sensors):
-            readings[f"{chip}/{number}"] = sensor.celsius
-        for sensor in reversed(sensors):  # the first of those with the same label wins
-            if sensor.label:
-                readings[f"{chip}/{sensor.label}"] = sensor.celsius
+        readings.update((f"{chip}/{number}", sensor.celsius) for number, sensor in enumerate(sensors))
+        # The first of those with the same label wins.
+        readings.update((f"{chip}/{sensor.label}", sensor.celsius) for sensor in reversed(sensors) if sensor.label)
     return readings
+
+
+def _chip_temperatures(chip: str) -> List[Temperature]:
+    names = [os.path.basename(file)[: -len("_input")] for file in _sorted(f"{chip}/temp*_input")]
+    readings = [(_text(chip, f"{name}_label") or "", _thousandths(chip, f"{name}_input")) for name in names]
+    return [Temperature(label, celsius) for label, celsius in readings if celsius is not None]
+
+
+def _sorted(pattern: str) -> List[str]:
+    """Returns the paths that match, hwmon2 before hwmon10."""
+
+    def key(path: str) -> Tuple[object, ...]:
+        parts = re.split(r"(\d+)", os.path.basename(path))
+        return tuple(int(part) if part.isdigit() else part for part in parts)
+
+    return sorted(glob.glob(pattern), key=key)
+
+
+def _thousandths(folder: str, file: str) -> Optional[float]:
+    try:
+        return float(_text(folder, file) or "") / 1000.0
+    except ValueError:
+        return None  # a sensor that is switched off has an empty or unreadable file
+
+
+def _text(folder: str, file: str) -> Optional[str]:
+    """Returns the content of a file, None if it cannot be read."""
+    try:
+        with open(os.path.join(folder, file), encoding="utf-8", errors="replace") as stream:
+            return stream.read(4096).strip()
+    except OSError:
+        return None

@@ -8,121 +8,98 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import dataclass
 from typing import Optional
-
-
-class SimulatedBattery:
-    """A battery that discharges at a constant rate from 100 % and is charged when it is nearly empty."""
-
-    def __init__(self, discharge_rate: float = 1.0, charge_rate: float = 4.0, charge_at: float = 5.0) -> None:
-        """Creates a full battery.
-
-        Args:
-            discharge_rate: % per second; 0 keeps it full.
-            charge_rate: % per second; 0 leaves it empty.
-            charge_at: level in % at which charging starts; it ends at 100 %.
-        """
-        self._discharge_rate = discharge_rate
-        self._charge_rate = charge_rate
-        self._charge_at = charge_at
-        self._elapsed = _Elapsed()
-
-    def read(self, now_s: float) -> float:
-        """Returns the charge in %."""
-        elapsed_s = self._elapsed.at(now_s)
-        swing = 100.0 - self._charge_at
-        discharge_s = swing / self._discharge_rate if self._discharge_rate else math.inf
-        charge_s = swing / self._charge_rate if self._charge_rate else math.inf
-        if math.isfinite(discharge_s + charge_s):
-            elapsed_s %= discharge_s + charge_s
-        if elapsed_s <= discharge_s:
-            return 100.0 - self._discharge_rate * elapsed_s
-        return min(self._charge_at + self._charge_rate * (elapsed_s - discharge_s), 100.0)
-
-
-class SimulatedTemperature:
-    """A temperature that varies slowly around its mean, with occasional hot spells."""
-
-    def __init__(
-        self,
-        mean: float = 60.0,
-        spread: float = 4.0,
-        spike: float = 30.0,
-        spike_every_s: float = 120.0,
-        seed: object = 0,
-    ) -> None:
-        """Creates a temperature source.
-
-        Args:
-            mean: degrees C.
-            spread: largest deviation from the mean, in degrees C.
-            spike: height of a hot spell, in degrees C; 0: no hot spells.
-            spike_every_s: period in s with one hot spell each, of at most 30 s.
-            seed: selects the series of values.
-        """
-        self._mean = mean
-        self._spread = spread
-        self._spike = spike
-        self._spike_every_s = spike_every_s
-        self._seed = seed
-        self._elapsed = _Elapsed()
-
-    def read(self, now_s: float) -> float:
-        """Returns the temperature in degrees C."""
-        elapsed_s = self._elapsed.at(now_s)
-        wander = self._spread * _noise(self._seed, "wander", elapsed_s, slot_s=10.0)
-        return self._mean + wander + self._spike * self._spell(elapsed_s)
-
-    def _spell(self, elapsed_s: float) -> float:
-        """Returns the intensity of a hot spell, 0 to 1: a raised cosine over time."""
-        slot, into_slot_s = divmod(elapsed_s, self._spike_every_s)
-        lasts_s = min(_SPELL_S, self._spike_every_s)
-        begins_s = (self._spike_every_s - lasts_s) * (1.0 + _draw(self._seed, "spell", int(slot))) / 2.0
-        into_spell = (into_slot_s - begins_s) / lasts_s
-        return (1.0 - math.cos(2.0 * math.pi * into_spell)) / 2.0 if 0.0 < into_spell < 1.0 else 0.0
-
-
-class SimulatedCpuUsage:
-    """A CPU load from 0 to 100 %: a slow and a fast variation around its mean."""
-
-    def __init__(self, mean: float = 35.0, spread: float = 30.0, seed: object = 0) -> None:
-        """Creates a CPU load.
-
-        Args:
-            mean: %.
-            spread: largest deviation from the mean, in %; the result is limited to 0 to 100.
-            seed: selects the series of values.
-        """
-        self._mean = mean
-        self._spread = spread
-        self._seed = seed
-        self._elapsed = _Elapsed()
-
-    def read(self, now_s: float) -> float:
-        """Returns the CPU load in %."""
-        elapsed_s = self._elapsed.at(now_s)
-        slow = _noise(self._seed, "tide", elapsed_s, slot_s=20.0)
-        fast = _noise(self._seed, "ripple", elapsed_s, slot_s=2.0)
-        return min(max(self._mean + self._spread * (0.7 * slow + 0.3 * fast), 0.0), 100.0)
-
 
 _SPELL_S = 30.0
 """Duration of a hot spell: visible, and slow enough to cross a threshold only once while it rises."""
 
 
-class _Elapsed:
-    """Seconds since the first call; they never go back."""
+class _Simulated:
+    """Measures the seconds since the first read; they never go back."""
 
-    def __init__(self) -> None:
-        self._start_s: Optional[float] = None
-        self._last_s = 0.0
+    _start_s: Optional[float] = None
+    _last_s = 0.0
 
-    def at(self, now_s: float) -> float:
+    def _elapsed_s(self, now_s: float) -> float:
         if self._start_s is None or now_s < self._last_s:
             already_s = 0.0 if self._start_s is None else self._last_s - self._start_s
             self._start_s = now_s - already_s
         self._last_s = now_s
         return now_s - self._start_s
+
+
+@dataclass
+class SimulatedBattery(_Simulated):
+    """A battery that discharges at a constant rate from 100 % and is charged when it is nearly empty."""
+
+    discharge_rate: float = 1.0
+    """% per second; 0 keeps it full."""
+    charge_rate: float = 4.0
+    """% per second; 0 leaves it empty."""
+    charge_at: float = 5.0
+    """Level in % at which charging starts; it ends at 100 %."""
+
+    def read(self, now_s: float) -> float:
+        """Returns the charge in %."""
+        elapsed_s = self._elapsed_s(now_s)
+        swing = 100.0 - self.charge_at
+        discharge_s = swing / self.discharge_rate if self.discharge_rate else math.inf
+        charge_s = swing / self.charge_rate if self.charge_rate else math.inf
+        if math.isfinite(discharge_s + charge_s):
+            elapsed_s %= discharge_s + charge_s
+        if elapsed_s <= discharge_s:
+            return 100.0 - self.discharge_rate * elapsed_s
+        return min(self.charge_at + self.charge_rate * (elapsed_s - discharge_s), 100.0)
+
+
+@dataclass
+class SimulatedTemperature(_Simulated):
+    """A temperature that varies slowly around its mean, with occasional hot spells."""
+
+    mean: float = 60.0
+    """In degrees C, as `spread` and `spike`."""
+    spread: float = 4.0
+    """Largest deviation from the mean."""
+    spike: float = 30.0
+    """Height of a hot spell; 0: no hot spells."""
+    spike_every_s: float = 120.0
+    """Period in s with one hot spell each, of at most 30 s."""
+    seed: object = 0
+    """Selects the series of values."""
+
+    def read(self, now_s: float) -> float:
+        """Returns the temperature in degrees C."""
+        elapsed_s = self._elapsed_s(now_s)
+        wander = self.spread * _noise(self.seed, "wander", elapsed_s, slot_s=10.0)
+        return self.mean + wander + self.spike * self._spell(elapsed_s)
+
+    def _spell(self, elapsed_s: float) -> float:
+        """Returns the intensity of a hot spell, 0 to 1: a raised cosine over time."""
+        slot, into_slot_s = divmod(elapsed_s, self.spike_every_s)
+        lasts_s = min(_SPELL_S, self.spike_every_s)
+        begins_s = (self.spike_every_s - lasts_s) * (1.0 + _draw(self.seed, "spell", int(slot))) / 2.0
+        into_spell = (into_slot_s - begins_s) / lasts_s
+        return (1.0 - math.cos(2.0 * math.pi * into_spell)) / 2.0 if 0.0 < into_spell < 1.0 else 0.0
+
+
+@dataclass
+class SimulatedCpuUsage(_Simulated):
+    """A CPU load from 0 to 100 %: a slow and a fast variation around its mean."""
+
+    mean: float = 35.0
+    """In %."""
+    spread: float = 30.0
+    """Largest deviation from the mean, in %; the result is limited to 0 to 100."""
+    seed: object = 0
+    """Selects the series of values."""
+
+    def read(self, now_s: float) -> float:
+        """Returns the CPU load in %."""
+        elapsed_s = self._elapsed_s(now_s)
+        slow = _noise(self.seed, "tide", elapsed_s, slot_s=20.0)
+        fast = _noise(self.seed, "ripple", elapsed_s, slot_s=2.0)
+        return min(max(self.mean + self.spread * (0.7 * slow + 0.3 * fast), 0.0), 100.0)
 
 
 def _noise(seed: object, stream: str, elapsed_s: float, slot_s: float) -> float:

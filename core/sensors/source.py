@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from robot_health_monitor.core.errors import ServiceError
+from ..errors import ServiceError
 
 
 class SensorError(ServiceError):
@@ -23,10 +23,7 @@ class Source(Protocol):
     """One source of one value."""
 
     def read(self, now_s: float) -> float:
-        """Returns the current value, in the unit of its metric.
-
-        Args:
-            now_s: the node's time in seconds.
+        """Returns the current value, in the unit of its metric; `now_s` is the node's time in seconds.
 
         Raises:
             SensorError: it cannot be read.

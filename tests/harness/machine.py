@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Mapping, Optional
 
-from robot_health_monitor.core.sensors.sysfs import HostPaths
+from robot_health_monitor.core.sensors.host import HostPaths
 
 
 class Machine:

@@ -16,7 +16,7 @@ from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
 from robot_health_monitor.core.parameters import flatten, unflatten
 from robot_health_monitor.core.sensors import configuration
-from robot_health_monitor.core.sensors.sysfs import HOST_PATHS, HostPaths
+from robot_health_monitor.core.sensors.host import HOST_PATHS, HostPaths
 
 BATTERY = {
     "/sys/class/power_supply/BAT0/capacity": "62",

@@ -11,8 +11,8 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import BatterySensor
 from robot_health_monitor.core.sensors import configuration as sensing
-from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
-from robot_health_monitor.core.sensors.host import HostBattery, HostCpuUsage, HostTemperature
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostReading
+from robot_health_monitor.core.sensors.host import HostCpuUsage, HostTemperature
 from robot_health_monitor.core.sensors.simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 
 
@@ -28,7 +28,7 @@ def test_everything_is_simulated_by_default() -> None:
 def test_each_metric_can_come_from_this_machine() -> None:
     tree = {metric: {"source": "host"} for metric in sensing.METRICS}
     kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
-    assert kinds == {"battery_level": HostBattery, "temperature": HostTemperature, "cpu_usage": HostCpuUsage}
+    assert kinds == {"battery_level": HostReading, "temperature": HostTemperature, "cpu_usage": HostCpuUsage}
 
 
 @pytest.mark.parametrize("nowhere", ["none", False])  # YAML reads `off` as false
@@ -199,7 +199,7 @@ def test_metrics_of_the_host_come_and_go_while_the_node_runs() -> None:
 
 @pytest.mark.parametrize(
     ("sensors", "kinds"),
-    [("", ["SimulatedBattery", "HostCpuUsage"]), ("host", ["HostBattery", "HostCpuUsage"]), ("none", ["HostCpuUsage"])],
+    [("", ["SimulatedBattery", "HostCpuUsage"]), ("host", ["HostReading", "HostCpuUsage"]), ("none", ["HostCpuUsage"])],
 )
 def test_sensors_is_the_source_of_metrics_that_name_none(sensors: str, kinds: list) -> None:
     tree = {"sensors": sensors, "temperature": {"source": "none"}, "cpu_usage": {"source": "host"}}
@@ -210,7 +210,7 @@ def test_the_parameter_sensors_is_the_source_of_metrics_without_one() -> None:
     tree = {"sensors": "host", "battery_level": {"source": "simulated"}}
     kinds = {metric: type(source) for metric, source in sensing.read_sources(tree).items()}
     assert kinds == {"battery_level": SimulatedBattery, "temperature": HostTemperature, "cpu_usage": HostCpuUsage}
-    assert [(sensing.settings_of(tree, metric) or {})["source"] for metric in sensing.METRICS] == [
+    assert [sensing.settings_of(tree, metric)["source"] for metric in sensing.METRICS] == [
         "simulated",
         "host",
         "host",

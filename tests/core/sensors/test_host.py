@@ -14,9 +14,8 @@ from typing import Any, List
 import pytest
 from harness.machine import Machine
 
-from robot_health_monitor.core.sensors.host import HostBattery, HostCpuUsage, HostTemperature, call_psutil
+from robot_health_monitor.core.sensors.host import HOST_PATHS, Battery, HostCpuUsage, HostTemperature, call_psutil
 from robot_health_monitor.core.sensors.source import SensorError
-from robot_health_monitor.core.sensors.sysfs import HOST_PATHS
 
 psutil = pytest.importorskip("psutil")
 
@@ -170,29 +169,29 @@ def test_a_machine_without_temperature_sensors_says_so(machine: Machine) -> None
 
 def test_battery_is_the_charge_in_percent(machine: Machine) -> None:
     machine(LAPTOP_BATTERY)
-    assert HostBattery(paths=machine.paths).read(0.0) == pytest.approx(62.5, abs=0.05)  # 31.39 Wh of 50.22 Wh
+    assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)  # 31.39 Wh of 50.22 Wh
 
 
 def test_battery_that_shows_its_capacity_only_is_read_too(machine: Machine) -> None:
     machine({f"{POWER}/BAT1/capacity": "7", f"{POWER}/BAT1/status": "Discharging"})
-    assert HostBattery(paths=machine.paths).read(0.0) == 7.0
+    assert Battery(machine.paths).percent() == 7.0
 
 
 def test_battery_that_holds_more_than_its_nominal_charge_is_full(machine: Machine) -> None:
     machine({**LAPTOP_BATTERY, f"{POWER}/BAT0/energy_now": "50900000"})
-    assert HostBattery(paths=machine.paths).read(0.0) == 100.0
+    assert Battery(machine.paths).percent() == 100.0
 
 
 @pytest.mark.parametrize("tree", [pytest.param({}, id="none"), pytest.param(GAMEPAD_BATTERY, id="a gamepad's")])
 def test_a_machine_without_its_own_battery_reports_it(machine: Machine, tree: Any) -> None:
     machine(tree)
     with pytest.raises(SensorError, match=r"^no battery in .*/sys/class/power_supply; set"):
-        HostBattery(paths=machine.paths).read(0.0)
+        Battery(machine.paths).percent()
 
 
 def test_the_gamepad_does_not_hide_the_battery_of_the_machine(machine: Machine) -> None:
     machine(GAMEPAD_BATTERY, LAPTOP_BATTERY)
-    assert HostBattery(paths=machine.paths).read(0.0) == pytest.approx(62.5, abs=0.05)
+    assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)
 
 
 def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> None:
@@ -260,7 +259,7 @@ def test_without_psutil_the_cpu_usage_says_what_to_install_and_the_others_are_re
     with pytest.raises(SensorError, match=r"^psutil is not installed.*python3-psutil"):
         HostCpuUsage(paths=machine.paths).read(0.0)
     assert HostTemperature(paths=machine.paths).read(0.0) == 53.0
-    assert HostBattery(paths=machine.paths).read(0.0) == pytest.approx(62.5, abs=0.05)
+    assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)
 
 
 def test_a_system_where_psutil_lacks_a_function_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

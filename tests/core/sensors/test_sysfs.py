@@ -8,8 +8,8 @@ from typing import Dict
 import pytest
 from harness.machine import Machine
 
+from robot_health_monitor.core.sensors.host import Battery, Temperature, read_temperatures
 from robot_health_monitor.core.sensors.source import NoSuchSensor, SensorError
-from robot_health_monitor.core.sensors.sysfs import Battery, Temperature, read_temperatures
 
 HWMON = "/sys/class/hwmon"
 POWER = "/sys/class/power_supply"
