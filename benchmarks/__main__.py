@@ -3,6 +3,7 @@
     make bench                     everything that can run here
     make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
                                    recordings, history, notifications, web, fleet
+    make bench ARGS=--write        everything, and writes the tables of docs/reference/benchmarks.md
 
 Exit code 1 when a requirement is missed.
 """
@@ -13,8 +14,9 @@ import argparse
 import json
 import os
 import sys
-from typing import Any, Callable, Iterable, Iterator, List
+from typing import Any, Callable, Dict, Iterable, Iterator, List
 
+from benchmarks.page import PAGE, changed_files, version, write_page
 from benchmarks.table import Row, table
 
 
@@ -122,14 +124,23 @@ def main() -> int:
     """Runs the requested parts."""
     parser = argparse.ArgumentParser(prog="benchmarks", description="Measures, then prints one table.")
     parser.add_argument("part", nargs="*", help=f"what to measure: {', '.join(PARTS)}; left out: everything")
-    asked = parser.parse_args().part or list(PARTS)
+    parser.add_argument("--write", action="store_true", help=f"measure everything and write the tables of {PAGE.name}")
+    arguments = parser.parse_args()
+    asked = arguments.part or list(PARTS)
     if not set(asked) <= PARTS.keys():
         parser.error(f"expected parts among {', '.join(PARTS)}")
-    rows: List[Row] = []
+    if arguments.write and arguments.part:
+        parser.error("--write takes no part: all tables are of one version")
+    if arguments.write and changed_files():
+        parser.error(f"--write: commit first, the page names the commit:\n{changed_files()}")
+    measured: Dict[str, List[Row]] = {}
     for part in asked:
         print(f"measuring {part} ...", file=sys.stderr, flush=True)
-        rows.extend(PARTS[part]())
+        measured[part] = list(PARTS[part]())
+    rows = [row for part in measured.values() for row in part]
     print(table(rows))
+    if arguments.write:
+        write_page(measured, version())
     return 1 if any(row.verdict == "missed" for row in rows) else 0
 
 
