@@ -21,7 +21,7 @@ from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from robot_health_monitor.__main__ import main
-from robot_health_monitor.command_line import COMMANDS
+from robot_health_monitor.arguments import COMMANDS
 from robot_health_monitor.core.config import MONITOR_PARAMETERS, NODE_PARAMETERS
 from robot_health_monitor.core.explanation import STATES
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS

@@ -50,7 +50,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
     from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError, ServiceError
 
-    from .command_line import parse
+    from .arguments import parse
 
     try:
         arguments = parse(argv)

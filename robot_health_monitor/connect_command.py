@@ -19,10 +19,9 @@ from .arguments import Parser, add_monitoring_options, add_namespace, add_token_
 from .exit_codes import ExitCode
 from .fleet_configuration import FleetReader, Options, read_addresses
 from .installed_files import find_installed
-from .live_session import run_session
+from .live_session import choose_output, run_session
 from .operations import Operations, open_operations
 from .ops_reload import OpsReload
-from .output.choice import choose_output
 from .output.events import Events
 from .reloading import Reloads
 from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
@@ -95,7 +94,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         ca=arguments.ca,
     )
     with open_operations(arguments.ops, always_history=True) as operations:
-        events = Events(output.add, Severity[arguments.log_level], silence_of=operations.silence_text)
+        events = Events(output.put, Severity[arguments.log_level], silence_of=operations.silence_text)
 
         def warn(text: str) -> None:
             events.on_log(LogLine(time.monotonic(), "connect", Severity.WARN, text))

@@ -32,7 +32,7 @@ from robot_health_monitor.runtime.times import DATE_TIME, local_time
 from .arguments import Parser, identifier
 from .exit_codes import ExitCode
 from .history_file import DEFAULT_FILE, history_file, iso_time
-from .output.plain import readable
+from .output.lines import readable
 from .text_plot import text_plot
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import sys
 from typing import Any, AsyncContextManager, Awaitable, Optional, Protocol, Sequence
 
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
 
-from .output.display import Output, OutputError, Shown
 from .output.events import Events, LibraryLog
+from .output.lines import JsonLines, Output, OutputError, PlainLines, Shown
 from .reloading import Reloads
 from .service_manager import ServiceManager
 
@@ -35,6 +38,26 @@ class Watched(Shown, Protocol):
 
     def close(self) -> None:
         """Ends the monitors."""
+
+
+def choose_output(as_json: bool, name_robots: bool = False) -> Output:
+    """Returns the output for stdout: JSON if requested, a live table on a terminal, otherwise plain lines.
+
+    Args:
+        as_json: one JSON object per transition.
+        name_robots: put the robot's name before each transition.
+    """
+    if as_json:
+        return JsonLines(sys.stdout, sys.stderr)
+    if sys.stdout.isatty() and os.environ.get("TERM") not in (None, "", "dumb", "unknown"):
+        try:
+            from .output.live import LiveView
+
+            return LiveView(sys.stdout, name_robots)
+        except ModuleNotFoundError as error:
+            missing = missing_text(missing_libraries(error, "rich"))
+            sys.stderr.write(f"{missing} (plain lines instead of the live table)\n")
+    return PlainLines(sys.stdout, name_robots)
 
 
 def run_session(
@@ -98,7 +121,7 @@ async def _run(
     interrupts.on_interrupt(lambda: loop.call_soon_threadsafe(stop.set))
     try:
         async with work as monitoring:
-            output.start(loop, watched)
+            output.start()
             running = asyncio.ensure_future(monitoring)
             reloading = asyncio.ensure_future(reloads.run())
             # `request` comes after the start of `reloading`.

@@ -15,7 +15,7 @@ from robot_health_monitor.core.transition_json import json_line
 from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
 
 from .output.events import Entry
-from .output.plain import plain_line, readable
+from .output.lines import plain_line, readable
 from .replay_table import plain_table, rich_tables
 
 _STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "magenta"}

@@ -12,7 +12,7 @@ from typing import Iterable, Iterator
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.ops.report import MARK
 
-from .output.display import OutputError
+from .output.lines import OutputError
 
 _MARKED_BYTES = 1000
 """Bytes at the start of a report that contain `MARK`."""

@@ -18,10 +18,9 @@ from .arguments import Parser, add_monitoring_options, add_token_file, port
 from .embedded import EmbeddedMonitor, sections_of_nodes
 from .exit_codes import ExitCode
 from .installed_files import find_installed
-from .live_session import run_session
+from .live_session import choose_output, run_session
 from .operations import configured_ops, open_operations
 from .ops_reload import OpsReload
-from .output.choice import choose_output
 from .output.events import Events
 from .reloading import Reloads
 from .serving import ServerSettings, serve, server_settings, stop_serving
@@ -81,7 +80,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     parameters = {} if thresholds is None else sections_of_nodes(thresholds)["alert_system"].tree
     ops_file = arguments.ops or configured_ops(parameters)
     with open_operations(ops_file, always_history=True) as operations:
-        events = Events(output.add, Severity[arguments.log_level], silence_of=operations.silence_text)
+        events = Events(output.put, Severity[arguments.log_level], silence_of=operations.silence_text)
         monitor = EmbeddedMonitor(
             thresholds,
             robot=arguments.robot,

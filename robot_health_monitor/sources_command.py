@@ -17,7 +17,7 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .arguments import Parser
 from .exit_codes import ExitCode
-from .output.plain import readable
+from .output.lines import readable
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""

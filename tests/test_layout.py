@@ -19,7 +19,6 @@ TESTED_ELSEWHERE = {
     "core/middleware.py": "an interface: harness/port_conformance.py tests each implementation",
     "core/sensors/source.py": "an interface: tests/core/sensors tests each implementation",
     "ops/notifications/sender.py": "an interface: tests/ops/notifications tests each implementation",
-    "robot_health_monitor/output/display.py": "an interface: tests/command_line/output tests each implementation",
     "robot_health_monitor/replay.py": "tests/command_line/test_replay_command.py",
     "robot_health_monitor/ros1_executables.py": "needs ROS 1: tests/ros1/test_executables.py",
     "robot_health_monitor/ros2_executables.py": "needs ROS 2: tests/ros2/test_executables.py",

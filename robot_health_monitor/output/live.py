@@ -12,7 +12,7 @@ import re
 import signal
 import time
 from collections import deque
-from typing import Callable, Deque, Dict, List, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
+from typing import Deque, Dict, List, NamedTuple, Optional, Sequence, TextIO, Tuple, Union
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -22,13 +22,21 @@ from robot_health_monitor.core.formatting import printable, with_degree_sign
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
 
-from .display import Shown
 from .events import Entry
-from .fleet_table import FleetState, fleet_lines, fleet_state, fleet_summary
-from .plain import dropped_line, plain_line
-from .signal_table import TREND_SAMPLES, SignalRow, short_bounds, signal_lines
-from .status_text import STYLE_OF_LEVEL, level_text, rank
-from .stream_writer import StreamWriter
+from .lines import Output, Shown, dropped_line, plain_line
+from .tables import (
+    STYLE_OF_LEVEL,
+    TREND_SAMPLES,
+    FleetState,
+    SignalRow,
+    fleet_lines,
+    fleet_state,
+    fleet_summary,
+    level_text,
+    rank,
+    short_bounds,
+    signal_lines,
+)
 
 __all__ = ["LiveView"]
 
@@ -53,24 +61,18 @@ class _State(NamedTuple):
     system_health: Optional[float]
 
 
-class LiveView:
+class LiveView(Output):
     """Draws monitors on a terminal.
 
     The state is read in the loop's thread; layout and writing happen in the writer's.
     """
 
     def __init__(self, stream: TextIO, name_robots: bool = False) -> None:
-        """Prepares the view; `start` begins drawing.
-
-        Args:
-            stream: the terminal to draw on.
-            name_robots: put the robot's name before each transition.
-        """
-        self._stream = stream
+        """Prepares the view; `name_robots` puts the robot's name before each transition."""
+        super().__init__(stream, self._draw, first=_HIDE_CURSOR, last=f"\n{_SHOW_CURSOR}")
         self._name_robots = name_robots
         self._console = Console(file=stream, highlight=False, soft_wrap=False)
         self._utf8 = self._console.encoding.lower().startswith("utf")
-        self._writer = StreamWriter(stream, self._render, first=_HIDE_CURSOR, last=f"\n{_SHOW_CURSOR}")
         self._frame: List[Tuple[str, int]] = []
         """The lines of the table as it stands on the terminal, and their widths in cells."""
         self._state: Union[_State, FleetState, None] = None
@@ -81,26 +83,17 @@ class LiveView:
         self._suspending = False
         self._cursor_hidden = True
 
-    @property
-    def reader_is_gone(self) -> bool:
-        """Whether the terminal was closed."""
-        return self._writer.reader_is_gone
-
-    @property
-    def problem(self) -> str:
-        """Why the terminal is not written at present; empty: it is."""
-        return self._writer.problem
-
-    def start(self, loop: asyncio.AbstractEventLoop, shown: Shown) -> None:
+    def start(self) -> None:
         """Begins drawing; redraws when the window is resized, restores the terminal while Ctrl-Z stops the process."""
-        loop.add_signal_handler(signal.SIGWINCH, self._writer.wake)
+        loop = asyncio.get_running_loop()
+        loop.add_signal_handler(signal.SIGWINCH, self.wake)
         loop.add_signal_handler(signal.SIGTSTP, self._stop_process)
-        self._writer.start()
+        super().start()
 
-    def add(self, entry: Entry) -> None:
+    def put(self, item: Entry) -> None:
         """Writes an event above the table; never blocks."""
         self._has_news = True
-        self._writer.put(entry)
+        super().put(item)
 
     def show(self, shown: Shown) -> None:
         """Redraws the table once a second, and at once after an event."""
@@ -114,35 +107,29 @@ class LiveView:
                 self._state = self._state_of_one(shown, due)
             else:
                 self._state = fleet_state(shown, self._size()[1])
-            self._writer.wake()
-
-    def close(self) -> None:
-        """Restores the terminal, with the last table left on it."""
-        self._writer.close()
+            self.wake()
 
     def _stop_process(self) -> None:
         self._suspending = True
-        self._writer.wake()
-        self._writer.drain(_SUSPEND_S)
+        self.wake()
+        self.drain(_SUSPEND_S)
         os.kill(os.getpid(), signal.SIGSTOP)
         # Continued, perhaps a day later: the table is drawn below what others have written meanwhile.
         self._suspending = False
-        self._writer.wake()
+        self.wake()
 
     def _state_of_one(self, shown: Shown, due: bool) -> _State:
         """Returns the state of the only robot; notes its values if that is `due`."""
         (robot,) = shown.robots
         system = robot.alert_system
+        signals = system.monitor.config.signals
         if due:
-            trends = {}
-            for name in system.monitor.config.signals:
+            trends = {name: self._trends.get(name, deque(maxlen=TREND_SAMPLES)) for name in signals}
+            for name, trend in trends.items():
                 value = system.monitor.shown_value(name)
-                trend = self._trends.get(name, deque(maxlen=TREND_SAMPLES))
                 trend.append(float("nan") if value is None else value)
-                trends[name] = trend
             self._trends = trends
         report = system.monitor.report(robot.now_s)
-        signals = system.monitor.config.signals
         rows = [
             SignalRow(
                 system.status(name) or status,
@@ -155,7 +142,7 @@ class LiveView:
 
     # In the writer's thread
 
-    def _render(self, entries: Sequence[Entry], dropped: int) -> str:
+    def _draw(self, entries: Sequence[Entry], dropped: int) -> str:
         """Returns what writes events above the table and draws the table, fitted to the terminal's present size."""
         suspending = self._suspending
         width, height = self._size()
@@ -164,8 +151,7 @@ class LiveView:
             if dropped:
                 self._console.print(Text(dropped_line(dropped), style="bold red"))
             for entry in entries:
-                line = self._shown(plain_line(entry, "%H:%M:%S", name_robots=self._name_robots))
-                self._console.print(_entry_text(entry, line, self._shown))
+                self._console.print(self._entry_text(entry))
         to_top = self._to_top(width)
         self._frame = self._table_lines(width, height)
         first, _, rest = (lines.get() + "\n".join(line for line, _ in self._frame)).partition("\n")
@@ -227,16 +213,16 @@ class LiveView:
             title.append("   Ctrl-C ends", style="not bold dim")
         return title
 
-
-def _entry_text(entry: Entry, line: str, shown: Callable[[str], str]) -> Text:
-    """Returns the line of an event, with the word of its level in colour."""
-    event = entry.event
-    if isinstance(event, Transition):
-        word, style = event.to_level.name, STYLE_OF_LEVEL[event.to_level]
-        start = line.find(shown(event.text)) + len(shown(event.signal)) + 1
-    else:
-        word, style = event.severity.name, _STYLE_OF_SEVERITY.get(event.severity, "dim")
-        start = line.find("[") + 1
-    text = Text(line)
-    text.stylize(style, start, start + len(word))
-    return text
+    def _entry_text(self, entry: Entry) -> Text:
+        """Returns the line of an event, with the word of its level in colour."""
+        event = entry.event
+        line = self._shown(plain_line(entry, "%H:%M:%S", name_robots=self._name_robots))
+        if isinstance(event, Transition):
+            word, style = event.to_level.name, STYLE_OF_LEVEL[event.to_level]
+            start = line.find(self._shown(event.text)) + len(self._shown(event.signal)) + 1
+        else:
+            word, style = event.severity.name, _STYLE_OF_SEVERITY.get(event.severity, "dim")
+            start = line.find("[") + 1
+        text = Text(line)
+        text.stylize(style, start, start + len(word))
+        return text

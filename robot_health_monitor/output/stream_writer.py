@@ -19,7 +19,7 @@ from typing import Callable, Deque, Generic, List, Optional, Sequence, TextIO, T
 
 from robot_health_monitor.standard_streams import join_unless_blocked
 
-__all__ = ["Item", "MOST_ITEMS", "StreamWriter", "write_error"]
+__all__ = ["MOST_ITEMS", "StreamWriter"]
 
 Item = TypeVar("Item")
 
@@ -38,12 +38,7 @@ class StreamWriter(Generic[Item]):
     """Renders items as text and writes it."""
 
     def __init__(
-        self,
-        stream: TextIO,
-        render: Callable[[Sequence[Item], int], str],
-        *,
-        first: str = "",
-        last: str = "",
+        self, stream: TextIO, render: Callable[[Sequence[Item], int], str], *, first: str = "", last: str = ""
     ) -> None:
         """Prepares a writer; `start` begins writing.
 
@@ -172,9 +167,9 @@ class StreamWriter(Generic[Item]):
 
     def _note_error(self, error: str) -> None:
         if error and not self._error:
-            write_error(f"robot-health: the output cannot be written: {error}; monitoring continues")
+            _write_error(f"robot-health: the output cannot be written: {error}; monitoring continues")
         elif self._error and not error:
-            write_error("robot-health: the output can be written again")
+            _write_error("robot-health: the output can be written again")
         self._error = error
 
     def _resume_terminal(self) -> None:
@@ -187,7 +182,7 @@ class StreamWriter(Generic[Item]):
             termios.tcflow(self._stream.fileno(), termios.TCOON)
 
 
-def write_error(line: str) -> None:
+def _write_error(line: str) -> None:
     """Writes a line to stderr past Python's buffers, as far as possible."""
     with contextlib.suppress(OSError):
         os.write(2, f"{line}\n".encode("utf-8", "backslashreplace"))

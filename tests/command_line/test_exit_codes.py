@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robot_health_monitor.command_line import COMMANDS
+from robot_health_monitor.arguments import COMMANDS
 from robot_health_monitor.exit_codes import exit_codes_text
 
 

@@ -1,8 +1,10 @@
-"""A session runs monitors and shows them, and ends cleanly whatever fails."""
+"""A session runs monitors and shows them, and ends cleanly whatever fails; the choice of the output."""
 
 from __future__ import annotations
 
 import asyncio
+import io
+import sys
 from contextlib import asynccontextmanager
 from typing import Any, AsyncIterator, Awaitable, Callable, List, Optional
 
@@ -10,9 +12,9 @@ import pytest
 from harness.transitions import transition
 
 from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.live_session import run_session
-from robot_health_monitor.output.display import OutputError
+from robot_health_monitor.live_session import choose_output, run_session
 from robot_health_monitor.output.events import Events
+from robot_health_monitor.output.lines import JsonLines, OutputError, PlainLines
 from robot_health_monitor.reloading import Reloads
 
 
@@ -41,11 +43,11 @@ class Output:
         self.problem = ""
         self.on_show: Callable[[], object] = lambda: None
 
-    def start(self, loop: object, shown: object) -> None:
+    def start(self) -> None:
         self.calls.append("start")
 
-    def add(self, entry: object) -> None:
-        self.calls.append("add")
+    def put(self, entry: object) -> None:
+        self.calls.append("put")
 
     def show(self, shown: object) -> None:
         self.calls.append("show")
@@ -74,7 +76,7 @@ class Session:
 
     def __init__(self) -> None:
         self.watched, self.output, self.interrupts = Watched(), Output(), Interrupts()
-        self.events = Events(self.output.add)
+        self.events = Events(self.output.put)
         self.left = False
 
     def run(self, work: Callable[[], Awaitable[Any]], duration_s: Optional[float] = None) -> bool:
@@ -196,3 +198,51 @@ def test_a_judgement_without_its_output_is_an_error() -> None:
     with pytest.raises(OutputError, match="full"):
         session.run(endless, 0.05)
     session.assert_closed()
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_json_on_request_also_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", Terminal())
+    monkeypatch.setenv("TERM", "xterm")
+    assert isinstance(choose_output(as_json=True), JsonLines)
+
+
+def test_plain_lines_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", io.StringIO())
+    monkeypatch.setenv("TERM", "xterm")
+    assert isinstance(choose_output(as_json=False), PlainLines)
+
+
+@pytest.mark.parametrize("term", ["", "dumb", "unknown", None])
+def test_plain_lines_on_a_terminal_that_cannot_move_its_cursor(term: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", Terminal())
+    if term is None:
+        monkeypatch.delenv("TERM", raising=False)
+    else:
+        monkeypatch.setenv("TERM", term)
+    assert isinstance(choose_output(as_json=False), PlainLines)
+
+
+def test_a_live_table_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    live = pytest.importorskip("robot_health_monitor.output.live", reason="rich is not installed")
+    monkeypatch.setattr(sys, "stdout", Terminal())
+    monkeypatch.setenv("TERM", "xterm")
+    assert isinstance(choose_output(as_json=False), live.LiveView)
+
+
+def test_plain_lines_and_one_line_on_stderr_without_rich(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdout", Terminal())
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delitem(sys.modules, "robot_health_monitor.output.live", raising=False)
+    monkeypatch.setitem(sys.modules, "rich", None)
+    for name in [name for name in sys.modules if name.startswith("rich.")]:
+        monkeypatch.setitem(sys.modules, name, None)
+    assert isinstance(choose_output(as_json=False), PlainLines)
+    written = capsys.readouterr().err
+    assert "rich is not installed" in written and written.count("\n") == 1

@@ -13,7 +13,7 @@ import pytest
 from robot_health_monitor import sources_command
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.core.errors import LinkError, MessageError, ServiceError
-from robot_health_monitor.output.display import OutputError
+from robot_health_monitor.output.lines import OutputError
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ from typing import List
 
 import pytest
 
-from robot_health_monitor.command_line import parse
+from robot_health_monitor.arguments import parse
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import read_ops
 

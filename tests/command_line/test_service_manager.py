@@ -15,7 +15,7 @@ from typing import Any, Dict, Iterator, List
 
 import pytest
 
-from robot_health_monitor.command_line import parse
+from robot_health_monitor.arguments import parse
 from robot_health_monitor.service_manager import ServiceManager
 
 

@@ -1,9 +1,11 @@
-"""Events as plain lines, on which no robot can forge a line or control the terminal."""
+"""Events as plain lines, on which no robot can forge a line or control the terminal, and as JSON for programs."""
 
 from __future__ import annotations
 
 import io
+import json
 import tempfile
+from pathlib import Path
 
 import pytest
 from harness.transitions import transition
@@ -11,7 +13,7 @@ from harness.transitions import transition
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.output.events import Entry
-from robot_health_monitor.output.plain import PlainLines, plain_line, readable
+from robot_health_monitor.output.lines import JsonLines, PlainLines, plain_line, readable
 
 WARM = transition(text="temperature WARN: 80.5 degC is above 80 degC")
 
@@ -40,8 +42,8 @@ def test_a_log_line_names_severity_and_node() -> None:
 def test_the_degree_sign_is_used_where_the_output_is_utf_8(encoding: str, unit: str) -> None:
     with tempfile.TemporaryFile("w+", encoding=encoding) as stream:
         output = PlainLines(stream)
-        output.start(None, None)
-        output.add(Entry(0.0, WARM))
+        output.start()
+        output.put(Entry(0.0, WARM))
         output.close()
         stream.seek(0)
         assert stream.read().endswith(f" temperature WARN: 80.5 {unit} is above 80 {unit}\n")
@@ -78,3 +80,15 @@ def test_no_text_of_a_robot_controls_the_terminal(text: str) -> None:
     for entry in entries:
         line = plain_line(entry, name_robots=True)
         assert line.isprintable() and line.isascii()
+
+
+def test_transitions_and_the_log_go_to_different_streams(tmp_path: Path) -> None:
+    with open(tmp_path / "stream", "w") as stream, open(tmp_path / "log", "w") as log:
+        output = JsonLines(stream, log)
+        output.start()
+        output.put(Entry(0.0, transition()))
+        output.put(Entry(0.0, LogLine(1.0, "alert_system", Severity.WARN, "disk slow")))
+        output.close()
+    assert json.loads((tmp_path / "stream").read_text())["signal"] == "battery_level"
+    logged = (tmp_path / "log").read_text()
+    assert "disk slow" in logged and "battery_level" not in logged

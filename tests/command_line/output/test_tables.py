@@ -1,21 +1,174 @@
-"""The table of several robots at any size: the worst first, and the reason always in full."""
+"""The tables at any size: the worst first, nothing twice, and the reason always in full."""
 
 from __future__ import annotations
 
 import re
-from typing import Any, Dict, List, Mapping, Optional
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence
 
 import pytest
 
 pytest.importorskip("rich", reason="rich, which draws the table, is not installed")
 
 from rich.cells import cell_len
+from rich.text import Text
 
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.model import Sample
+from robot_health_monitor.core.model import Level, Sample, Status
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.output.fleet_table import FleetState, fleet_lines, fleet_state, fleet_summary
+from robot_health_monitor.core.signal_config import LINK, read_signal
+from robot_health_monitor.output.tables import (
+    UNKNOWN_STATES,
+    FleetState,
+    SignalRow,
+    cells_line,
+    fleet_lines,
+    fleet_state,
+    fleet_summary,
+    level_text,
+    rank,
+    rank_counts,
+    short_bounds,
+    signal_lines,
+    wrapped,
+)
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def status(level: Level, **facts: str) -> Status:
+    return Status("battery", level, "", "atlas", {}, **facts)  # type: ignore[arg-type]
+
+
+def test_the_order_is_ok_unknown_warn_stale_error() -> None:
+    statuses = [
+        status(Level.OK),
+        status(Level.STALE, state="unreachable"),
+        status(Level.WARN),
+        status(Level.STALE),
+        status(Level.ERROR),
+    ]
+    assert sorted(statuses, key=rank) == statuses
+    assert rank(status(Level.STALE, state="waiting")) == rank(statuses[1])
+
+
+def test_an_unknown_level_is_named_and_coloured_as_such() -> None:
+    unknown = status(Level.STALE, state="waiting")
+    assert level_text(unknown).plain == "waiting" and level_text(status(Level.STALE)).plain == "STALE"
+    colours = [level_text(shown).spans[0].style for shown in (unknown, *(status(level) for level in Level))]
+    assert len(set(colours)) == 5
+
+
+def test_a_silenced_alert_says_so() -> None:
+    assert level_text(status(Level.WARN, silence="until 12:00, by ana")).plain == "WARN silenced"
+
+
+def test_levels_are_counted_the_worst_first() -> None:
+    assert rank_counts([0, 6, 0, 1, 6]) == "2 ERROR, 1 unknown, 2 OK"
+
+
+def test_the_page_uses_the_same_words() -> None:
+    levels = (ROOT / "ops" / "web" / "page" / "levels.js").read_text(encoding="utf-8")
+    labels = re.findall(r'^  \["\w+", "([^"]+)"\],$', levels, re.MULTILINE)
+    assert sorted(labels) == sorted(["NO LINK", *(level.name for level in Level), *UNKNOWN_STATES])
+
+
+def test_columns_are_padded_and_shortened_to_their_width_in_cells() -> None:
+    assert cells_line([(Text("ab"), 4), (Text("電池電池"), 5)], 40, "rest").plain == "ab    電池…  rest"
+
+
+def test_no_line_is_wider_than_the_terminal() -> None:
+    assert cells_line([(Text("abcdef"), 6)], 10, "reason").plain == "abcdef  re"
+
+
+def test_a_text_continues_at_blanks_and_a_long_word_is_divided() -> None:
+    assert wrapped("one two abcdefghij", 7) == ["one two", "abcdefg", "hij"]
+    assert wrapped("", 7) == [""]
+
+
+def test_a_text_without_end_has_six_lines() -> None:
+    assert wrapped("word " * 100, 4) == ["word"] * 5 + ["..."]
+
+
+BATTERY = "WARN < 20, ERROR < 10"
+
+
+def row(name: str, level: int, message: str, bounds: str = "", trend: Sequence[float] = (), **values: str) -> SignalRow:
+    return SignalRow(Status(name, Level(level), message, "atlas", values), bounds, trend)
+
+
+def lines(rows: Sequence[SignalRow], width: int = 80, room: int = 20) -> List[str]:
+    return [line.plain for line in signal_lines(rows, width, room, printable)]
+
+
+def test_a_row_has_level_value_and_bounds_and_no_value_twice() -> None:
+    assert lines(
+        [row("battery_level", 0, "77 %", BATTERY), row("temperature", 1, "93 degC is above 80 degC", "x")]
+    ) == [
+        "signal         level  value  bounds",
+        "battery_level  OK     77 %   WARN < 20, ERROR < 10",
+        "temperature    WARN   93 degC is above 80 degC",
+    ]
+
+
+def test_the_reason_ends_with_the_hint_why_there_are_no_samples() -> None:
+    status = Status("battery", Level.STALE, "no sample for 6 s", "atlas", {}, "no publisher on /battery")
+    shown = lines([SignalRow(status, "", ())])
+    assert shown[1] == "battery  STALE  no sample for 6 s [no publisher on /battery]"
+
+
+def test_statistics_and_trend_are_shown_where_there_is_room() -> None:
+    trend = [1.0, float("nan"), 3.0, 5.0]
+    rows = [row("battery_level", 0, "77 %", BATTERY, trend, mean="76.5", min="75", max="78")]
+    assert lines(rows, 120)[1] == "battery_level  OK     77 %   WARN < 20, ERROR < 10  76.5  75   78   ▁ ▅█"
+    assert lines(rows, 80)[1].endswith("ERROR < 10  ▁ ▅█")
+    assert lines(rows, 40)[1] == "battery_level  OK     77 %"
+
+
+def test_values_that_are_all_the_same_have_a_flat_trend() -> None:
+    assert lines([row("a", 0, "1", trend=[5.0, 5.0])])[1].endswith("▄▄")
+
+
+def test_a_terminal_without_utf8_has_no_trend() -> None:
+    rows = [row("a", 0, "1", trend=[5.0, 5.0])]
+    assert all(line.plain.isascii() for line in signal_lines(rows, 80, 20, printable, bars=False))
+
+
+def test_a_link_that_is_up_takes_no_line() -> None:
+    assert len(lines([row(LINK, 0, "up"), row("a", 0, "1")])) == 2
+    assert lines([row(LINK, 2, "down: refused")])[1] == "link    ERROR  down: refused"
+
+
+def test_only_the_word_of_the_level_is_coloured() -> None:
+    (_, line) = signal_lines([row("a", 2, "5 is above 3")], 80, 20, printable)
+    assert [line.plain[span.start : span.end] for span in line.spans if span.style] == ["ERROR"]
+
+
+def test_signals_for_which_there_is_no_room_are_counted_and_the_worst_come_first() -> None:
+    rows = [row(f"s{number}", 0, "1") for number in range(9)] + [row("bad", 2, "5"), row("low", 1, "2")]
+    assert lines(rows, room=5) == [
+        "signal  level  value",
+        "bad     ERROR  5",
+        "low     WARN   2",
+        "s0      OK     1",
+        "and 8 more: 8 OK",
+    ]
+
+
+@pytest.mark.parametrize("width", [20, 30, 60, 80, 120])
+def test_a_reason_is_never_cut_and_no_line_is_too_wide(width: int) -> None:
+    reason = "no sample since the start 11 s ago (limit 10 s)"
+    found = lines([row("a_rather_long_name_of_a_signal", 3, reason), row("b", 0, "77 %", BATTERY)], width)
+    assert max(map(cell_len, found)) <= width
+    assert reason in " ".join(" ".join(found).split())
+
+
+def test_bounds_are_shown_with_the_side_on_which_they_alert() -> None:
+    assert short_bounds(read_signal("a", {"warn_below": 20.0, "error_below": 10.5})) == "WARN < 20, ERROR < 10.5"
+    assert short_bounds(read_signal("a", {"warn_above": 80.0})) == "WARN > 80"
+    assert short_bounds(read_signal("a", {"stale_after_s": 3.0})) == ""
+
 
 REFUSED = "connection refused: no server listens on this port"
 SIGNALS = {
