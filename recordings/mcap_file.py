@@ -10,26 +10,21 @@ import io
 import os
 import struct
 import zlib
-from typing import Any, BinaryIO, Collection, Dict, FrozenSet, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
+from typing import BinaryIO, Collection, Dict, FrozenSet, Iterator, List, NamedTuple, Optional, Tuple
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel as McapChannel
 from mcap.records import ChunkIndex, Schema, Statistics
+from mcap.stream_reader import StreamReader
 
-from .chunked_file import ChunkedFile, Record
-from .recording import LARGEST, Damaged, RawMessage, check_size
+from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
 
 _ENCODINGS = ("ros1", "cdr")
 _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl"}
-_LARGEST_INDEX_RECORD = 8 << 20
-"""Bytes of a record of the summary."""
-
 _OPCODE_OF_MESSAGE = int(Opcode.MESSAGE)
-_BLOCK = 1 << 20
 _PREFIX_SIZE = 9
 _prefix = struct.Struct("<BQ").unpack_from
 _message = struct.Struct("<HIQ").unpack_from
@@ -38,9 +33,8 @@ _footer = struct.Struct("<QQI").unpack_from
 _FOOTER_SIZE = 29
 """Bytes of the footer record: prefix, start of the summary, start of its offsets, checksum."""
 _chunk_header = struct.Struct("<QQQII").unpack_from
+_CHUNK_HEADER = 32
 
-
-_NEEDED_OF_SUMMARY = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX)
 _NEEDED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 
 
@@ -51,26 +45,25 @@ class _ChunkPlace(NamedTuple):
 
 
 class McapFile(ChunkedFile):
-    """An `.mcap` file; implements `recording.RecordedFile`."""
+    """An `.mcap` file."""
 
     MAGIC = b"\x89MCAP0\r\n"
     EXPECTED = "an MCAP file, which starts with 89 4D 43 41 50"
     DAMAGE = (*ChunkedFile.DAMAGE, McapError)
 
     def __init__(self, path: str, name: str = "") -> None:
-        """Reads the summary, or the whole file if there is none; see `ChunkedFile`."""
+        """Reads the summary, or the whole file if there is none; see `RecordedFile`."""
         self._schemas: Dict[int, Tuple[str, str, str]] = {}
         """Name, definition and its format per schema."""
         self._places: List[_ChunkPlace] = []
         super().__init__(path, name)
 
     def _read_index(self, file: BinaryIO) -> Optional[str]:
-        """Reads channels, time span and the places of the chunks from the summary."""
         file.seek(-len(self.MAGIC), os.SEEK_END)
         if file.read() != self.MAGIC:
             return "has no summary (the recorder was stopped early)"
         try:
-            if self._read_summary(file, *self._check_summary(file)):
+            if self._read_summary(file):
                 return None
             problem = ""  # summaries are optional
         except self.DAMAGE:
@@ -79,36 +72,34 @@ class McapFile(ChunkedFile):
         self._places.clear()
         return problem
 
-    def _read_summary(self, file: BinaryIO, start: int, end: int) -> bool:
-        """Reads the summary record by record; returns whether it is complete."""
-        statistics: Optional[Statistics] = None
-        channels_of: Dict[FrozenSet[int], FrozenSet[int]] = {}
-        numbers: Set[int] = set()
-        file.seek(start)
-        while start and file.tell() < end:
-            opcode, length = _prefix(file.read(_PREFIX_SIZE))
-            if opcode not in _NEEDED_OF_SUMMARY:
-                file.seek(length, os.SEEK_CUR)
-                continue
-            if length > _LARGEST_INDEX_RECORD:
-                raise Damaged(f"a record of {length} bytes, expected at most {_LARGEST_INDEX_RECORD}")
-            stream = ReadDataStream(io.BytesIO(file.read(length)))
-            if opcode == Opcode.SCHEMA:
-                self._note_schema(Schema.read(stream))
-            elif opcode == Opcode.CHANNEL:
-                channel = McapChannel.read(stream)
-                numbers.add(channel.id)
-                self._note_channel(channel)
-            elif opcode == Opcode.STATISTICS:
-                statistics = Statistics.read(stream)
-            else:
-                index = ChunkIndex.read(stream)
-                channels = frozenset(index.message_index_offsets)
-                place = _ChunkPlace(index.chunk_start_offset, channels_of.setdefault(channels, channels))
-                self._places.append(place)
-        if statistics is None or statistics.channel_count != len(numbers):
+    def _read_summary(self, file: BinaryIO) -> bool:
+        """Reads channels, time span and the places of the chunks; returns whether there is a complete summary."""
+        end = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
+        start, _, checksum = _footer(file.read(_FOOTER_SIZE), _PREFIX_SIZE)
+        if start > end:
+            raise Damaged("a summary beyond the end")
+        if not start or end - start > LARGEST:  # as large as that of some 100 GB
             return False
-        if statistics.chunk_count != len(self._places):
+        file.seek(start)
+        summary = file.read()
+        if checksum and zlib.crc32(memoryview(summary)[: -4 - len(self.MAGIC)]) != checksum:
+            raise Damaged("the summary has a wrong checksum")
+        statistics: Optional[Statistics] = None
+        numbers = set()
+        channels_of: Dict[FrozenSet[int], FrozenSet[int]] = {}
+        for record in StreamReader(io.BytesIO(summary), skip_magic=True, emit_chunks=True).records:
+            if isinstance(record, Schema):
+                self._note_schema(record)
+            elif isinstance(record, McapChannel):
+                numbers.add(record.id)
+                self._note_channel(record)
+            elif isinstance(record, Statistics):
+                statistics = record
+            elif isinstance(record, ChunkIndex):
+                channels = frozenset(record.message_index_offsets)
+                self._places.append(_ChunkPlace(record.chunk_start_offset, channels_of.setdefault(channels, channels)))
+        expected = statistics and (statistics.channel_count, statistics.chunk_count)
+        if statistics is None or expected != (len(numbers), len(self._places)):
             return False
         self._counts = statistics.channel_message_counts
         if statistics.message_count:
@@ -116,27 +107,7 @@ class McapFile(ChunkedFile):
         self._places.sort(key=lambda place: place.start)
         return True
 
-    def _check_summary(self, file: BinaryIO) -> Tuple[int, int]:
-        """Checks the optional checksum of the summary; returns its start (0: there is none) and its end.
-
-        Raises:
-            Damaged: it does not match.
-        """
-        end = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
-        start, _, crc = _footer(file.read(_FOOTER_SIZE), 9)
-        if start > end:
-            raise Damaged("a summary beyond the end")
-        if crc and start:
-            file.seek(start)
-            found, left = 0, end + _FOOTER_SIZE - 4 - start
-            while left:
-                block = file.read(min(left, _BLOCK))
-                found, left = zlib.crc32(block, found), left - len(block)
-            if found != crc:
-                raise Damaged("the summary has a wrong checksum")
-        return start, end
-
-    def _chunks(self, file: BinaryIO, wanted: Optional[Mapping[int, Any]]) -> Iterator[List[RawMessage[Any]]]:
+    def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         if not self._places or wanted is None:
             yield from super()._chunks(file, wanted)
             return
@@ -144,14 +115,14 @@ class McapFile(ChunkedFile):
         end = 0
         for place in self._places:
             if not place.channels or not wanted.keys().isdisjoint(place.channels):
-                messages: List[RawMessage[Any]] = []
+                messages: Messages = []
                 try:
                     file.seek(place.start)
                     record = self._read_record(file, size)
-                    if record is None or record.kind != Opcode.CHUNK or not record.complete or place.start < end:
+                    if record is None or not record.is_chunk or not record.complete or place.start < end:
                         raise Damaged("no chunk where the index has one")
                     end = file.tell()
-                    self._take(record, wanted, messages, [])
+                    self._take(record, wanted, messages)
                 except self.DAMAGE as error:
                     self._leave_out(place.start, size, error)
                 record = None  # its bytes are not needed while the messages are read
@@ -170,67 +141,42 @@ class McapFile(ChunkedFile):
             complete = file.tell() + length <= size
             if complete:
                 file.seek(length, os.SEEK_CUR)
-            return Record(opcode, b"", complete)
+            return Record(opcode, False, b"", complete)
         if length > LARGEST:
             raise Damaged(f"a record of {length} bytes, expected at most {LARGEST}")
-        data = file.read(length)
-        return Record(opcode, data, len(data) == length)
+        data = prefix + file.read(length)
+        return Record(opcode, opcode == Opcode.CHUNK, data, len(data) == _PREFIX_SIZE + length)
 
-    def _take(
-        self,
-        record: Record,
-        wanted: Optional[Mapping[int, Any]],
-        chunk: List[RawMessage[Any]],
-        loose: List[RawMessage[Any]],
-    ) -> None:
-        if record.kind == Opcode.CHUNK:
-            self._take_chunk(record.data, wanted, chunk)
-        elif record.complete and record.data:
-            self._take_record(record.kind, record.data, 0, len(record.data), wanted, loose)
+    def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:
+        if record.is_chunk:
+            content, size, checksum = _unpacked(record.data)
+            if checksum and len(content) == size and zlib.crc32(content) != checksum:
+                raise Damaged("a chunk with a wrong checksum")
+            self._take_records(content, wanted, into)
+            if len(content) != size:
+                raise Damaged(f"a chunk unpacks to {len(content)} bytes, expected {size}")
+        elif record.complete:
+            self._take_records(record.data, wanted, into)
 
-    def _take_chunk(self, record: bytes, wanted: Optional[Mapping[int, Any]], into: List[RawMessage[Any]]) -> None:
-        chunk, expected_size, expected_crc = _unpacked(record)
-        if expected_crc and len(chunk) == expected_size and zlib.crc32(chunk) != expected_crc:
-            raise Damaged("a chunk with a wrong checksum")
-        position, end = 0, len(chunk)
+    def _take_records(self, data: bytes, wanted: Wanted, into: Messages) -> None:
+        """Takes messages from records; without `wanted` also schemas and channels."""
+        position, end = 0, len(data)
         while position < end:
-            opcode, length = _prefix(chunk, position)
+            opcode, length = _prefix(data, position)
             start = position + _PREFIX_SIZE
             position = start + length
             if position > end:
                 raise Damaged("a record goes beyond its chunk")
             if opcode == _OPCODE_OF_MESSAGE:
-                number, _, time_ns = _message(chunk, start)
+                number, _, time_ns = _message(data, start)
                 if wanted is None:
                     self._add_message(into, time_ns, number, b"")
                 elif number in wanted:
-                    self._add_message(into, time_ns, wanted[number], chunk[start + _MESSAGE_HEADER : position])
-            else:
-                self._take_record(opcode, chunk, start, length, wanted, into)
-        if end != expected_size:
-            raise Damaged(f"a chunk unpacks to {end} bytes, expected {expected_size}")
-
-    def _take_record(
-        self,
-        opcode: int,
-        data: bytes,
-        start: int,
-        length: int,
-        wanted: Optional[Mapping[int, Any]],
-        into: List[RawMessage[Any]],
-    ) -> None:
-        if opcode == Opcode.MESSAGE:
-            number, _, time_ns = _message(data, start)
-            if wanted is None:
-                self._add_message(into, time_ns, number, b"")
-            elif number in wanted:
-                self._add_message(into, time_ns, wanted[number], data[start + _MESSAGE_HEADER :])
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and wanted is None:
-            stream = ReadDataStream(io.BytesIO(data[start : start + length]))
-            if opcode == Opcode.SCHEMA:
-                self._note_schema(Schema.read(stream))
-            else:
-                self._note_channel(McapChannel.read(stream))
+                    self._add_message(into, time_ns, wanted[number], data[start + _MESSAGE_HEADER : position])
+            elif wanted is None and opcode == Opcode.SCHEMA:
+                self._note_schema(Schema.read(ReadDataStream(io.BytesIO(data[start:position]))))
+            elif wanted is None and opcode == Opcode.CHANNEL:
+                self._note_channel(McapChannel.read(ReadDataStream(io.BytesIO(data[start:position]))))
 
     def _note_schema(self, schema: Schema) -> None:
         form = _FORMATS.get(schema.encoding, "")
@@ -245,31 +191,20 @@ class McapFile(ChunkedFile):
 
 def _unpacked(record: bytes) -> Tuple[bytes, int, int]:
     """Returns the content of a chunk as far as it can be unpacked, with its expected size and checksum."""
-    _, _, size, crc, name_length = _chunk_header(record)
-    position = 32 + name_length
-    compression = record[32:position].decode("utf-8")
+    _, _, size, checksum, name_length = _chunk_header(record, _PREFIX_SIZE)
+    name = _PREFIX_SIZE + _CHUNK_HEADER
+    position = name + name_length
+    compression = record[name:position].decode("utf-8")
     data = record[position + 8 :]
     check_size(size, len(data))
     if compression == "zstd":
-        data = _unpack_zstd(data, size)
+        try:
+            with zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(data) as stream:
+                data = bytes(stream.read(size + 1))
+        except zstandard.ZstdError as error:
+            raise Damaged(str(error)) from None
     elif compression == "lz4":
-        data = _unpack_lz4(data, size)
+        data = unpack_lz4(data, size)
     elif compression:
         raise Damaged(f"compression {compression!r}, expected zstd or lz4")
-    return data, size, crc
-
-
-def _unpack_zstd(data: bytes, size: int) -> bytes:
-    try:
-        with zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(data) as stream:
-            return bytes(stream.read(size + 1))
-    except zstandard.ZstdError as error:
-        raise Damaged(str(error)) from None
-
-
-def _unpack_lz4(data: bytes, size: int) -> bytes:
-    try:
-        unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
-    except RuntimeError as error:
-        raise Damaged(str(error)) from None
-    return unpacked
+    return data, size, checksum

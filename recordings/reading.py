@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import heapq
-import math
 import os
 import re
 import shutil
 import tempfile
+from itertools import chain
 from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError, Problems
-from robot_health_monitor.core.formatting import count_text
 from robot_health_monitor.core.yaml_loader import load
 from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
-from .recording import (
-    LARGEST,
-    Channel,
-    Damaged,
-    RawMessage,
-    RecordedFile,
-    RecordingError,
-    Target,
-    check_size,
-)
+from .recording import LARGEST, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
@@ -42,10 +32,7 @@ class Recordings:
     """Several recorded files, read as one. Use as a context manager: unpacked files are removed at its end."""
 
     def __init__(self, paths: Sequence[str]) -> None:
-        """Opens recordings.
-
-        Args:
-            paths: `.bag`, `.mcap` and `.db3` files, and folders of rosbag2.
+        """Opens `.bag`, `.mcap` and `.db3` files, and folders of rosbag2.
 
         Raises:
             RecordingError: one of them cannot be read at all, or has no message that can be read.
@@ -66,11 +53,9 @@ class Recordings:
             raise
 
     def __enter__(self) -> Recordings:
-        """Returns itself."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Removes unpacked files."""
         self.close()
 
     def close(self) -> None:
@@ -85,7 +70,7 @@ class Recordings:
         return list(dict.fromkeys(channel for file in self._files for channel in file.channels))
 
     @property
-    def span_ns(self) -> Optional[Tuple[int, int]]:
+    def span_ns(self) -> Span:
         """Log times of the first and the last message of all files; None without messages."""
         return _span(self._files)
 
@@ -114,23 +99,30 @@ class Recordings:
         Args:
             targets: for each of `paths` its channels, each with what to yield with its messages.
         """
-        streams = [
-            (file.span_ns[0], file.messages(wanted))
-            for files, wanted in zip(self._recordings, targets)
-            for file in files
+        files = [
+            (file.span_ns, number, file, wanted)
+            for number, (of_recording, wanted) in enumerate(zip(self._recordings, targets))
+            for file in of_recording
             if file.span_ns is not None and any(channel in wanted for channel in file.channels)
         ]
-        return streams[0][1] if len(streams) == 1 else _merged(streams)
+        # Files of which each ends before the next begins are read in a row, and opened when their messages begin: a
+        # long recording may consist of thousands.
+        rows: List[List[Any]] = []
+        for file in sorted(files, key=lambda each: each[:2]):
+            row = next((row for row in rows if row[-1][0][1] <= file[0][0]), None)
+            if row is None:
+                rows.append([file])
+            else:
+                row.append(file)
+        streams = [chain.from_iterable(file.messages(wanted) for _, _, file, wanted in row) for row in rows]
+        return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=log_time)
 
     def problem_without(self, number: int, wanted: Collection[Channel]) -> str:
-        """Returns why a recording gave no message of some channels: it is damaged. Empty: it is not, or has none.
+        """Returns why the recording `paths[number]` gave no message of some channels: it is damaged.
 
-        Args:
-            number: its place in `paths`.
-            wanted: the channels.
+        Empty: it is not, or has none.
         """
-        files = self._recordings[number]
-        of_interest = [file for file in files if any(channel in wanted for channel in file.channels)]
+        of_interest = [each for each in self._recordings[number] if any(channel in wanted for channel in each.channels)]
         problems = _problems(of_interest)
         return _nothing_readable(self.paths[number], problems) if problems else ""
 
@@ -145,7 +137,7 @@ class Recordings:
             raise RecordingError("no such file", file=path)
         if not os.path.isfile(path):
             raise RecordingError(f"is not a file; {_EXPECTED}", file=path)
-        return [_unpacked(self._open_file(path))]
+        return [_unpacking(self._open_file(path))]
 
     def _open_file(self, name: str) -> RecordedFile:
         kind = name[: -len(".zstd")] if name.endswith(".zstd") else name
@@ -183,8 +175,11 @@ class Recordings:
             raise RecordingError(f"expected compression zstd, got {compression[:40]!r}", file=path)
         opened = [self._open_file(os.path.join(path, name)) for name in present]
         if not metadata:
-            return list(map(_unpacked, opened))
-        return [_PackedMessages(file) for file in opened] if mode == "message" else opened
+            return list(map(_unpacking, opened))
+        if mode == "message":
+            for file in opened:
+                file.unpack_each()
+        return opened
 
     def _read_metadata(self, path: str) -> Mapping[str, Any]:
         file = os.path.join(path, _METADATA)
@@ -216,16 +211,12 @@ class Recordings:
                 self._folder = tempfile.mkdtemp(prefix="robot-health-")
             unpacked = os.path.join(self._folder, f"{len(os.listdir(self._folder))}")
             limit = _LARGEST_UNPACKED + _LARGEST_RATIO * os.path.getsize(path)
+            unpacker = zstandard.ZstdDecompressor(max_window_size=LARGEST)
             with open(unpacked, "wb") as target, open(path, "rb") as packed:
-                stream = zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(
-                    packed, read_across_frames=True
-                )
-                while True:
-                    block = stream.read(1 << 20)
+                stream = unpacker.stream_reader(packed, read_across_frames=True)
+                for block in iter(lambda: stream.read(1 << 20), b""):
                     target.write(block[:limit])
                     limit -= len(block)
-                    if not block:
-                        break
                     if limit < 0:
                         self._notes.append(f"{path}: unpacks to an implausible size: read only its beginning")
                         break
@@ -236,54 +227,13 @@ class Recordings:
         return unpacked
 
 
-class _PackedMessages:
-    """A file of messages that are each packed with zstd; implements `recording.RecordedFile`."""
-
-    def __init__(self, file: RecordedFile) -> None:
-        with libraries(*RECORDINGS):
-            import zstandard
-
-        self._file = file
-        self._decompressor = zstandard.ZstdDecompressor(max_window_size=LARGEST)
-        self._errors = zstandard.ZstdError
-        self._size_of = zstandard.frame_content_size
-        self._damaged = 0
-
-    @property
-    def name(self) -> str:
-        return self._file.name
-
-    @property
-    def channels(self) -> Sequence[Channel]:
-        return self._file.channels
-
-    @property
-    def span_ns(self) -> Optional[Tuple[int, int]]:
-        return self._file.span_ns
-
-    @property
-    def problem(self) -> str:
-        if not self._damaged or self._file.problem:
-            return self._file.problem
-        return f"{self.name}: damaged: {count_text(self._damaged, 'message')} cannot be unpacked and left out"
-
-    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
-        for time_ns, target, data in self._file.messages(targets):
-            try:
-                check_size(self._size_of(data), len(data))
-                unpacked = self._decompressor.decompress(data, max_output_size=LARGEST)
-            except (self._errors, Damaged):
-                self._damaged += 1
-            else:
-                yield time_ns, target, unpacked
-
-
-def _unpacked(file: RecordedFile) -> RecordedFile:
+def _unpacking(file: RecordedFile) -> RecordedFile:
     """Returns a file whose metadata are missing; they would say whether its messages are packed one by one."""
     channels = {channel: None for channel in file.channels if channel.encoding == "cdr"}
-    first = next(iter(file.messages(channels)), None) if channels else None
-    is_packed = first is not None and first[2].startswith(_ZSTD_MAGIC)  # CDR begins with a zero
-    return _PackedMessages(file) if is_packed else file
+    first = next(file.messages(channels), None) if channels else None
+    if first is not None and first[2].startswith(_ZSTD_MAGIC):  # CDR begins with a zero
+        file.unpack_each()
+    return file
 
 
 def _problems(files: Sequence[RecordedFile]) -> List[str]:
@@ -297,39 +247,7 @@ def _nothing_readable(path: str, problems: Sequence[str]) -> str:
     return f"has no message that can be read{reason}"
 
 
-def _merged(streams: Sequence[Tuple[int, Iterator[RawMessage[Target]]]]) -> Iterator[RawMessage[Target]]:
-    """Yields the messages of several files in the order of their times, as heapq.merge does.
-
-    A file is opened when its messages begin: a long recording may consist of thousands.
-
-    Args:
-        streams: the log time at which each begins, and its messages.
-    """
-    waiting = sorted(enumerate(streams), key=lambda each: each[1][0], reverse=True)
-    heads: List[Tuple[int, int, RawMessage[Target], Iterator[RawMessage[Target]]]] = []
-    while waiting or heads:
-        while waiting and (not heads or waiting[-1][1][0] <= heads[0][0]):
-            number, (_, rest) = waiting.pop()
-            first = next(rest, None)
-            if first is not None:
-                heapq.heappush(heads, (first[0], number, first, rest))
-        if not heads:
-            continue
-        _, number, message, rest = heads[0]
-        yield message
-        following = next(rest, None)
-        if len(heads) == 1:  # the only file at this time
-            end_ns = waiting[-1][1][0] if waiting else math.inf
-            while following is not None and following[0] < end_ns:
-                yield following
-                following = next(rest, None)
-        if following is None:
-            heapq.heappop(heads)
-        else:
-            heapq.heapreplace(heads, (following[0], number, following, rest))
-
-
-def _span(files: Sequence[RecordedFile]) -> Optional[Tuple[int, int]]:
+def _span(files: Sequence[RecordedFile]) -> Span:
     spans = [file.span_ns for file in files if file.span_ns is not None]
     return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
 

@@ -1,16 +1,25 @@
 """One recorded file, whatever its format: its channels, its time span, its messages in the order of their log times.
 
-`ros1_bag.py`, `mcap_file.py` and `sqlite_file.py` each read one format and return a `RecordedFile`. A file that ends
-early or is damaged is read as far as possible; `problem` then says how far.
+`ros1_bag.py`, `mcap_file.py` and `sqlite_file.py` each read one format. A file that ends early or is damaged is read as
+far as possible; `problem` then says how far.
+
+`.bag` and `.mcap` files are records one after the other, most messages in chunks. They are read chunk after chunk,
+which needs no index: one way serves intact and damaged files, and memory does not grow with their length. A damaged
+record is left out; reading ends where the next record cannot be found.
 """
 
 from __future__ import annotations
 
+import abc
+import os
+import struct
 from operator import itemgetter
-from typing import Iterable, Iterator, List, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
+from typing import Any, BinaryIO, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Type, TypeVar
 
 from robot_health_monitor.core.errors import ConfigError, MessageError
+from robot_health_monitor.core.formatting import count_text
 from robot_health_monitor.core.middleware import canonical_type
+from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 LARGEST = 64 << 20
 """Bytes of a record, a chunk or a message, packed or unpacked: several of them are in memory at the same time."""
@@ -18,6 +27,12 @@ _LARGEST_RATIO = 10_000
 """Bytes that one packed byte may become; black images with zstd come close to it."""
 _LONGEST_NAME = 500
 """Characters of a topic or a type; ROS 2 allows 255."""
+_MOST_CHANNELS = 10_000
+_MOST_MESSAGES = 500_000
+"""Messages of a chunk; recorders write chunks of about 1 MB unless one message is larger."""
+_BATCH = 4096
+_BATCH_BYTES = 16 << 20
+"""Messages outside of chunks that are sorted together: at most so many, of so many bytes."""
 
 
 class Damaged(MessageError):
@@ -49,31 +64,63 @@ Target = TypeVar("Target")
 RawMessage = Tuple[int, Target, bytes]
 """Log time in nanoseconds since 1970, the channel's target, the message as it was serialized."""
 
+Messages = List[RawMessage[Any]]
+Wanted = Optional[Mapping[int, Any]]
+"""The numbers of the channels whose messages are wanted, each with its target. None: all messages, with the number of
+their channel as target and without data; channels are noted."""
+
+Span = Optional[Tuple[int, int]]
+"""Log times of the first and the last message; None without messages."""
+
 log_time = itemgetter(0)
 """Returns the log time of a `RawMessage`."""
 
 
-class RecordedFile(Protocol):
+class RecordedFile(abc.ABC):
     """One file of a recording."""
 
-    @property
-    def name(self) -> str:
-        """Path of the file, for messages to people."""
+    MAGIC: bytes
+    """The bytes that the file starts with."""
+    EXPECTED: str
+    """What the file is expected to be, if it starts with other bytes."""
 
-    @property
-    def channels(self) -> Sequence[Channel]:
-        """The channels, in the order of the file."""
+    def __init__(self, path: str, name: str = "") -> None:
+        """Reads the index, or the whole file if there is none.
 
-    @property
-    def span_ns(self) -> Optional[Tuple[int, int]]:
-        """Log times of the first and the last message; None without messages.
+        Args:
+            path: the file.
+            name: path to show, if it differs.
 
-        When reading stops at damage, the end becomes the last message that was read.
+        Raises:
+            RecordingError: it cannot be opened or is of another format.
         """
+        self.name = name or path
+        """Path of the file, for messages to people."""
+        self.problem = ""
+        """One line that says what could not be read; empty if everything could so far."""
+        self.span_ns: Span = None
+        """When reading stops at damage, the end becomes the last message that was read."""
+        self._path = path
+        self._is_packed = False
+        self._channels: Dict[int, Channel] = {}
+        self._texts: Dict[str, str] = {}
+        """Each definition once: channels may share one."""
+        try:
+            with open(path, "rb") as file:
+                if file.read(len(self.MAGIC)) != self.MAGIC:
+                    raise RecordingError(f"expected {self.EXPECTED}", file=self.name)
+                self._open(file)
+        except OSError as error:
+            raise RecordingError(f"cannot be read: {error.strerror or error}", file=self.name) from None
 
     @property
-    def problem(self) -> str:
-        """One line that says what could not be read; empty if everything could so far."""
+    def channels(self) -> List[Channel]:
+        """The channels, each once, in the order of the file."""
+        return list(dict.fromkeys(self._channels.values()))
+
+    def unpack_each(self) -> None:
+        """Unpacks each message from now on: rosbag2 can compress them with zstd one by one."""
+        self._is_packed = True
 
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels in the order of their log times, as far as the file can be read.
@@ -81,6 +128,185 @@ class RecordedFile(Protocol):
         Args:
             targets: the channels, each with what to yield with its messages.
         """
+        wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
+        found = self._messages(wanted)
+        return self._unpacked(found) if self._is_packed else found
+
+    @abc.abstractmethod
+    def _open(self, file: BinaryIO) -> None:
+        """Reads channels and time span; the file has been read up to the end of `MAGIC`."""
+
+    @abc.abstractmethod
+    def _messages(self, wanted: Mapping[int, Target]) -> Iterator[RawMessage[Target]]:
+        """Yields messages as `messages` does."""
+
+    def _add_channel(self, number: int, topic: str, type_name: str, encoding: str, text: str, form: str) -> None:
+        """Adds a channel; topic and type as the file has them, the rest as in `Channel`.
+
+        Raises:
+            Damaged: a name is too long, or there are too many channels.
+        """
+        if len(self._channels) >= _MOST_CHANNELS:
+            raise Damaged(f"more than {_MOST_CHANNELS} channels")
+        for name in (topic, type_name):
+            if len(name) > _LONGEST_NAME:
+                raise Damaged(f"a name of {len(name)} characters, expected at most {_LONGEST_NAME}")
+        text = self._texts.setdefault(text, text)
+        self._channels[number] = Channel("/" + topic.strip("/"), canonical_type(type_name), encoding, text, form)
+
+    @staticmethod
+    def _span_of(chunks: Iterable[Messages]) -> Span:
+        """Returns the time span of messages in any order."""
+        span: Span = None
+        for times in (list(map(log_time, chunk)) for chunk in chunks):
+            times.extend(span or ())
+            span = (min(times), max(times)) if times else None
+        return span
+
+    def _end_span(self, last_ns: int) -> None:
+        """Ends the time span with the last message that was read; 0: with the first."""
+        if self.span_ns is not None:
+            first_ns, end_ns = self.span_ns
+            self.span_ns = first_ns, max(first_ns, min(end_ns, last_ns))
+
+    def _unpacked(self, messages: Iterator[RawMessage[Target]]) -> Iterator[RawMessage[Target]]:
+        with libraries(*RECORDINGS):
+            import zstandard
+
+        decompressor = zstandard.ZstdDecompressor(max_window_size=LARGEST)
+        damaged = 0
+        for time_ns, target, data in messages:
+            try:
+                check_size(zstandard.frame_content_size(data), len(data))
+                unpacked = decompressor.decompress(data, max_output_size=LARGEST)
+            except (zstandard.ZstdError, Damaged):
+                damaged += 1
+            else:
+                yield time_ns, target, unpacked
+        if damaged and not self.problem:
+            self.problem = f"{self.name}: damaged: {count_text(damaged, 'message')} cannot be unpacked and left out"
+
+
+class Record(NamedTuple):
+    """One record of a `.bag` or `.mcap` file."""
+
+    kind: Any
+    """What the format has in front of the data."""
+    is_chunk: bool
+    data: bytes
+    complete: bool
+    """False if the file ends within the record."""
+
+
+class ChunkedFile(RecordedFile):
+    """A file of records."""
+
+    DAMAGE: Tuple[Type[Exception], ...] = (
+        Damaged, KeyError, ValueError, EOFError, OSError, OverflowError, struct.error, IndexError,
+    )  # fmt: skip
+    """What reading damaged bytes raises."""
+    _counts: Optional[Mapping[int, int]] = None
+    """Messages per channel according to the index; None without an index."""
+
+    def _open(self, file: BinaryIO) -> None:
+        missing = self._read_index(file)
+        if missing is not None:
+            self.span_ns = self._span_of(self._chunks(file, None))
+            self.problem = self.problem or (missing and f"{self.name}: {missing}: read to its end")
+
+    def _messages(self, wanted: Mapping[int, Target]) -> Iterator[RawMessage[Target]]:
+        with open(self._path, "rb") as file:
+            yield from in_time_order(self._counted(self._chunks(file, wanted), wanted))
+
+    @abc.abstractmethod
+    def _read_index(self, file: BinaryIO) -> Optional[str]:
+        """Reads channels and time span from the index.
+
+        Returns:
+            None if it could be read; else what is wrong with it, empty if the file is complete without one.
+        """
+
+    @abc.abstractmethod
+    def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
+        """Reads the next record of a file of `size` bytes, as far as it is needed; None at the end.
+
+        Raises:
+            Damaged: this is not a record. Everything in `DAMAGE` counts as that.
+        """
+
+    @abc.abstractmethod
+    def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:
+        """Takes channels and messages from a record.
+
+        Raises:
+            Damaged: the rest of the record cannot be read. Everything in `DAMAGE` counts as that.
+        """
+
+    def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
+        """Yields the messages of each chunk, and those outside of chunks in batches."""
+        file.seek(len(self.MAGIC))
+        size = os.fstat(file.fileno()).st_size
+        last_ns = position = 0
+        loose: Messages = []
+        loose_bytes = 0
+        end: Optional[Exception] = None
+        while end is None:
+            position = file.tell()
+            chunk: Messages = []
+            try:
+                record = self._read_record(file, size)
+            except self.DAMAGE as error:
+                end = error
+            else:
+                if record is None:
+                    break
+                try:
+                    self._take(record, wanted, chunk if record.is_chunk else loose)
+                except self.DAMAGE as error:
+                    self._leave_out(position, size, error)
+                if not record.complete:
+                    end = Damaged("the file ends within a record")
+                loose_bytes += len(record.data)
+                del record  # its bytes are not needed while the messages are read
+            last_ns = max(last_ns, chunk[-1][0] if chunk else 0, loose[-1][0] if loose else 0)
+            if chunk:
+                yield chunk
+            elif len(loose) >= _BATCH or loose_bytes > _BATCH_BYTES:
+                yield loose
+                loose, loose_bytes = [], 0
+        if end is not None:
+            self.problem = f"{self._damage_at(position, size, end)}: read up to there"
+            self._end_span(last_ns)
+        yield loose
+
+    def _add_message(self, messages: Messages, time_ns: int, target: Any, data: bytes) -> None:
+        """Adds a message to those of its chunk.
+
+        Raises:
+            Damaged: the chunk has implausibly many.
+        """
+        if len(messages) >= _MOST_MESSAGES:
+            raise Damaged(f"a chunk with more than {_MOST_MESSAGES} messages")
+        messages.append((time_ns, target, data))
+
+    def _counted(self, chunks: Iterator[Messages], wanted: Mapping[int, Any]) -> Iterator[Messages]:
+        """Compares the number of messages with the index: damage may look like a record that is not needed."""
+        found = 0
+        for chunk in chunks:
+            found += len(chunk)
+            yield chunk
+        if self._counts is not None:
+            expected = sum(self._counts.get(number, 0) for number in wanted)
+            if found != expected and not self.problem:
+                self.problem = f"{self.name}: damaged: expected {expected} messages, got {found}"
+
+    def _leave_out(self, position: int, size: int, error: Exception) -> None:
+        """Notes that a part of a record is left out; only the first damage is named."""
+        self.problem = self.problem or f"{self._damage_at(position, size, error)}: a part of it is left out"
+
+    def _damage_at(self, position: int, size: int, error: Exception) -> str:
+        reason = str(error) if isinstance(error, (Damaged, OSError)) else "not as the format requires"
+        return f"{self.name}: damaged at byte {position} of {size} ({reason})"
 
 
 def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMessage[Target]]:
@@ -109,38 +335,26 @@ def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMes
 
 
 def check_size(size: int, packed: int) -> None:
-    """Checks a size before anything is unpacked.
-
-    Args:
-        size: bytes when unpacked.
-        packed: bytes now.
+    """Checks how many bytes `packed` bytes are to become, before anything is unpacked.
 
     Raises:
-        Damaged: it is too large, or too much larger than `packed`.
+        Damaged: too many, or too many for `packed`.
     """
     if size > min(LARGEST, (1 << 20) + _LARGEST_RATIO * packed):
         raise Damaged(f"a part that unpacks from {packed} to {size} bytes")
 
 
-def new_channel(topic: str, type_name: str, encoding: str, definition: str, definition_format: str) -> Channel:
-    """Returns a channel.
-
-    Args:
-        topic: as the file has it.
-        type_name: as the file has it.
-        encoding: as in `Channel`.
-        definition: as in `Channel`.
-        definition_format: as in `Channel`.
+def unpack_lz4(data: bytes, size: int) -> bytes:
+    """Returns unpacked bytes, one more than the expected `size` if there are more.
 
     Raises:
-        Damaged: a name is too long.
+        Damaged: they cannot be unpacked.
     """
-    for name in (topic, type_name):
-        if len(name) > _LONGEST_NAME:
-            raise Damaged(f"a name of {len(name)} characters, expected at most {_LONGEST_NAME}")
-    return Channel("/" + topic.strip("/"), canonical_type(type_name), encoding, definition, definition_format)
+    with libraries(*RECORDINGS):
+        import lz4.frame  # only files that are packed with it need it
 
-
-def until(span_ns: Optional[Tuple[int, int]], last_ns: int) -> Optional[Tuple[int, int]]:
-    """Returns a time span that ends with the last message that was read; `last_ns` 0: with the first."""
-    return None if span_ns is None else (span_ns[0], max(span_ns[0], min(span_ns[1], last_ns)))
+    try:
+        unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
+    except RuntimeError as error:
+        raise Damaged(str(error)) from None
+    return unpacked

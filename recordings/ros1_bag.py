@@ -9,15 +9,11 @@ from __future__ import annotations
 import bz2
 import os
 import struct
-from typing import Any, BinaryIO, Counter, Dict, List, Mapping, Optional, Tuple
+from typing import BinaryIO, Counter, Dict, Optional, Tuple
 
-from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
+from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
 
-from .chunked_file import ChunkedFile, Record
-from .recording import LARGEST, Damaged, RawMessage, check_size
-
-_MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
-_OP_OF_MESSAGE = bytes([_MESSAGE])
+_MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([op]) for op in (2, 3, 5, 6, 7))
 _LARGEST_HEADER = 65_536
 """Bytes of a record's header; a definition's text is in the data of a connection."""
 _MOST_HEADER_FIELDS = 100
@@ -30,50 +26,48 @@ _Fields = Dict[bytes, bytes]
 
 
 class Ros1Bag(ChunkedFile):
-    """A `.bag` file; implements `recording.RecordedFile`."""
+    """A `.bag` file."""
 
     MAGIC = b"#ROSBAG V2.0\n"
     EXPECTED = "a ROS 1 bag, which starts with #ROSBAG V2.0"
 
     def _read_index(self, file: BinaryIO) -> Optional[str]:
         try:
-            times = self._read_index_records(file, os.fstat(file.fileno()).st_size)
+            self._read_index_records(file, os.fstat(file.fileno()).st_size)
         except self.DAMAGE:
             self._channels.clear()
             return "has no index (the recorder was stopped early)"
-        self.span_ns = times
         return None
 
-    def _read_index_records(self, file: BinaryIO, size: int) -> Optional[Tuple[int, int]]:
-        """Reads the connections; returns the times at which the first chunk begins and the last one ends."""
+    def _read_index_records(self, file: BinaryIO, size: int) -> None:
+        """Reads the connections, and the times at which the first chunk begins and the last one ends."""
         record = self._read_record(file, size)
-        if record is None or not record.complete or record.kind[b"op"] != bytes([_BAG_HEADER]):
+        if record is None or not record.complete or record.kind[b"op"] != _BAG_HEADER:
             raise Damaged("no header")
-        start = _uint64(record.kind[b"index_pos"])[0]
+        start, connections = _uint64(record.kind[b"index_pos"])[0], _uint32(record.kind[b"conn_count"])[0]
         if not start:
             raise Damaged("no index")
         file.seek(start)
         first_ns, last_ns = 1 << 63, -1
         counts: Counter[int] = Counter()
-        for _ in range(_uint32(record.kind[b"conn_count"])[0] + _uint32(record.kind[b"chunk_count"])[0]):
+        for _ in range(connections + _uint32(record.kind[b"chunk_count"])[0]):
             entry = self._read_record(file, size)
             if entry is None or not entry.complete:
                 raise Damaged("the index is not complete")
             fields = entry.kind
-            if fields[b"op"] == bytes([_CONNECTION]):
+            if fields[b"op"] == _CONNECTION:
                 self._note_connection(fields, entry.data)
-            elif fields[b"op"] == bytes([_CHUNK_INFO]) and _uint32(fields[b"count"])[0]:
+            elif fields[b"op"] == _CHUNK_INFO and _uint32(fields[b"count"])[0]:
                 first_ns = min(first_ns, _nanoseconds(fields[b"start_time"]))
                 last_ns = max(last_ns, _nanoseconds(fields[b"end_time"]))
-                for position in range(0, len(entry.data), 8):
-                    number = _uint32(entry.data, position)[0]
+                for number, count in struct.iter_unpack("<II", entry.data):
                     if number not in self._channels:
                         raise Damaged("the index lacks a connection")
-                    counts[number] += _uint32(entry.data, position + 4)[0]
-        if len(self._channels) != _uint32(record.kind[b"conn_count"])[0]:
+                    counts[number] += count
+        if len(self._channels) != connections:
             raise Damaged("the index lacks a connection")
         self._counts = counts
-        return (first_ns, last_ns) if last_ns >= 0 else None
+        self.span_ns = (first_ns, last_ns) if last_ns >= 0 else None
 
     def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
         if file.tell() == size:
@@ -84,23 +78,17 @@ class Ros1Bag(ChunkedFile):
         fields = _fields(header)
         if len(fields.get(b"op", b"")) != 1:
             raise Damaged("a record without a type")
-        return Record(fields, *_read_sized(file, LARGEST))
+        return Record(fields, fields[b"op"] == _CHUNK, *_read_sized(file, LARGEST))
 
-    def _take(
-        self,
-        record: Record,
-        wanted: Optional[Mapping[int, Any]],
-        chunk: List[RawMessage[Any]],
-        loose: List[RawMessage[Any]],
-    ) -> None:
-        if record.kind[b"op"][0] == _CHUNK:
-            self._take_chunk(record, wanted, chunk)
+    def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:
+        if record.is_chunk:
+            self._take_chunk(record, wanted, into)
         elif record.complete:
             # A recorder that was killed has not written the size of its last chunk: the messages follow as records.
-            self._take_record(record.kind, record.data, wanted, loose)
+            self._take_record(record.kind, record.data, wanted, into)
 
-    def _take_chunk(self, record: Record, wanted: Optional[Mapping[int, Any]], into: List[RawMessage[Any]]) -> None:
-        chunk = _unpacked(record.kind, record.data)
+    def _take_chunk(self, record: Record, wanted: Wanted, into: Messages) -> None:
+        chunk, expected = _unpacked(record.kind, record.data)
         position, end = 0, len(chunk)
         while position < end:
             header_start = position + 4
@@ -109,24 +97,20 @@ class Ros1Bag(ChunkedFile):
             if position > end:
                 raise Damaged("a record goes beyond its chunk")
             fields = _fields(chunk[header_start : data_start - 4])
-            if fields[b"op"] == _OP_OF_MESSAGE and wanted is not None and _uint32(fields[b"conn"])[0] not in wanted:
+            if fields[b"op"] == _MESSAGE and wanted is not None and _uint32(fields[b"conn"])[0] not in wanted:
                 continue  # no copy of an image
             self._take_record(fields, chunk[data_start:position], wanted, into)
-        expected = _uint32(record.kind[b"size"])[0]
         if end != expected:
             raise Damaged(f"a chunk unpacks to {end} bytes, expected {expected}")
 
-    def _take_record(
-        self, fields: _Fields, data: bytes, wanted: Optional[Mapping[int, Any]], into: List[RawMessage[Any]]
-    ) -> None:
-        op = fields[b"op"][0]
-        if op == _MESSAGE:
+    def _take_record(self, fields: _Fields, data: bytes, wanted: Wanted, into: Messages) -> None:
+        if fields[b"op"] == _MESSAGE:
             number = _uint32(fields[b"conn"])[0]
             if wanted is None:
                 self._add_message(into, _nanoseconds(fields[b"time"]), number, b"")
             elif number in wanted:
                 self._add_message(into, _nanoseconds(fields[b"time"]), wanted[number], data)
-        elif op == _CONNECTION:
+        elif fields[b"op"] == _CONNECTION:
             self._note_connection(fields, data)
 
     def _note_connection(self, header: _Fields, data: bytes) -> None:
@@ -140,6 +124,7 @@ class Ros1Bag(ChunkedFile):
 
 
 def _read_sized(file: BinaryIO, largest: int) -> Tuple[bytes, bool]:
+    """Returns a block that its length precedes, and whether it is complete."""
     length_bytes = file.read(4)
     if len(length_bytes) < 4:
         raise Damaged("the file ends within a record")
@@ -167,29 +152,18 @@ def _fields(header: bytes) -> _Fields:
     return fields
 
 
-def _unpacked(header: _Fields, data: bytes) -> bytes:
-    """Returns a chunk as far as it can be unpacked."""
+def _unpacked(header: _Fields, data: bytes) -> Tuple[bytes, int]:
+    """Returns a chunk as far as it can be unpacked, and its expected size."""
     compression = header[b"compression"]
     size = _uint32(header[b"size"])[0]
     check_size(size, len(data))
-    if compression == b"none":
-        return data
     if compression == b"bz2":
-        return bz2.BZ2Decompressor().decompress(data, size)
-    if compression == b"lz4":
-        return _unpack_lz4(data, size)
-    raise Damaged(f"compression {compression.decode('ascii', 'replace')!r}, expected none, bz2 or lz4")
-
-
-def _unpack_lz4(data: bytes, size: int) -> bytes:
-    with libraries(*RECORDINGS):
-        import lz4.frame  # only bags that are packed with it need it
-
-    try:
-        unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, size)
-    except RuntimeError as error:
-        raise Damaged(str(error)) from None
-    return unpacked
+        data = bz2.BZ2Decompressor().decompress(data, size)
+    elif compression == b"lz4":
+        data = unpack_lz4(data, size)
+    elif compression != b"none":
+        raise Damaged(f"compression {compression.decode('ascii', 'replace')!r}, expected none, bz2 or lz4")
+    return data, size
 
 
 def _nanoseconds(data: bytes) -> int:

@@ -6,22 +6,11 @@ import os
 import sqlite3
 import struct
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, BinaryIO, Dict, Iterator, Mapping, Sequence, Tuple
 
-from .recording import (
-    LARGEST,
-    Channel,
-    Damaged,
-    RawMessage,
-    RecordingError,
-    Target,
-    in_time_order,
-    new_channel,
-    until,
-)
+from .recording import LARGEST, Damaged, Messages, RawMessage, RecordedFile, RecordingError, in_time_order
 
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
-_MAGIC = b"SQLite format 3\0"
 _BATCH = 1024
 _BATCH_BYTES = 4_000_000
 """Messages that are read together: at most so many, and about so many bytes."""
@@ -43,43 +32,26 @@ _DAMAGE = (sqlite3.Error, ValueError, OverflowError, Damaged)
 """What reading a damaged file raises."""
 
 
-class SqliteFile:
-    """A `.db3` file; implements `recording.RecordedFile`."""
+class SqliteFile(RecordedFile):
+    """A `.db3` file."""
 
-    def __init__(self, path: str, name: str = "") -> None:
-        """Reads topics, definitions and time span.
+    MAGIC = b"SQLite format 3\0"
+    EXPECTED = "an SQLite file"
 
-        Args:
-            path: the file.
-            name: path to show, if it differs.
-
-        Raises:
-            RecordingError: it cannot be opened or is not a recording of rosbag2.
-        """
-        self.name = name or path
-        self.problem = ""
-        self._path = path
-        self._channels: Dict[int, Channel] = {}
-        self.span_ns: Optional[Tuple[int, int]] = None
-        try:
-            with open(path, "rb") as file:
-                header = file.read(100)
-            if not header.startswith(_MAGIC):
-                raise RecordingError("expected an SQLite file", file=self.name)
-            self._missing = self._missing_bytes(header.ljust(100, b"\0"))
-            database = self._open()
-        except OSError as error:
-            raise RecordingError(f"cannot be read: {error.strerror or error}", file=self.name) from None
+    def _open(self, file: BinaryIO) -> None:
+        file.seek(0)
+        self._missing = self._missing_bytes(file.read(100).ljust(100, b"\0"))
+        database = self._connect()
         try:
             _check_tables(database)
-            self._channels = _read_channels(database)
+            self._read_channels(database)
             try:
                 if self._missing:
                     raise ValueError
                 first, last = database.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
                 self.span_ns = None if first is None else (int(first), int(last))
             except (*_DAMAGE, TypeError):
-                self._scan(database)
+                self.span_ns = self._span_of(self._remaining(database, self._channels, -1))
         except _DAMAGE as error:
             problem = f"cannot be read as a recording of rosbag2: {error}"
             if self._missing:
@@ -88,16 +60,9 @@ class SqliteFile:
         finally:
             database.close()
 
-    @property
-    def channels(self) -> List[Channel]:
-        """The channels, each once, in the order of the file."""
-        return list(dict.fromkeys(self._channels.values()))
-
-    def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
-        """Yields the messages of some channels; see `recording.RecordedFile`."""
-        wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
+    def _messages(self, wanted: Mapping[int, Any]) -> Iterator[RawMessage[Any]]:
         last_ns = -1
-        database = self._open()
+        database = self._connect()
         try:
             if self._missing:
                 raise ValueError
@@ -113,7 +78,7 @@ class SqliteFile:
             for message in in_time_order(self._remaining(database, wanted, last_ns)):
                 last_ns = message[0]
                 yield message
-            self.span_ns = until(self.span_ns, last_ns)
+            self._end_span(last_ns)
         finally:
             database.close()
 
@@ -142,11 +107,9 @@ class SqliteFile:
         query = "SELECT CASE WHEN length(data) <= ? THEN data END FROM messages WHERE id = ?"
         return (*row[:2], (database.execute(query, [LARGEST, row[2]]).fetchone() or [None])[0])
 
-    def _remaining(
-        self, database: sqlite3.Connection, wanted: Mapping[int, Target], last_ns: int
-    ) -> Iterator[List[RawMessage[Target]]]:
+    def _remaining(self, database: sqlite3.Connection, wanted: Mapping[int, Any], last_ns: int) -> Iterator[Messages]:
         """Yields the messages of a damaged file after a time, in the order of recording, which needs no index."""
-        batch: List[RawMessage[Target]] = []
+        batch: Messages = []
         size = 0
         try:
             for number, time_ns, data in database.execute(_query_in_order_of_recording(wanted), list(wanted)):
@@ -185,7 +148,7 @@ class SqliteFile:
         self.problem = f"{self.name}: ends at byte {size} of {expected}: read as far as possible"
         return int(page_size - size % page_size)
 
-    def _open(self) -> sqlite3.Connection:
+    def _connect(self) -> sqlite3.Connection:
         # A recording is never written here. `immutable` reads it where no journal can be written; a journal that a
         # crashed recorder left behind must be applied, which needs the ordinary mode.
         mode = "mode=ro" if _has_journal(self._path) else "mode=ro&immutable=1"
@@ -204,12 +167,18 @@ class SqliteFile:
         except sqlite3.Error as error:
             raise RecordingError(f"cannot be opened: {error}", file=self.name) from None
 
-    def _scan(self, database: sqlite3.Connection) -> None:
-        """Finds the time span of a file that is damaged, as far as it can be read."""
-        for batch in self._remaining(database, self._channels, -1):
-            for time_ns, _, _ in batch:
-                first_ns, last_ns = self.span_ns or (time_ns, time_ns)
-                self.span_ns = min(first_ns, time_ns), max(last_ns, time_ns)
+    def _read_channels(self, database: sqlite3.Connection) -> None:
+        definitions: Dict[str, Tuple[str, str]] = {}
+        if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+            query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            for type_name, encoding, text in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):
+                if encoding in _FORMATS and text and len(text) <= _LONGEST_TEXT:
+                    definitions[str(type_name)] = str(text), _FORMATS[encoding]
+        query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+        for number, topic, type_name, encoding in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):
+            if encoding == "cdr":
+                definition = definitions.get(str(type_name), ("", ""))
+                self._add_channel(number, str(topic), str(type_name), encoding, *definition)
 
 
 def _query(wanted: Mapping[int, Any]) -> str:
@@ -249,20 +218,3 @@ def _check_tables(database: sqlite3.Connection) -> None:
         hidden = [column[6] for column in database.execute(f"PRAGMA table_xinfo({name})").fetchmany(1000)]
         if kind != "table" or not page or any(hidden):
             raise ValueError(f"{name} is not an ordinary table")
-
-
-def _read_channels(database: sqlite3.Connection) -> Dict[int, Channel]:
-    definitions: Dict[str, Tuple[str, str]] = {}
-    if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
-        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        for type_name, encoding, text in database.execute(f"{query} LIMIT {_MOST_TOPICS}"):
-            if encoding in _FORMATS and text and len(text) <= _LONGEST_TEXT:
-                definitions[str(type_name)] = str(text), _FORMATS[encoding]
-    channels: Dict[int, Channel] = {}
-    for number, topic, type_name, encoding in database.execute(
-        f"SELECT id, name, type, serialization_format FROM topics ORDER BY id LIMIT {_MOST_TOPICS}"
-    ):
-        if encoding == "cdr":
-            definition, definition_format = definitions.get(str(type_name), ("", ""))
-            channels[number] = new_channel(str(topic), str(type_name), "cdr", definition, definition_format)
-    return channels
