@@ -7,7 +7,10 @@ for the statistics of each signal and for plots.
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+import sys
+from array import array
+from dataclasses import dataclass, field
+from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -16,13 +19,14 @@ from robot_health_monitor.core.middleware import resolve_name
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.quality import as_float
 from robot_health_monitor.core.signal_config import SignalConfig
 
 from .middleware import Player, RecordedMiddleware, Subscription
-from .signal_statistics import SignalStatistics, as_numbers
 
 CHUNK = 4096
 """Samples that are collected before they are processed together."""
+_LARGEST = sys.float_info.max
 
 
 class JudgedEvent(NamedTuple):
@@ -35,7 +39,78 @@ class JudgedEvent(NamedTuple):
     event: Event
 
 
-class SignalSummary(NamedTuple):
+class SignalStatistics:
+    """Number, range, mean and longest gap of one signal's samples over a whole recording."""
+
+    def __init__(self, config: SignalConfig) -> None:
+        """Starts before the first sample."""
+        self._config = config
+        self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
+        self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
+        self.samples = 0
+        """Number of samples, bad ones included."""
+        self.bad_samples = 0
+        """Number of samples that are no valid number."""
+        self.min: Optional[float] = None
+        """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
+        self.max: Optional[float] = None
+        """Largest value of the statistic."""
+        self.mean: Optional[float] = None
+        """Mean of the values of the statistic at the samples."""
+        self.first_s: Optional[float] = None
+        """Log time of the first sample, in s since 1970; None without samples."""
+        self.longest_gap_s: Optional[float] = None
+        """Longest time between two samples in a row, in s; None with fewer than two samples."""
+        self._last_s: Optional[float] = None
+        self._ranged = 0
+
+    def skip(self, duration_s: float) -> None:
+        """Leaves a time after the last sample, in s, out of the gaps."""
+        if self._last_s is not None:
+            self._last_s += duration_s
+
+    def add(self, times_s: Any, values: Any) -> Any:
+        """Adds samples as they came: arrays of doubles, the log times in s since 1970.
+
+        Returns:
+            The values in the signal's unit, an array of doubles with NaN for bad samples.
+        """
+        config = self._config
+        with np.errstate(over="ignore", invalid="ignore"):
+            numbers = values * config.scale if config.scale != 1.0 else values.copy()
+            for placeholder in config.placeholders:
+                tolerance = 1e-6 * np.maximum(np.abs(values), abs(placeholder))
+                numbers[np.abs(values - placeholder) <= tolerance] = math.nan
+            bad = ~((numbers >= self._valid_min) & (numbers <= self._valid_max))  # True for NaN
+        numbers[bad] = math.nan
+        self.samples += len(values)
+        self.bad_samples += int(np.count_nonzero(bad))
+        if config.statistic == "last":
+            self.add_values(numbers)
+        if self._last_s is None:
+            self.first_s = float(times_s[0])
+        gaps = np.diff(times_s if self._last_s is None else np.concatenate([[self._last_s], times_s]))
+        if len(gaps):
+            self.longest_gap_s = max(self.longest_gap_s or 0.0, float(gaps.max()))
+        self._last_s = float(times_s[-1])
+        return numbers
+
+    def add_values(self, values: Any) -> None:
+        """Adds values of a statistic other than `last` to the range, an array of doubles; NaN: undefined."""
+        good = values[~np.isnan(values)]
+        if not len(good):
+            return
+        smallest, largest = float(good.min()), float(good.max())
+        self.min = smallest if self.min is None else min(self.min, smallest)
+        self.max = largest if self.max is None else max(self.max, largest)
+        self._ranged += len(good)
+        weight = len(good) / self._ranged
+        mean = (self.mean or 0.0) * (1.0 - weight) + float((good / len(good)).sum()) * weight
+        self.mean = min(max(mean, self.min), self.max)  # rounding must not carry it beyond the samples
+
+
+@dataclass
+class SignalSummary:
     """How one configuration judged one signal."""
 
     file: str
@@ -50,11 +125,11 @@ class SignalSummary(NamedTuple):
     """Why it was not judged: it is not recorded, or has no sample that can be read; empty if it was."""
     statistics: SignalStatistics
     """Statistics of its samples."""
-    shares: Mapping[Level, float]
+    shares: Mapping[Level, float] = field(default_factory=dict)
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
-    unknown: float
+    unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
-    alerts: int
+    alerts: int = 0
     """Number of transitions to a level other than OK, without repetitions."""
 
 
@@ -86,11 +161,7 @@ class Judge:
         player.on_gap.append(self._skip)
 
     def add(self, file: str, parameters: Mapping[str, Any]) -> None:
-        """Adds a configuration.
-
-        Args:
-            file: its name.
-            parameters: the mapping under `ros__parameters` of alert_system.
+        """Adds a configuration: its name, and the mapping under `ros__parameters` of alert_system.
 
         Raises:
             ConfigError: it cannot be used, or a field is not in the recorded type. The path of the error begins below
@@ -112,17 +183,16 @@ class Judge:
         system = AlertSystem(node, {"replay": lambda event: self._note(file, event)}, log_alerts=False)
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
-            topic = node.resolve(signal.topic)
-            judged = self._signals[file, name] = _JudgedSignal(file, signal, topic, missing[name], self._player.wall_s)
-            if not missing[name]:
-                self._collect(node, judged, system)
+            reason = missing[name]
+            summary = SignalSummary(
+                file, signal, node.resolve(signal.topic), not reason, reason, SignalStatistics(signal)
+            )
+            self._signals[file, name] = _JudgedSignal(summary, self._player.wall_s)
+            if not reason:
+                self._collect(node, summary, system)
 
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
-        """Plays the recordings to their end.
-
-        Args:
-            on_progress: called now and then with the fraction that has been played, 0 to 1. It may raise.
-        """
+        """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
         self._player.play(on_progress)
         for tape in self._tapes.values():
             tape.flush()
@@ -132,56 +202,53 @@ class Judge:
     @property
     def summaries(self) -> List[SignalSummary]:
         """One per configuration and signal, in the order of the configurations; complete after `run`."""
-        return [signal.summary() for signal in self._signals.values()]
+        return [signal.summary for signal in self._signals.values()]
 
     def _skip(self, begin_s: float, end_s: float) -> None:
         """Leaves a time out of everything that is measured."""
         for tape in self._tapes.values():
             tape.flush()
         for signal in self._signals.values():
-            signal.skip(begin_s, end_s)
+            signal.skip(end_s - begin_s)
 
     def _note(self, file: str, event: Event) -> None:
-        if isinstance(event, Transition):
-            judged = self._signals.get((file, event.signal))
-            if judged is not None:
-                judged.note(event, self._player.wall_s)
+        if isinstance(event, Transition) and (file, event.signal) in self._signals:
+            self._signals[file, event.signal].note(event, self._player.wall_s)
         self._on_event(JudgedEvent(self._player.wall_s, file, event))
 
-    def _collect(self, node: RecordedMiddleware, judged: _JudgedSignal, system: AlertSystem) -> None:
+    def _collect(self, node: RecordedMiddleware, summary: SignalSummary, system: AlertSystem) -> None:
         """Collects the samples of a signal; after alert_system's subscription, so that they have been judged."""
-        config, on_samples, statistics = judged.config, self._on_samples, judged.statistics
-        source = (judged.topic, config.type, config.field or None)
-        if source not in self._tapes:
-            self._tapes[source] = self._start_tape(node, judged, None)
-        shows_samples = on_samples is not None and config.statistic == "last"
+        config, on_samples, statistics = summary.config, self._on_samples, summary.statistics
+        is_last = config.statistic == "last"
 
         def take(times_s: Any, values: Any) -> None:
             numbers = statistics.add(times_s, values)
             if on_samples is not None:
-                good = len(times_s) if shows_samples else 0
-                on_samples(judged.file, config, times_s[:good], numbers[:good], times_s[np.isnan(numbers)])
+                good = len(times_s) if is_last else 0
+                on_samples(summary.file, config, times_s[:good], numbers[:good], times_s[np.isnan(numbers)])
 
+        def take_judged(times_s: Any, values: Any) -> None:
+            statistics.add_values(values)
+            if on_samples is not None:
+                on_samples(summary.file, config, times_s, values, np.empty(0))
+
+        source = (summary.topic, config.type, config.field or None)
+        if source not in self._tapes:  # one for all configurations
+            self._tapes[source] = self._start_tape(node, summary, None)
         self._tapes[source].consumers.append(take)
-        if config.statistic != "last":
-
-            def take_judged(times_s: Any, values: Any) -> None:
-                statistics.add_values(values)
-                if on_samples is not None:
-                    on_samples(judged.file, config, times_s, values, np.empty(0))
-
-            tape = self._start_tape(node, judged, lambda: system.monitor.judged_value(config.name))
+        if not is_last:
+            tape = self._start_tape(node, summary, lambda: system.monitor.judged_value(config.name))
             tape.consumers.append(take_judged)
-            self._tapes[judged.file, config.name, ""] = tape
+            self._tapes[summary.file, config.name, ""] = tape
 
     def _start_tape(
-        self, node: RecordedMiddleware, judged: _JudgedSignal, read: Optional[Callable[[], Optional[float]]]
+        self, node: RecordedMiddleware, summary: SignalSummary, read: Optional[Callable[[], Optional[float]]]
     ) -> _Tape:
         """Collects, at each message of a signal, the number that `read` returns; None: that of the message."""
         tape = _Tape()
         collect = tape.collect if read is None else lambda _, wall_s: tape.collect(read(), wall_s)
-        subscription = Subscription(node, judged.topic, collect)
-        self._player.subscribe(subscription, judged.config.type, judged.config.field or None)
+        subscription = Subscription(node, summary.topic, collect)
+        self._player.subscribe(subscription, summary.config.type, summary.config.field or None)
         return tape
 
 
@@ -189,7 +256,6 @@ class _Tape:
     """Collects numbers, and passes them on in chunks."""
 
     def __init__(self) -> None:
-        """Starts empty."""
         self.consumers: List[Callable[[Any, Any], None]] = []
         """Each gets the times and values of a chunk, as arrays of doubles."""
         self._times: List[float] = []
@@ -203,7 +269,6 @@ class _Tape:
             self.flush()
 
     def flush(self) -> None:
-        """Passes on what has been collected."""
         if not self._times:
             return
         times_s, values = np.array(self._times, dtype=np.float64), as_numbers(self._values)
@@ -212,70 +277,98 @@ class _Tape:
             consumer(times_s, values)
 
 
-class _JudgedSignal:
-    """One signal of one configuration: its samples, and the time that it spent on each level."""
+def as_numbers(values: Sequence[Any]) -> Any:
+    """Returns values as an array of doubles; NaN for what is not a number."""
+    try:
+        numbers = array("d", values)
+    except (TypeError, OverflowError, ValueError):
+        numbers = array("d", [as_float(value) for value in values])
+    return np.frombuffer(numbers, dtype=np.float64)
 
-    def __init__(self, file: str, config: SignalConfig, topic: str, missing: str, begin_s: float) -> None:
-        self.file = file
-        self.config = config
-        self.topic = topic
-        self.missing = missing
-        self.statistics = SignalStatistics(config)
-        self._alerts = 0
+
+class _JudgedSignal:
+    """Measures the time that one signal of one configuration spends on each level.
+
+    Times are log times minus the time that was skipped before them.
+    """
+
+    def __init__(self, summary: SignalSummary, begin_s: float) -> None:
+        self.summary = summary
         self._skipped_s = 0.0
-        # The following times are log times minus the time that was skipped before them.
-        self._begin_s = self._end_s = begin_s
+        self._begin_s = begin_s
         self._level = Level.OK
         self._since_s: Optional[float] = None
         self._lasted_s = dict.fromkeys(Level, 0.0)
-        self._first_s = math.inf
-        self._sampled_s: Optional[float] = None
+        self._alerted_s = math.inf
+        """Time of the first alert."""
+        self._sampled_s = math.inf
+        """Time of the first sample."""
 
-    def skip(self, begin_s: float, end_s: float) -> None:
+    def skip(self, duration_s: float) -> None:
         self._note_first_sample()
-        self._skipped_s += end_s - begin_s
-        self.statistics.skip(end_s - begin_s)
+        self._skipped_s += duration_s
+        self.summary.statistics.skip(duration_s)
 
     def note(self, transition: Transition, wall_s: float) -> None:
         if transition.repeat:
             return
         now_s = wall_s - self._skipped_s
         if self._since_s is None:
-            self._first_s = now_s
+            self._alerted_s = now_s
         else:
             self._lasted_s[self._level] += now_s - self._since_s
         self._level, self._since_s = transition.to_level, now_s
-        self._alerts += transition.to_level is not Level.OK
+        self.summary.alerts += transition.to_level is not Level.OK
 
     def finish(self, wall_s: float) -> None:
+        """Completes the summary."""
         self._note_first_sample()
-        sampled_s, end_s = self._sampled_s, wall_s - self._skipped_s
-        self._end_s = end_s
+        end_s = wall_s - self._skipped_s
         if self._since_s is not None:
             self._lasted_s[self._level] += end_s - self._since_s
-            if sampled_s is not None and sampled_s < self._first_s:
-                self._lasted_s[Level.OK] += self._first_s - sampled_s
-        elif sampled_s is not None:
-            self._lasted_s[Level.OK] += end_s - sampled_s
+        self._lasted_s[Level.OK] += max(0.0, min(self._alerted_s, end_s) - self._sampled_s)
+        total_s, known_s = end_s - self._begin_s, sum(self._lasted_s.values())
+        if known_s > 0.0:
+            self.summary.shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()}
+        unknown = 1.0 - min(known_s / total_s, 1.0) if total_s > 0.0 else 1.0
+        self.summary.unknown = 0.0 if unknown < 1e-9 else unknown
+        if not self.summary.statistics.samples:
+            self.summary.missing = self.summary.missing or f"{self.summary.topic} has no samples"
 
     def _note_first_sample(self) -> None:
-        if self._sampled_s is None and self.statistics.first_s is not None:
-            self._sampled_s = self.statistics.first_s - self._skipped_s
+        first_s = self.summary.statistics.first_s
+        if self._sampled_s == math.inf and first_s is not None:
+            self._sampled_s = first_s - self._skipped_s
 
-    def summary(self) -> SignalSummary:
-        total_s, known_s = self._end_s - self._begin_s, sum(self._lasted_s.values())
-        shares = {level: lasted_s / total_s for level, lasted_s in self._lasted_s.items()} if known_s > 0.0 else {}
-        unknown = 1.0 - min(known_s / total_s, 1.0) if total_s > 0.0 else 1.0
-        unknown = 0.0 if unknown < 1e-9 else unknown
-        missing = self.missing or ("" if self.statistics.samples else f"{self.topic} has no samples")
-        return SignalSummary(
-            self.file,
-            self.config,
-            self.topic,
-            not self.missing,
-            missing,
-            self.statistics,
-            shares,
-            unknown,
-            self._alerts,
-        )
+
+class Differences:
+    """Passes on transitions that one configuration announced and another did not, at the same time.
+
+    Two transitions are the same if signal, levels and time agree. Holds the transitions of one instant only.
+    """
+
+    def __init__(self, files: Sequence[str], on_difference: OnEvent) -> None:
+        """Compares configurations by their names; calls with each transition that not every one announced."""
+        self._files = tuple(files)
+        self._on_difference = on_difference
+        self._held: List[Tuple[JudgedEvent, Any]] = []
+        """With what two transitions must agree in."""
+
+    def add(self, judged: JudgedEvent) -> None:
+        """Takes a transition; notices are ignored. Log times must not decrease."""
+        event = judged.event
+        if not isinstance(event, Transition):
+            return
+        if self._held and judged.wall_s != self._held[0][0].wall_s:
+            self.flush()
+        self._held.append((judged, (event.signal, event.from_level, event.to_level, event.now_s, event.repeat)))
+
+    def flush(self) -> None:
+        """Compares the transitions of the last instant; call at the end."""
+        held, self._held = self._held, []
+        counts = {file: Counter(key for judged, key in held if judged.file == file) for file in self._files}
+        seen: Counter[Tuple[str, Any]] = Counter()
+        for judged, key in held:
+            seen[judged.file, key] += 1
+            if seen[judged.file, key] > min(count[key] for count in counts.values()):
+                self._on_difference(judged)

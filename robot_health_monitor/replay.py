@@ -16,8 +16,7 @@ from robot_health_monitor.core.signal_config import SignalConfig
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.report import MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render
-from robot_health_monitor.recordings.differences import Differences
-from robot_health_monitor.recordings.judging import Judge, JudgedEvent, SignalSummary
+from robot_health_monitor.recordings.judging import Differences, Judge, JudgedEvent, SignalSummary
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 from robot_health_monitor.runtime.times import local_time

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Mapping, Optional
 
 import numpy as np
 
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.signal_config import read_signal
-from robot_health_monitor.recordings.judging import SignalSummary
-from robot_health_monitor.recordings.signal_statistics import SignalStatistics
+from robot_health_monitor.recordings.judging import SignalStatistics, SignalSummary
 from robot_health_monitor.replay_table import header, plain_table, row, sentence, worst_first
 
 
@@ -75,9 +75,8 @@ def test_columns_of_a_plain_table_are_aligned() -> None:
 
 def named(name: str, **shares: float) -> SignalSummary:
     """Returns the summary of a signal with shares of its time."""
-    return summary({Level[level]: share for level, share in shares.items()})._replace(
-        config=read_signal(name, {}), alerts=max(0, len(shares) - 1)
-    )
+    found = summary({Level[level]: share for level, share in shares.items()})
+    return replace(found, config=read_signal(name, {}), alerts=max(0, len(shares) - 1))
 
 
 def test_the_worst_signal_is_first() -> None:
@@ -86,10 +85,10 @@ def test_the_worst_signal_is_first() -> None:
         named("warm", OK=0.1, WARN=0.9),
         named("hot", OK=0.99, ERROR=0.01),
         named("gone", OK=0.5, STALE=0.5),
-        named("missing")._replace(missing="/missing is not recorded"),
+        replace(named("missing"), missing="/missing is not recorded"),
         named("hotter", OK=0.9, ERROR=0.1),
-        named("fine", OK=1.0)._replace(file="b.yaml"),
-        named("warm", OK=1.0)._replace(file="b.yaml"),
+        replace(named("fine", OK=1.0), file="b.yaml"),
+        replace(named("warm", OK=1.0), file="b.yaml"),
     ]
     order = [(each.config.name, each.file) for each in worst_first(found)]
     assert order == [
@@ -103,7 +102,7 @@ def test_a_sentence_names_the_signals_the_time_and_the_worst() -> None:
     assert sentence(two, 4000.0) == (
         "hot, fine were judged over 1 h 6 min. The worst is hot: ERROR for 5.0 %, WARN for 20.0 % of the time."
     )
-    missing = named("gps")._replace(missing="/gps is not recorded")
+    missing = replace(named("gps"), missing="/gps is not recorded")
     assert sentence([missing, two[1]], 60.0) == "fine was judged over 60 s. It was OK."
     many = [named(f"s{number}", OK=1.0) for number in range(9)]
     assert sentence(many, 60.0) == "s0, s1, s2, s3, s4, s5, ... (9 signals) were judged over 60 s. All were OK."

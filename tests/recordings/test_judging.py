@@ -1,15 +1,28 @@
-"""Judging recordings: transitions, shares of time and samples per signal; expected values by hand."""
+"""Judging recordings: transitions, shares of time, samples, statistics and differences; expected values by hand."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
+import numpy as np
 import pytest
 from harness.recorded import START_NS, Recorded, values, write_bag
 
-from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.recordings.judging import Judge, JudgedEvent, SignalSummary
+from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.model import Level, Status, Transition
+from robot_health_monitor.core.outlets import Notice
+from robot_health_monitor.core.quality import Quality
+from robot_health_monitor.core.signal_config import read_signal
+from robot_health_monitor.recordings.judging import (
+    Differences,
+    Judge,
+    JudgedEvent,
+    SignalStatistics,
+    SignalSummary,
+    as_numbers,
+)
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 
@@ -200,3 +213,135 @@ def test_recordings_that_overlap_have_no_gap(tmp_path: Path) -> None:
     late = write_bag(tmp_path / "late.bag", values("/battery", [50.0] * 5, start_s=30.0))
     levels = [level for _, _, _, level in judge_bags([long, early, late], BATTERY).transitions]
     assert levels == ["STALE", "OK", "STALE"]
+
+
+def statistics(config: Dict[str, Any], *chunks: Sequence[float]) -> SignalStatistics:
+    """Returns the statistics of samples that came every second, in chunks."""
+    found = SignalStatistics(read_signal("signal", config))
+    start = 0
+    for chunk in chunks:
+        found.add(np.arange(start, start + len(chunk), dtype=float), np.array(chunk, dtype=float))
+        start += len(chunk)
+    return found
+
+
+def test_range_and_mean_are_those_of_all_chunks() -> None:
+    found = statistics({}, [1.0, 2.0], [9.0], [4.0, 4.0])
+    assert (found.samples, found.min, found.max, found.mean) == (5, 1.0, 9.0, 4.0)
+
+
+def test_without_samples_nothing_is_known() -> None:
+    found = statistics({})
+    assert (found.samples, found.min, found.mean, found.max, found.longest_gap_s) == (0, None, None, None, None)
+
+
+def test_bad_samples_count_but_have_no_value() -> None:
+    found = statistics({"valid_min": 0.0, "valid_max": 100.0}, [50.0, math.nan, -1.0, 101.0, math.inf, 60.0])
+    assert (found.samples, found.bad_samples, found.min, found.mean, found.max) == (6, 4, 50.0, 55.0, 60.0)
+
+
+def test_values_are_in_the_unit_of_the_signal() -> None:
+    found = statistics({"scale": 100.0, "placeholders": [-1.0]}, [0.25, -1.0, 0.75])
+    assert (found.bad_samples, found.min, found.mean, found.max) == (1, 25.0, 50.0, 75.0)
+
+
+def test_the_longest_gap_may_lie_between_two_chunks() -> None:
+    found = SignalStatistics(read_signal("signal", {}))
+    for times in ([0.0, 1.0], [31.0, 33.0], [34.0]):
+        found.add(np.array(times), np.zeros(len(times)))
+    assert (found.longest_gap_s, found.first_s) == (30.0, 0.0)
+
+
+def test_one_sample_has_no_gap() -> None:
+    assert statistics({}, [1.0]).longest_gap_s is None
+
+
+def test_the_mean_of_the_largest_doubles_is_a_double() -> None:
+    found = statistics({}, [1.7e308] * 10, [1.7e308] * 3)
+    assert found.mean == pytest.approx(1.7e308)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([1, True, 2.5], [1.0, 1.0, 2.5]),
+        ([None, 1.0], [math.nan, 1.0]),
+        (["12", 1.0], [math.nan, 1.0]),
+        ([{"data": 1}, [1]], [math.nan, math.nan]),
+        ([10**400, 1], [math.nan, 1.0]),
+    ],
+)
+def test_what_is_no_number_is_nan(values: List[Any], expected: List[float]) -> None:
+    assert as_numbers(values).tolist() == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_sample_is_bad_exactly_where_the_monitor_says_so() -> None:
+    config = read_signal("signal", {"scale": -0.1, "placeholders": [-0.01], "valid_min": -5.0, "valid_max": 2.0})
+    values = [-0.01, -0.009999999776, 0.0, 50.0, 50.00001, -20.0, -20.1, math.nan, math.inf, -math.inf, 1e308]
+    quality = Quality(config)
+    expected = [quality.judge(value) for value in values]
+    found = SignalStatistics(config).add(np.arange(float(len(values))), np.array(values))
+    assert found.tolist() == pytest.approx(expected, nan_ok=True)
+
+
+def announced(wall_s: float, file: str, level: Level, signal: str = "battery", text: str = "") -> JudgedEvent:
+    """Returns a transition from OK, or to OK from WARN."""
+    before = Level.WARN if level is Level.OK else Level.OK
+    status = Status(signal, level, text, "robot", {})
+    transition = Transition(
+        signal, before, level, 1.0, "last", None, wall_s, 0.0, "robot", "0123456789abcdef", text, status
+    )
+    return JudgedEvent(wall_s, file, transition)
+
+
+def differences(*events: JudgedEvent) -> List[Tuple[float, str]]:
+    """Returns time and configuration of the transitions in which a.yaml and b.yaml differ."""
+    found: List[Tuple[float, str]] = []
+    compared = Differences(["a.yaml", "b.yaml"], lambda event: found.append((event.wall_s, event.file)))
+    for event in events:
+        compared.add(event)
+    compared.flush()
+    return found
+
+
+def test_the_same_transition_of_both_is_no_difference() -> None:
+    assert differences(announced(1.0, "a.yaml", Level.WARN), announced(1.0, "b.yaml", Level.WARN)) == []
+
+
+def test_a_transition_of_one_is_a_difference() -> None:
+    assert differences(announced(1.0, "a.yaml", Level.WARN)) == [(1.0, "a.yaml")]
+
+
+def test_the_same_transition_at_another_time_is_two_differences() -> None:
+    found = differences(announced(1.0, "b.yaml", Level.WARN), announced(2.0, "a.yaml", Level.WARN))
+    assert found == [(1.0, "b.yaml"), (2.0, "a.yaml")]
+
+
+def test_another_level_and_another_signal_are_differences() -> None:
+    assert len(differences(announced(1.0, "a.yaml", Level.WARN), announced(1.0, "b.yaml", Level.ERROR))) == 2
+    assert len(differences(announced(1.0, "a.yaml", Level.WARN), announced(1.0, "b.yaml", Level.WARN, "other"))) == 2
+
+
+def test_another_text_is_no_difference() -> None:
+    first = announced(1.0, "a.yaml", Level.WARN, text="5 % is below 20 %")
+    second = announced(1.0, "b.yaml", Level.WARN, text="5 % is below 25 %")
+    assert differences(first, second) == []
+
+
+def test_the_order_of_several_signals_at_one_instant_does_not_matter() -> None:
+    events = [
+        announced(1.0, "a.yaml", Level.WARN, "one"),
+        announced(1.0, "a.yaml", Level.WARN, "two"),
+        announced(1.0, "b.yaml", Level.WARN, "two"),
+        announced(1.0, "b.yaml", Level.WARN, "one"),
+    ]
+    assert differences(*events) == []
+
+
+def test_what_one_announced_twice_and_the_other_once_is_one_difference() -> None:
+    once, twice = announced(1.0, "a.yaml", Level.WARN), announced(1.0, "b.yaml", Level.WARN)
+    assert differences(once, twice, twice) == [(1.0, "b.yaml")]
+
+
+def test_notices_are_not_compared() -> None:
+    assert differences(JudgedEvent(1.0, "a.yaml", Notice(1.0, Severity.INFO, "time went back"))) == []
