@@ -10,7 +10,14 @@ from typing import Callable, Dict, NamedTuple, Union
 from .faults import Faults
 from .formatting import with_hint
 from .middleware import Severity
-from .model import Transition
+from .model import Level, Transition
+
+_SEVERITY_OF_LEVEL = {
+    Level.OK: Severity.INFO,
+    Level.WARN: Severity.WARN,
+    Level.ERROR: Severity.ERROR,
+    Level.STALE: Severity.WARN,
+}
 
 
 class Notice(NamedTuple):
@@ -33,6 +40,11 @@ Event = Union[Transition, Notice]
 def event_text(event: Event) -> str:
     """Returns the line that people read about an event: a transition with its hint."""
     return with_hint(event.text, event.hint) if isinstance(event, Transition) else event.text
+
+
+def event_severity(event: Event) -> Severity:
+    """Returns the severity of the log line about an event."""
+    return _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
 
 
 Outlet = Callable[[Event], None]

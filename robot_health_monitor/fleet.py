@@ -17,7 +17,7 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.nodes.identity import host_name
+from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.runtime.threads import run_in_daemon_thread

@@ -10,7 +10,7 @@ from typing import Dict, Iterator, Optional, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.nodes.identity import host_name
+from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import TargetSettings, read_ops
 from robot_health_monitor.ops.notifications.trial import ALERTMANAGER_HOLD_S, Trial, try_target

@@ -18,7 +18,7 @@ from robot_health_monitor.core.faults import SharedFaults
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
-from robot_health_monitor.core.nodes.identity import host_name
+from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.nodes.self_monitor import EMPTY_REPORT, SelfReport
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.yaml_file import read_yaml

@@ -12,9 +12,8 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault, Faults
 from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, Severity
-from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.core.nodes.identity import host_name
-from robot_health_monitor.core.outlets import Event, event_text
+from robot_health_monitor.core.nodes.node import host_name
+from robot_health_monitor.core.outlets import Event, event_severity, event_text
 from robot_health_monitor.runtime.libraries import ROSBRIDGE, missing_libraries
 from robot_health_monitor.runtime.tokens import TokenFiles
 
@@ -33,12 +32,6 @@ _FAULT = "server"
 _OFF = "web page and rosbridge are off"
 _CLOSE_S = 2.5
 """Longest time to close the port and the connections; the server itself takes at most 2 s."""
-_SEVERITY_OF_LEVEL = {
-    Level.OK: Severity.INFO,
-    Level.WARN: Severity.WARN,
-    Level.ERROR: Severity.ERROR,
-    Level.STALE: Severity.WARN,
-}
 
 
 class ServerSettings(NamedTuple):
@@ -370,8 +363,8 @@ def _show_log(monitor: Served, server: Server) -> None:
 
     def add(alert_system: AlertSystem) -> None:
         def publish_event(event: Event) -> None:
-            severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
-            server.publish_log(LogLine(event.now_s, alert_system.node_name, severity, event_text(event)))
+            line = LogLine(event.now_s, alert_system.node_name, event_severity(event), event_text(event))
+            server.publish_log(line)
 
         alert_system.outlets.add("rosout", publish_event)
 

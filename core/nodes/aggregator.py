@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Callable, Dict, Mapping, Tuple
+from functools import partial
+from typing import Any, Dict, Mapping, Tuple
 
 from ..config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, load_config
 from ..diagnostics import ARRAY_TYPE, array_message
@@ -16,8 +17,7 @@ from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
 from ..score import health_score
 from ..signal_config import LONGEST_S, SignalConfig, read_signal
-from .changes import describe_changes
-from .identity import DIAGNOSTICS, FLOAT_TYPE, base_name, host_name, refuse_changes
+from .node import DIAGNOSTICS, FLOAT_TYPE, base_name, describe_changes, host_name, refuse_changes
 
 AGGREGATOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -57,11 +57,7 @@ class Aggregator:
     """Publishes the average of its inputs, only while all of them are fresh, and statistics of each."""
 
     def __init__(self, middleware: Middleware) -> None:
-        """Starts listening.
-
-        Raises:
-            ConfigError: the configuration cannot be used.
-        """
+        """Starts listening; raises ConfigError if the configuration cannot be used."""
         self._middleware = middleware
         self._node = base_name(middleware)
         self._values = _read_values(middleware.given_parameters())
@@ -88,23 +84,18 @@ class Aggregator:
             self._middleware.unsubscribe(self._subscriptions.pop(topic))
         for name, topic in self._inputs.items():
             if topic not in self._subscriptions:
-                observer = self._observer(name)
-                self._subscriptions[topic] = self._middleware.subscribe(topic, FLOAT_TYPE, observer, field="data")
+                take = partial(self._take, name)
+                self._subscriptions[topic] = self._middleware.subscribe(topic, FLOAT_TYPE, take, field="data")
 
-    def _observer(self, name: str) -> Callable[[Any, float], None]:
-        observe = self._monitor.observe
-
-        def callback(value: Any, now_s: float) -> None:
-            observe(Sample(name, value, now_s))
-
-        return callback
+    def _take(self, name: str, value: Any, now_s: float) -> None:
+        self._monitor.observe(Sample(name, value, now_s))
 
     def _publish(self, now_s: float) -> None:
         if not self._inputs:
             return
         self._monitor.tick(now_s)
         fresh = {name: self._monitor.fresh_value(name) for name in self._inputs}
-        missing = [self._inputs[name] for name, value in fresh.items() if value is None]
+        missing = [topic for name, topic in self._inputs.items() if fresh[name] is None]
         values = {name: value for name, value in fresh.items() if value is not None}
         if self._values["method"] == "score":
             values = {name: health_score(value, self._thresholds[name]) for name, value in values.items()}
@@ -145,11 +136,7 @@ def _read_values(tree: Mapping[str, Any]) -> Dict[str, Any]:
 
 
 def _signal_names(topics: Tuple[str, ...]) -> Dict[str, str]:
-    """Returns the topics by the name of their signal: the topic itself where it is a signal's name.
-
-    Raises:
-        ConfigError: a topic is not a name, or two of them give the same signal name.
-    """
+    """Returns the topics by the name of their signal: the topic itself where it is a signal's name."""
     names: Dict[str, str] = {}
     for topic in topics:
         name = re.sub(r"\W", "_", topic.strip("/~"), flags=re.ASCII)
@@ -162,11 +149,7 @@ def _signal_names(topics: Tuple[str, ...]) -> Dict[str, str]:
 
 
 def _read_thresholds(values: Mapping[str, Any], inputs: Mapping[str, str]) -> Mapping[str, SignalConfig]:
-    """Returns the thresholds that the score uses, by input: those of the file, else the defaults.
-
-    Raises:
-        ConfigError: the file cannot be used, or an input has no thresholds.
-    """
+    """Returns the thresholds that the score uses, by input: those of the file, else the defaults."""
     if values["method"] != "score":
         return {}
     known = {name: read_signal(name, signal) for name, signal in DEFAULT_SIGNALS.items()}

@@ -17,18 +17,19 @@ from ..formatting import printable
 from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
-from ..outlets import Event, Notice, Outlet, Outlets, event_text
+from ..outlets import Event, Notice, Outlet, Outlets, event_severity, event_text
 from ..signal_config import LINK
-from .changes import describe_changes, sections_of
-from .identity import (
+from .node import (
     DIAGNOSTICS,
     LOG_LEVEL,
     SIMULATED_SENSORS,
     STRING_TYPE,
     UNAVAILABLE_SENSORS,
     base_name,
+    describe_changes,
     host_name,
     refuse_changes,
+    sections_of,
 )
 from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 
@@ -38,12 +39,6 @@ TICK_PERIOD_S = 1.0
 
 _MAX_LIST = 10_000  # characters
 _NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
-_SEVERITY_OF_LEVEL = {
-    Level.OK: Severity.INFO,
-    Level.WARN: Severity.WARN,
-    Level.ERROR: Severity.ERROR,
-    Level.STALE: Severity.WARN,
-}
 
 _Source = Tuple[str, str, str, str]
 """Where a signal comes from: its name, topic, type and field."""
@@ -75,10 +70,9 @@ class AlertSystem:
 
         Args:
             middleware: the node's connection.
-            outlets: further receivers of transitions and notices, by name. They come before the standard outlets.
-            log_alerts: write transitions and notices to the middleware's log. False where an outlet shows them.
-            history: the alert_system continues from its states, and stores each transition before any outlet receives
-                it. None: it starts from an empty state.
+            outlets: further receivers of events, by name. They come before the standard outlets.
+            log_alerts: write events to the middleware's log. False where an outlet shows them.
+            history: gives the states to continue from, and stores each transition before any outlet receives it.
             announce_pauses: emit a notice after the process was stopped. False where another part does so.
             silence_of: returns the text of the silence of a signal, None without one. Must be fast.
             self_report: what the node's own status shows of other parts of the process.
@@ -92,23 +86,27 @@ class AlertSystem:
         self._node = base_name(middleware)
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
-        config = self._read_config(given)
-        self._config = config
+        self._config = config = self._read_config(given)
         self._unavailable: Set[str] = set()
         self._simulated_topics = ""
         self._simulated: FrozenSet[str] = frozenset()
-        self.monitor = Monitor(config, config.robot_name or host_name())
+        self.robot = config.robot_name or host_name()
+        """The robot's name."""
+        self.node_name = middleware.name
+        """The full name of the node."""
+        self.samples = 0
+        """How many samples were received since the start."""
+        self.monitor = Monitor(config, self.robot)
         """Judges the signals; read it to show their state."""
+        self.silence_of = silence_of
         self.outlets = Outlets(middleware.faults)
         """Receives every transition and notice; more outlets may be added at any time."""
-        self.silence_of = silence_of
-        """Returns the text of the silence of a signal, None without one."""
-        standard: Dict[str, Outlet] = {"alerts": self._publish_alert, DIAGNOSTICS: self._publish_change}
-        if log_alerts:
-            standard = {"log": self._log, **standard}
-        for name, outlet in {**outlets, **standard}.items():
+        for name, outlet in outlets.items():
             self.outlets.add(name, outlet)
-        self._samples = 0
+        if log_alerts:
+            self.outlets.add("log", self._log)
+        self.outlets.add("alerts", self._publish_alert)
+        self.outlets.add(DIAGNOSTICS, self._publish_change)
         self_report = replace(
             self_report,
             signals=lambda: len(self.monitor.config.signals),
@@ -116,7 +114,8 @@ class AlertSystem:
             without_sensor=lambda: sorted(self._unavailable),
             silenced=self.count_silenced,
         )
-        self._self_monitor = SelfMonitor(middleware, self.monitor.robot, TICK_PERIOD_S, self.outlets.emit, self_report)
+        self.self_monitor = SelfMonitor(middleware, self.robot, TICK_PERIOD_S, self.outlets.emit, self_report)
+        """Watches the node itself and makes its status."""
         self._continuity = None if history is None else Continuity(self.monitor, history)
         self._subscriptions: Dict[_Source, Subscription] = {}
         described = described_parameters(config, are_default=self._watches_defaults)
@@ -142,62 +141,44 @@ class AlertSystem:
             middleware.log(Severity.INFO, f"watching {source_text(signal)}")
         latching = [name for name, signal in config.signals.items() if signal.latch]
         if latching and (history is None or not history.is_kept):
-            middleware.log(
-                Severity.INFO, f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
-            )
+            text = f"no history: latched alerts of an earlier run are not restored ({', '.join(latching)})"
+            middleware.log(Severity.INFO, text)
 
     def observe(self, sample: Sample) -> None:
         """Judges a sample that does not come from a topic, such as that of the signal `link`."""
-        self._samples += 1
+        self.samples += 1
         self._look_for_pause(sample.now_s)
         self._announce(self.monitor.observe(sample), sample.now_s)
 
     def observe_link(self, up: bool, cause: str = "") -> None:
-        """Judges the signal `link`: whether the robot can be reached.
-
-        Args:
-            up: whether it can.
-            cause: why not, for the message of the signal; empty: unknown.
-        """
+        """Judges the signal `link`: whether the robot can be reached, and if not, why (empty: unknown)."""
         now_s = self._middleware.now_s()
         self._look_for_pause(now_s)
         self._excused_since_s = None
         self._announce(self.monitor.set_link(up, cause, now_s), now_s)
 
     def excuse_link(self) -> bool:
-        """Call when the connection to the robot breaks, before `observe_link`.
+        """Returns whether a connection to the robot broke because this process was stopped; call when it breaks.
 
-        A connection that broke because this process was stopped is no fault of the robot. Until the next
-        `observe_link`, or a sample, the time counts for nothing.
-
-        Returns:
-            Whether that is so: `observe_link` is then to be called after the next attempt to connect.
+        That is no fault of the robot: call `observe_link` only after the next attempt to connect. Until then, or until
+        a sample, the time counts for nothing.
         """
         now_s = self._middleware.now_s()
         self._look_for_pause(now_s)
-        if not self._self_monitor.has_just_resumed:
+        if not self.self_monitor.has_just_resumed:
             return False
         self._excused_since_s = now_s
         return True
 
     def skip(self, since_s: float, until_s: float) -> None:
         """Leaves a time out of durations and silences, as `Monitor.skip`. No ticks were due in it."""
-        self._self_monitor.skip(until_s - since_s)
+        self.self_monitor.skip(until_s - since_s)
         self._announce(self.monitor.skip(since_s, until_s), until_s)
-
-    def own_status(self) -> Status:
-        """Returns the status of the node itself."""
-        return self._self_monitor.status()
-
-    @property
-    def robot(self) -> str:
-        """The robot's name."""
-        return self.monitor.robot
 
     @property
     def tick_age_s(self) -> float:
         """Time since the last tick, in s; see `SelfMonitor.tick_age_s`. May be read in any thread."""
-        return self._self_monitor.tick_age_s
+        return self.self_monitor.tick_age_s
 
     def read(self, function: Callable[[Monitor, float], Result]) -> Result:
         """Calls `function(monitor, now_s)` while nothing changes the monitor. For code in other threads."""
@@ -223,16 +204,6 @@ class AlertSystem:
         statuses = [self.monitor.status(name, now_s) for name in silenced]
         return sum(1 for status in statuses if status is not None and status.level is not Level.OK)
 
-    @property
-    def node_name(self) -> str:
-        """The full name of the node."""
-        return self._middleware.name
-
-    @property
-    def samples(self) -> int:
-        """How many samples were received since the start."""
-        return self._samples
-
     def is_simulated(self, signal: str) -> bool:
         """Returns whether battery_sensor invents the values of a signal. May be called in any thread."""
         return signal.partition("[")[0] in self._simulated  # all elements of an array are of one topic
@@ -257,8 +228,7 @@ class AlertSystem:
     def _follow_topics(self, config: MonitorConfig) -> None:
         """Subscribes to the topics of new signals; when all succeeded, unsubscribes from those no longer used.
 
-        Raises:
-            ConfigError: a subscription was refused; nothing has changed.
+        Raises ConfigError if a subscription was refused; nothing has changed then.
         """
         wanted = {
             (name, signal.topic, signal.type, signal.field) for name, signal in config.signals.items() if name != LINK
@@ -266,9 +236,8 @@ class AlertSystem:
         added: Dict[_Source, Subscription] = {}
         try:
             # Signals with a type and a field first: those that only count messages can share their subscription.
-            for source in sorted(
-                wanted - self._subscriptions.keys(), key=lambda key: (key[3] == "", key[2] == "", key)
-            ):
+            new = wanted - self._subscriptions.keys()
+            for source in sorted(new, key=lambda key: (key[3] == "", key[2] == "", key)):
                 added[source] = self._subscribe(*source)
         except ConfigError:
             for subscription in added.values():
@@ -286,10 +255,10 @@ class AlertSystem:
             raise ConfigError(error.problem, ("signals", name)) from None
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
-        self._samples += 1
+        self.samples += 1
         if self._unavailable:
             self._watch_only_without(self._unavailable - {name}, now_s)
-        if self._excused_since_s is not None or self._self_monitor.may_have_paused(now_s):
+        if self._excused_since_s is not None or self.self_monitor.may_have_paused(now_s):
             self._look_for_pause(now_s)
             self._excused_since_s = None
         changes = self.monitor.observe(Sample(name, value, now_s))
@@ -336,7 +305,7 @@ class AlertSystem:
 
     def _look_for_pause(self, now_s: float) -> None:
         """Leaves the time out in which the process was stopped: it is no silence of the robot."""
-        since_s = self._self_monitor.find_pause(now_s, announce=self._announce_pauses)
+        since_s = self.self_monitor.find_pause(now_s, announce=self._announce_pauses)
         if since_s is None and self._excused_since_s is not None:
             since_s = self._excused_since_s
             self._excused_since_s = now_s
@@ -345,7 +314,7 @@ class AlertSystem:
 
     def _tick(self, now_s: float) -> None:
         self._look_for_pause(now_s)
-        self._self_monitor.note_tick(now_s)
+        self.self_monitor.note_tick(now_s)
         self._middleware.faults.guard("hints", self._look_up_hints, now_s)
         self._announce(self.monitor.tick(now_s), now_s)
         if self._continuity is not None:
@@ -359,7 +328,7 @@ class AlertSystem:
     def _check(self, now_s: float) -> None:
         """Runs on steady time."""
         self._look_for_pause(now_s)
-        self._self_monitor.check(self._samples)
+        self.self_monitor.check(self.samples)
         # Without /clock, and while a simulator is paused, the timer of the report stands still.
         overdue_s = self._middleware.steady_s() - self._reported_steady_s
         if overdue_s > 1.0 / self._config.publish_rate + CHECK_PERIOD_S:
@@ -372,8 +341,7 @@ class AlertSystem:
     def _publish_report(self, now_s: float) -> None:
         if self._middleware.has_listeners(DIAGNOSTICS):
             signals = self.monitor.report(now_s).statuses.values()
-            statuses = [*map(self._with_silence, signals), self._self_monitor.status()]
-            self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
+            self._publish_statuses(*map(self._with_silence, signals), self.self_monitor.status())
 
     def _announce(self, changes: Changes, now_s: float) -> None:
         for text in changes.notices:
@@ -384,22 +352,24 @@ class AlertSystem:
             self.outlets.emit(transition)
 
     def _log(self, event: Event) -> None:
-        severity = _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
-        self._middleware.log(severity, printable(event_text(event)))
+        self._middleware.log(event_severity(event), printable(event_text(event)))
 
     def _publish_alert(self, event: Event) -> None:
         if isinstance(event, Transition):
             self._middleware.publish("alerts", alert_message(event, self._node, self.silence_of(event.signal)))
         elif event.part:
-            status = replace(self._self_monitor.status(), message=event.text)
+            status = replace(self.self_monitor.status(), message=event.text)
             self._middleware.publish("alerts", status_message(status, self._node))
 
     def _publish_change(self, event: Event) -> None:
         """Publishes only the status that changed: a hundred signals may change one after the other."""
         if isinstance(event, Transition):
-            self._middleware.publish(DIAGNOSTICS, array_message([self._with_silence(event.status)], self._node))
+            self._publish_statuses(self._with_silence(event.status))
         elif event.part:
-            self._middleware.publish(DIAGNOSTICS, array_message([self._self_monitor.status()], self._node))
+            self._publish_statuses(self.self_monitor.status())
+
+    def _publish_statuses(self, *statuses: Status) -> None:
+        self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
     def _with_silence(self, status: Status) -> Status:
         """Adds the silence of a signal to its status."""
@@ -407,10 +377,9 @@ class AlertSystem:
         return status if text is None else replace(status, values={**status.values, "silenced": text}, silence=text)
 
     def _reset(self, request: Message) -> Message:
-        transitions = self.monitor.reset()
-        self._announce(transitions, self._middleware.now_s())
+        now_s, transitions = self._middleware.now_s(), self.monitor.reset()
+        self._announce(transitions, now_s)
         if self._continuity is not None:
-            now_s = self._middleware.now_s()
             self._middleware.faults.guard("storing the reset", self._continuity.record_reset, now_s)
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
         return {"success": True, "message": f"reset: {cleared}"}
@@ -418,8 +387,7 @@ class AlertSystem:
     def _read_config(self, tree: Mapping[str, Any]) -> MonitorConfig:
         """Returns the configuration in a tree of parameters.
 
-        A node that started without signals watches the default ones. The tree then holds changes of them: the rest
-        stays in force.
+        Of a node that started without signals, the tree holds changes of the default ones.
         """
         signals = tree.get("signals", {})
         if self._watches_defaults and isinstance(signals, Mapping):

@@ -30,8 +30,6 @@ _MAX_LATENESS_S = 5.0
 _MIN_HEALTHY_S = 3.0
 """How long a part must work before its fault is announced as ended; keeps an intermittent fault to one line."""
 
-_SEVERITY_OF_LEVEL = {Level.WARN: Severity.WARN, Level.ERROR: Severity.ERROR}
-
 
 def _left_out() -> None:
     return None
@@ -109,7 +107,7 @@ class SelfMonitor:
         Args:
             middleware: the node's connection; its `faults` are announced.
             robot: `hardware_id` of the status.
-            tick_period_s: expected period of `note_tick` in s.
+            tick_period_s: expected period of `note_tick`, in s.
             emit: receives a notice when a fault begins or ends.
             report: what the status shows, besides what is measured here.
         """
@@ -136,17 +134,10 @@ class SelfMonitor:
         )
 
     def find_pause(self, now_s: float, *, announce: bool = True) -> Optional[float]:
-        """Looks whether the process was stopped since the last call: by SIGSTOP, a debugger, a machine that swaps.
+        """Returns the time of the last call, in s, if the process was stopped since; else None.
 
-        Call at least every `CHECK_PERIOD_S` of steady time, before anything else is done with `now_s`. A paused
-        simulator is no pause: steady time goes on.
-
-        Args:
-            now_s: the time in seconds.
-            announce: emit a notice.
-
-        Returns:
-            The time of the last call, in seconds, if the process was stopped since; else None.
+        Stopped by SIGSTOP, a debugger, a machine that swaps; not by a paused simulator: steady time goes on. Call at
+        least every `CHECK_PERIOD_S` of steady time, before anything else is done with `now_s`.
         """
         steady_s, looked = self._middleware.steady_s(), self._looked
         self._looked = (now_s, steady_s)
@@ -184,10 +175,9 @@ class SelfMonitor:
             self._looked = (self._looked[0] + duration_s, self._looked[1] + duration_s)
 
     def check(self, samples: int) -> None:
-        """Looks for faults that began or ended. Call every `CHECK_PERIOD_S` of steady time.
+        """Looks for faults that began or ended; `samples` is the number of samples received since the start.
 
-        Args:
-            samples: how many samples the node has received since it started.
+        Call every `CHECK_PERIOD_S` of steady time.
         """
         steady_s = self._middleware.steady_s()
         if steady_s > self._checked_s:
@@ -205,8 +195,8 @@ class SelfMonitor:
         `check` counts, which shows that the node runs.
         """
         steady_s = self._middleware.steady_s()
-        since_tick_s = self._since_tick_s(self._middleware.now_s(), steady_s)
-        return max(0.0, since_tick_s, steady_s - self._checked_s - CHECK_PERIOD_S)
+        since_check_s = steady_s - self._checked_s - CHECK_PERIOD_S
+        return max(0.0, self._since_tick_s(self._middleware.now_s(), steady_s), since_check_s)
 
     def status(self) -> Status:
         """Returns the node's own status: its level is that of its worst fault."""
@@ -220,8 +210,7 @@ class SelfMonitor:
 
         Counts only what both clocks agree on: simulated time may run fast, and it may be paused.
         """
-        tick_s = self._tick_s
-        return 0.0 if tick_s is None else min(now_s - tick_s, steady_s - self._tick_steady_s)
+        return 0.0 if self._tick_s is None else min(now_s - self._tick_s, steady_s - self._tick_steady_s)
 
     def _lateness_s(self, now_s: float, steady_s: float) -> float:
         """Returns by how much the tick is late, in s."""
@@ -260,7 +249,7 @@ class SelfMonitor:
             announced = self._announced.get(part)
             if announced is None or fault.level.severity > announced.severity:
                 self._announced[part] = fault.level
-                severity = _SEVERITY_OF_LEVEL.get(fault.level, Severity.ERROR)
+                severity = Severity.WARN if fault.level is Level.WARN else Severity.ERROR
                 self._emit(Notice(self._middleware.now_s(), severity, f"{part}: {fault.text}", part))
         for part in [part for part in self._announced if part not in faults]:
             if steady_s - self._healthy_since_s.setdefault(part, steady_s) >= _MIN_HEALTHY_S:

@@ -106,7 +106,7 @@ def test_the_nodes_own_status_counts_messages_that_were_too_large(tmp_path: Path
             await until(lambda: bool(server.received))
             await server.publish("/battery_level", {"data": 50.0, "padding": "A" * 1_200_000})
             (robot,) = watched.fleet.robots
-            await until(lambda: robot.alert_system.own_status().values["dropped"] == "1")
+            await until(lambda: robot.alert_system.self_monitor.status().values["dropped"] == "1")
             await server.publish("/battery_level", {"data": 15.0})
             await until(lambda: watched.alerts == ["atlas: battery_level WARN: 15 is below 20"])
             assert len(server.sockets) == 1

@@ -107,14 +107,14 @@ def test_the_monitors_own_status_counts_the_clients() -> None:
             monitor = EmbeddedMonitor(
                 source="none", outlet=lambda event: None, start_alert_system=operations.start_only
             )
-            before = dict(monitor.alert_system.own_status().values)
+            before = dict(monitor.alert_system.self_monitor.status().values)
             assert before["clients"] == "0" and "clients_dropped" not in before
             server = await serve(monitor, LOCAL, operations, required=True)
             assert server is not None
             url = f"ws://127.0.0.1:{server.port}"
             async with aiohttp.ClientSession() as session, session.ws_connect(url) as connection:
                 await Peer(connection).settle()
-                shown = monitor.alert_system.own_status().values
+                shown = monitor.alert_system.self_monitor.status().values
                 assert (shown["clients"], shown["clients_dropped"]) == ("1", "0")
             await stop_serving(server)
             monitor.close()

@@ -1,0 +1,87 @@
+"""What the nodes share: topics and types, names, and how a change of their parameters is refused or described."""
+
+from __future__ import annotations
+
+import os
+from typing import List, Mapping, Tuple
+
+from ..config import NODE_PARAMETERS, MonitorConfig
+from ..errors import ConfigError, Problems
+from ..formatting import bound_text
+from ..middleware import NOTHING_CHANGED, Middleware
+
+FLOAT_TYPE = "std_msgs/Float32"
+STRING_TYPE = "std_msgs/String"
+LOG_LEVEL = "log_level"
+DIAGNOSTICS = "/diagnostics"
+UNAVAILABLE_SENSORS = "unavailable_sensors"
+"""Topic on which battery_sensor lists the metrics that its host has no sensor for, separated by commas.
+
+alert_system does not wait for their samples: a desktop without a battery is not a robot whose battery fell silent.
+"""
+SIMULATED_SENSORS = "simulated_sensors"
+"""Topic on which battery_sensor lists the topics of its simulated metrics, separated by commas.
+
+They are judged like all others, but cause no notification unless a target asks for them.
+"""
+
+Sections = Mapping[str, Mapping[str, object]]
+"""Values by key, in named sections (signals, metrics); the section "" holds the node's own values."""
+
+
+def host_name() -> str:
+    """Returns the name of this host: the name of a robot that has none."""
+    return os.uname().nodename  # as platform.node(), whose module takes memory in every node
+
+
+def base_name(middleware: Middleware) -> str:
+    """Returns the node's name without its namespace."""
+    return middleware.name.rpartition("/")[2]
+
+
+def refuse_changes(old: Mapping[str, object], new: Mapping[str, object], *, except_for: Tuple[str, ...] = ()) -> None:
+    """Rejects changes of the common parameters that are fixed at the start: all but `log_level` and `except_for`.
+
+    Raises:
+        ConfigError: the old and the new configuration differ in such parameters.
+    """
+    problems = Problems()
+    for parameter in NODE_PARAMETERS:
+        name, default = parameter.name, parameter.default
+        if name not in (LOG_LEVEL, *except_for) and new.get(name, default) != old.get(name, default):
+            problems.add(ConfigError("can only be set at the start", (name,)))
+    problems.raise_if_any()
+
+
+def sections_of(config: MonitorConfig, **own: object) -> Sections:
+    """Returns the values of a configuration of alert_system, and further ones of the node itself."""
+    signals = {name: vars(signal) for name, signal in config.signals.items()}
+    return {"": {"publish_rate": config.publish_rate, **own}, **signals}
+
+
+def describe_changes(old: Sections, new: Sections) -> str:
+    """Returns what differs, in the order of `new`: `wheel.warn_below: 20 -> 25; added imu`, or `nothing changed`."""
+    texts: List[str] = []
+    for section, values in new.items():
+        if section not in old:
+            texts.append(f"added {section}")
+            continue
+        prefix = f"{section}." if section else ""
+        for key in dict.fromkeys([*old[section], *values]):
+            before, after = old[section].get(key), values.get(key)
+            if before != after:
+                texts.append(f"{prefix}{key}: {_text(before)} -> {_text(after)}")
+    texts.extend(f"removed {section}" for section in old if section not in new)
+    return "; ".join(texts) or NOTHING_CHANGED
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return bound_text(value)
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_text, value))}]"
+    return str(value) or '""'
