@@ -6,7 +6,7 @@ import asyncio
 import importlib.util
 import time
 from functools import partial
-from typing import Any, Awaitable, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Awaitable, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from aiohttp import web
 
@@ -22,9 +22,7 @@ from robot_health_monitor.runtime.times import iso_time
 from ..active_silences import Silences
 from ..history.history import History
 from ..metrics import METRICS_LIBRARY, Metrics
-from .own_state import OwnState
-from .page_files import PageFiles
-from .past_alerts import PastAlerts, query_of
+from .history_requests import expire_silence, new_silence, past_alert, past_alerts, query_of, silence_json
 from .requests import (
     API_HEADERS,
     WITH_TOKEN,
@@ -36,9 +34,9 @@ from .requests import (
     json_response,
     read_object,
     read_text,
+    serve_page_file,
 )
-from .silence_requests import expire_silence, new_silence, silence_json
-from .state import RobotReader, Samples
+from .state import OwnState, RobotReader, Samples
 from .updates import Updates
 
 __all__ = ["WebInterface"]
@@ -53,6 +51,7 @@ _ROBOTS_AT_ONCE = 10
 _KEPT_S = 0.2
 """How long an answer of `/api/state` serves further requests, in s."""
 
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 Json = Dict[str, Any]
@@ -77,14 +76,14 @@ class WebInterface:
         Args:
             robots: returns the alert_systems of the robots that are watched now.
             threads: whether robots are judged in other threads than the server's loop (ROS).
-            history: past alerts; None: there are none.
-            silences: silences; None: none can be added.
+            history: None: there are no past alerts.
+            silences: None: none can be added.
             notifications_waiting: returns how many notifications are not delivered yet.
             process_faults: returns the faults of the monitor that belong to no robot, by part.
             wall_time_s: seconds since 1970.
         """
         self._robots = robots
-        self._history = None if history is None else PastAlerts(history)
+        self._history = history
         self._silences = silences
         self._wall_time_s = wall_time_s
         # Reading a robot waits for its callbacks, and a history for a disk.
@@ -93,9 +92,8 @@ class WebInterface:
         self._readers: Dict[AlertSystem, RobotReader] = {}
         self._answers: Dict[Tuple[str, bool], asyncio.Future[bytes]] = {}
         self._own_state = OwnState(robots, process_faults)
-        self._metrics = Metrics(notifications_waiting, wall_time_s, self._own_state.count)
-        self._page = PageFiles()
-        self.updates = Updates(self._read_state, self._read_samples, wall_time_s)
+        self._metrics = Metrics(notifications_waiting, wall_time_s, lambda: len(self._own_state.texts()))
+        self.updates = Updates(self._read_state, self._read_samples)
         """The open pages."""
 
     def watch(self, alert_system: AlertSystem) -> None:
@@ -110,11 +108,7 @@ class WebInterface:
         alert_system.outlets.add("web", note)
 
     def routes(self, client_of: Callable[[web.Request], Client]) -> List[web.RouteDef]:
-        """Returns the routes.
-
-        Args:
-            client_of: returns who sends a request.
-        """
+        """Returns the routes; `client_of` returns who sends a request."""
         self._client_of = client_of
         get, post = web.get, web.post
         return [
@@ -129,8 +123,8 @@ class WebInterface:
             post("/api/reset", self._changing_route(self._reset)),
             get("/metrics", self._reading_route(self._get_metrics)),
             get("/healthz", self._route(self._get_health)),
-            get("/", self._page.serve),
-            get(r"/{name:[\w-]+\.\w+}", self._page.serve),
+            get("/", serve_page_file),
+            get(r"/{name:[\w-]+\.\w+}", serve_page_file),
         ]
 
     def missing(self) -> Optional[str]:
@@ -190,15 +184,14 @@ class WebInterface:
 
     async def _logout(self, request: web.Request) -> web.StreamResponse:
         check_same_origin(request)
-        client = self._client_of(request)
-        return client.logout()
+        return self._client_of(request).logout()
 
     # State
 
     async def _get_state(self, request: web.Request) -> web.StreamResponse:
         robot, window = request.query.get("robot", ""), request.query.get("window", "1") != "0"
-        if robot and robot not in (alert_system.robot for alert_system in self._robots()):
-            raise ApiError(404, f"there is no robot {robot}")
+        if robot:
+            self._require_reader(robot)
         body = await self._shared_answer(robot, window)
         return web.Response(body=body, content_type="application/json", headers=API_HEADERS)
 
@@ -227,13 +220,9 @@ class WebInterface:
         return json_bytes(state)[:-1] + b',"robots":{' + b",".join(parts) + b"}}"
 
     async def _read_state(self, robot: str = "", window: bool = False) -> Json:
-        robots: Json = {}
-        for number, reader in enumerate(self._current_readers()):
-            name = reader.alert_system.robot
-            if robot in ("", name):
-                robots[name] = await self._read(partial(reader.state, window=window))
-            if number % _ROBOTS_AT_ONCE == _ROBOTS_AT_ONCE - 1:
-                await asyncio.sleep(0)
+        readers = [reader for reader in self._current_readers() if robot in ("", reader.alert_system.robot)]
+        states = await self._read_each(readers, partial(RobotReader.state, window=window))
+        robots = {reader.alert_system.robot: state for reader, state in zip(readers, states)}
         silences = [] if self._silences is None else [silence_json(silence) for silence in self._silences.active()]
         return {
             "version": package_version(),
@@ -248,10 +237,8 @@ class WebInterface:
         }
 
     async def _read_samples(self, robot: str, before: Optional[Samples]) -> Optional[Samples]:
-        for reader in self._current_readers():
-            if reader.alert_system.robot == robot:
-                return await self._read(partial(reader.samples, before))
-        return None
+        reader = self._reader(robot)
+        return None if reader is None else await self._read(partial(reader.samples, before))
 
     def _current_readers(self) -> List[RobotReader]:
         """Returns the readers of the robots that are watched now."""
@@ -262,37 +249,45 @@ class WebInterface:
         }
         return list(self._readers.values())
 
+    def _reader(self, robot: str) -> Optional[RobotReader]:
+        return next((reader for reader in self._current_readers() if reader.alert_system.robot == robot), None)
+
+    def _require_reader(self, robot: str) -> RobotReader:
+        reader = self._reader(robot)
+        if reader is None:
+            raise ApiError(404, f"there is no robot {robot}")
+        return reader
+
     async def _read(self, function: Callable[[], Result]) -> Result:
         """Reads robots: in a thread if that may wait."""
         return function() if self._reading is None else await self._reading.run(function)
 
-    def _robot(self, name: str) -> AlertSystem:
-        for alert_system in self._robots():
-            if alert_system.robot == name:
-                return alert_system
-        raise ApiError(404, f"there is no robot {name}")
+    async def _read_each(self, items: Iterable[Item], function: Callable[[Item], Result]) -> List[Result]:
+        results = []
+        for number, item in enumerate(items, 1):
+            results.append(await self._read(partial(function, item)))
+            if number % _ROBOTS_AT_ONCE == 0:
+                await asyncio.sleep(0)
+        return results
 
     # History
 
     async def _get_history(self, request: web.Request) -> web.StreamResponse:
         history, query = self._require_history(), query_of(request.query)
-        return json_response(await self._worker.run(lambda: history.alerts(query)))
+        return json_response(await self._worker.run(partial(past_alerts, history, query)))
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
         history, text = self._require_history(), request.match_info["id"]
         number = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
-        found = await self._worker.run(lambda: history.alert(number))
+        found = await self._worker.run(partial(past_alert, history, number))
         if found is None:
             raise ApiError(404, f"there is no alert {text}")
         alert, samples = found
-        unit = ""
-        bounds: List[Json] = []
-        for reader in self._current_readers():
-            if reader.alert_system.robot == alert["robot"]:
-                unit, bounds = reader.plot_of(alert["signal"])
+        reader = self._reader(alert["robot"])
+        unit, bounds = ("", []) if reader is None else reader.plot_of(alert["signal"])
         return json_response({"alert": alert, "unit": unit, "bounds": bounds, "samples": samples})
 
-    def _require_history(self) -> PastAlerts:
+    def _require_history(self) -> History:
         if self._history is None:
             raise ApiError(404, "there is no history; ops.yaml configures one")
         return self._history
@@ -301,11 +296,11 @@ class WebInterface:
 
     async def _add_silence(self, body: Json) -> object:
         silences = self._require_silences()
-        return {"silence": silence_json(await self._worker.run(lambda: new_silence(silences, body)))}
+        return {"silence": silence_json(await self._worker.run(partial(new_silence, silences, body)))}
 
     async def _expire_silence(self, body: Json) -> object:
         silences = self._require_silences()
-        await self._worker.run(lambda: expire_silence(silences, body))
+        await self._worker.run(partial(expire_silence, silences, body))
         return {"ok": True}
 
     def _require_silences(self) -> Silences:
@@ -314,21 +309,18 @@ class WebInterface:
         return self._silences
 
     async def _reset(self, body: Json) -> object:
-        alert_system = self._robot(read_text(body, "robot"))
+        alert_system = self._require_reader(read_text(body, "robot")).alert_system
         return {"message": await self._read(alert_system.reset)}
 
     # Metrics and health
 
     async def _get_metrics(self, request: web.Request) -> web.StreamResponse:
-        if importlib.util.find_spec(METRICS_LIBRARY) is None:
-            raise ApiError(501, str(self.missing()))
-        robots = []
-        for number, alert_system in enumerate(self._robots()):
-            robots.append(await self._read(partial(self._metrics.read, alert_system)))
-            if number % _ROBOTS_AT_ONCE == _ROBOTS_AT_ONCE - 1:
-                await asyncio.sleep(0)
+        missing = self.missing()
+        if missing is not None:
+            raise ApiError(501, missing)
+        robots = await self._read_each(self._robots(), self._metrics.read)
         try:
-            body, content_type = await self._worker.run(lambda: self._metrics.render(robots))
+            body, content_type = await self._worker.run(partial(self._metrics.render, robots))
         except ImportError as error:
             raise ApiError(501, f"no metrics: {METRICS_LIBRARY} cannot be imported: {error}") from None
         return web.Response(body=body, headers={**API_HEADERS, "Content-Type": content_type})

@@ -1,9 +1,12 @@
-"""Checks and reads requests, and writes answers, as docs/reference/api.md describes them."""
+"""Checks and reads requests, and writes answers, as docs/reference/api.md describes them; serves the page's files."""
 
 from __future__ import annotations
 
 import asyncio
+import functools
+import hashlib
 import json
+from pathlib import Path
 from typing import Any, Dict, Mapping, NamedTuple, Optional, Protocol
 from urllib.parse import urlsplit
 
@@ -11,10 +14,22 @@ from aiohttp import web
 
 from robot_health_monitor.core.errors import MessageError
 
-__all__ = ["API_HEADERS", "ApiError", "check_same_origin", "json_bytes", "json_response", "read_object", "read_text"]
+from ..plot import plot_script, plot_style
 
-
-_MOST_TEXT = 200
+__all__ = [
+    "API_HEADERS",
+    "ApiError",
+    "BodyLimit",
+    "Client",
+    "WITHOUT_TOKEN",
+    "WITH_TOKEN",
+    "check_same_origin",
+    "json_bytes",
+    "json_response",
+    "read_object",
+    "read_text",
+    "serve_page_file",
+]
 
 
 class BodyLimit(NamedTuple):
@@ -27,9 +42,26 @@ class BodyLimit(NamedTuple):
 WITH_TOKEN = BodyLimit(16_384, 10.0)
 WITHOUT_TOKEN = BodyLimit(4096, 5.0)
 """Of a client that has not presented the token yet."""
+_MOST_TEXT = 200
 
-SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
-API_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+_SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+API_HEADERS = {**_SECURITY_HEADERS, "Cache-Control": "no-store"}
+_PAGE_HEADERS = {
+    **_SECURITY_HEADERS,
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+    "img-src 'self' data:; manifest-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
+    "Cache-Control": "no-cache",  # may be stored, but asks each time whether it has changed
+    "X-Frame-Options": "DENY",
+}
+_PAGE = Path(__file__).parent / "page"
+_TYPES = {
+    ".css": "text/css",
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".webmanifest": "application/manifest+json",
+}
 
 
 class Client(Protocol):
@@ -53,13 +85,7 @@ class ApiError(MessageError):
     """A request that is refused or failed."""
 
     def __init__(self, status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> None:
-        """Creates the error.
-
-        Args:
-            status: HTTP status.
-            text: one line for the client.
-            headers: further headers of the answer.
-        """
+        """Takes the HTTP status, one line for the client, and further headers of the answer."""
         super().__init__(text)
         self.status = status
         self.headers = headers or {}
@@ -80,12 +106,8 @@ def json_bytes(value: object) -> bytes:
 
 def json_response(value: object, *, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
     """Returns an answer with JSON, which must not be cached."""
-    return web.Response(
-        status=status,
-        body=json_bytes(value),
-        content_type="application/json",
-        headers={**API_HEADERS, **(headers or {})},
-    )
+    all_headers = {**API_HEADERS, **(headers or {})}
+    return web.Response(status=status, body=json_bytes(value), content_type="application/json", headers=all_headers)
 
 
 def check_same_origin(request: web.Request) -> None:
@@ -112,16 +134,14 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Di
     """
     if request.content_type != "application/json":
         raise ApiError(415, "expected Content-Type: application/json")
-    if (request.content_length or 0) > limit.most_bytes:
-        raise _too_large(limit)
     try:
-        body = await asyncio.wait_for(_read(request, limit), limit.timeout_s)
+        body = await asyncio.wait_for(_read(request, limit.most_bytes), limit.timeout_s)
     except asyncio.TimeoutError:
         raise ApiError(400, "the body did not come in time") from None
     try:
         value = json.loads(body.decode("utf-8"), parse_constant=_refuse)
     except (ValueError, RecursionError):
-        raise ApiError(400, "expected a JSON object, got something else") from None
+        value = None
     if not isinstance(value, dict):
         raise ApiError(400, "expected a JSON object, got something else")
     return value
@@ -141,18 +161,46 @@ def read_text(body: Mapping[str, Any], name: str) -> str:
     return value
 
 
-async def _read(request: web.Request, limit: BodyLimit) -> bytes:
+async def _read(request: web.Request, most_bytes: int) -> bytes:
+    too_large = ApiError(413, f"expected a body of at most {most_bytes} bytes")
+    if (request.content_length or 0) > most_bytes:
+        raise too_large
     body = bytearray()
     async for chunk in request.content.iter_chunked(4096):
         body += chunk
-        if len(body) > limit.most_bytes:
-            raise _too_large(limit)
+        if len(body) > most_bytes:
+            raise too_large
     return bytes(body)
-
-
-def _too_large(limit: BodyLimit) -> ApiError:
-    return ApiError(413, f"expected a body of at most {limit.most_bytes} bytes")
 
 
 def _refuse(constant: str) -> None:
     raise ValueError(constant)
+
+
+class _File(NamedTuple):
+    content: bytes
+    content_type: str
+    etag: str
+
+
+async def serve_page_file(request: web.Request) -> web.Response:
+    """Answers a request for `/` or `/NAME`: a file of the page, from memory."""
+    file = _page_files().get(request.match_info.get("name", "index.html"))
+    if file is None:
+        return ApiError(404, f"there is no path {request.path}").response()
+    headers = {**_PAGE_HEADERS, "ETag": file.etag}
+    if file.etag in request.headers.get("If-None-Match", ""):
+        return web.Response(status=304, headers=headers)
+    charset = "utf-8" if file.content_type.startswith("text/") else None
+    return web.Response(body=file.content, content_type=file.content_type, charset=charset, headers=headers)
+
+
+@functools.lru_cache(maxsize=None)
+def _page_files() -> Mapping[str, _File]:
+    """Reads the files in `page/`, and the plot, by their names."""
+    contents = {file.name: file.read_bytes() for file in sorted(_PAGE.iterdir()) if file.suffix in _TYPES}
+    contents.update({"plot.js": plot_script().encode("utf-8"), "plot.css": plot_style().encode("utf-8")})
+    return {
+        name: _File(content, _TYPES[Path(name).suffix], f'"{hashlib.sha256(content).hexdigest()[:32]}"')
+        for name, content in contents.items()
+    }

@@ -1,4 +1,4 @@
-"""The state of robots as JSON values: the part of docs/reference/api.md that describes robots and signals."""
+"""The state of robots, and of the monitor itself, as JSON values, as docs/reference/api.md describes them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from robot_health_monitor.core import explanation
 from robot_health_monitor.core.explanation import Judgement
+from robot_health_monitor.core.faults import Fault, summary_of
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
@@ -17,9 +18,8 @@ from robot_health_monitor.core.signal_config import SignalConfig
 from robot_health_monitor.runtime.times import iso_time
 
 from ..plot import plot_bounds
-from .own_state import OwnState
 
-__all__ = ["MOST_SAMPLES", "RobotReader", "Samples"]
+__all__ = ["MOST_SAMPLES", "OwnState", "RobotReader", "Samples"]
 
 MOST_SAMPLES = 300
 """Most samples of one signal in an answer."""
@@ -28,6 +28,54 @@ _OFFSET_TOLERANCE_S = 0.25
 """Wall time and the monitor's time may drift apart by this much before samples get other wall times."""
 
 Json = Dict[str, Any]
+_OwnFault = Tuple[Optional[str], str, Fault]
+"""Robot (None: the process), part, fault."""
+
+
+class OwnState:
+    """The present faults of a process, as the page, the API, /healthz and the metrics show them.
+
+    /diagnostics shows the same: the faults of a robot's monitor in the status of its alert_system, those of the process
+    in the status of the process. May be read in any thread.
+    """
+
+    def __init__(
+        self, robots: Callable[[], Sequence[AlertSystem]], process_faults: Callable[[], Mapping[str, Fault]]
+    ) -> None:
+        """Takes functions: `robots` returns those watched now, `process_faults` the faults of no robot, by part."""
+        self._robots = robots
+        self._process_faults = process_faults
+
+    def texts(self) -> List[str]:
+        """Returns a line per fault."""
+        return [f"{name}: {fault.text}" for name, (_, _, fault) in self._faults().items()]
+
+    def as_json(self) -> Json:
+        """Returns the key `monitor` of `/api/state`."""
+        faults = self._faults()
+        level, message = summary_of({name: fault for name, (_, _, fault) in faults.items()})
+        return {
+            "level": level.name,
+            "message": message,
+            "faults": [
+                {"robot": robot, "part": part, "level": fault.level.name, "text": fault.text}
+                for robot, part, fault in faults.values()
+            ],
+        }
+
+    def of_robot(self, robot: AlertSystem) -> Json:
+        """Returns the key `monitor` of a robot: the faults of the process concern every robot."""
+        level, message = summary_of({**self._process_faults(), **robot.own_faults()})
+        return {"level": level.name, "message": message}
+
+    def _faults(self) -> Dict[str, _OwnFault]:
+        """Returns the faults by a name for robot and part; those of the process first."""
+        robots = self._robots()
+        found: Dict[str, _OwnFault] = {part: (None, part, fault) for part, fault in self._process_faults().items()}
+        for robot in robots:
+            prefix = f"{robot.robot}: " if len(robots) > 1 else ""
+            found.update((prefix + part, (robot.robot, part, fault)) for part, fault in robot.own_faults().items())
+        return found
 
 
 class Samples(NamedTuple):
@@ -62,13 +110,7 @@ class RobotReader:
     def __init__(
         self, alert_system: AlertSystem, own_state: OwnState, wall_time_s: Callable[[], float] = time.time
     ) -> None:
-        """Reads nothing yet.
-
-        Args:
-            alert_system: the node that judges the robot.
-            own_state: the state of the monitor itself.
-            wall_time_s: seconds since 1970.
-        """
+        """Reads nothing yet; `wall_time_s` returns seconds since 1970."""
         self.alert_system = alert_system
         self._own_state = own_state
         self._wall_time_s = wall_time_s
@@ -77,26 +119,18 @@ class RobotReader:
         self._offset_s = math.nan
 
     def state(self, *, window: bool) -> Json:
-        """Returns the robot's state as in `/api/state`.
-
-        Args:
-            window: with the samples.
-        """
+        """Returns the robot's state as in `/api/state`; its samples only with `window`."""
 
         def read(monitor: Monitor, now_s: float) -> Json:
             self._follow_clock(now_s)
             judgements = monitor.judgements(now_s)
-            return self._robot(monitor, judgements, self._windows(monitor, judgements) if window else {})
+            return self._robot(monitor, judgements, window=window)
 
         with self._lock:
             return self.alert_system.read(read)
 
     def samples(self, before: Optional[Samples] = None) -> Samples:
-        """Returns the samples of the windows.
-
-        Args:
-            before: an earlier result: only newer samples; None: all.
-        """
+        """Returns the samples of the windows: those since `before`, an earlier result; None: all."""
 
         def read(monitor: Monitor, now_s: float) -> Samples:
             self._follow_clock(now_s)
@@ -123,18 +157,12 @@ class RobotReader:
         if not abs(offset_s - self._offset_s) <= _OFFSET_TOLERANCE_S:  # also the first time
             self._offset_s = offset_s
 
-    def _windows(self, monitor: Monitor, names: Mapping[str, Any]) -> Mapping[str, List[List[float]]]:
-        offset_s = self._offset_s
-        return {
-            name: [[round(t + offset_s, 3), value] for t, value in monitor.shown_samples(name, MOST_SAMPLES)]
-            for name in names
-        }
-
-    def _robot(
-        self, monitor: Monitor, judgements: Mapping[str, Judgement], windows: Mapping[str, List[List[float]]]
-    ) -> Json:
+    def _robot(self, monitor: Monitor, judgements: Mapping[str, Judgement], *, window: bool) -> Json:
+        signals = {}
+        for name, judgement in judgements.items():
+            samples = monitor.shown_samples(name, MOST_SAMPLES) if window else ()
+            signals[name] = self._signal(name, judgement, samples)
         level = Level.worst(judgement.level for judgement in judgements.values())
-        signals = {name: self._signal(name, judgement, windows.get(name, [])) for name, judgement in judgements.items()}
         cause = None
         if level is not Level.OK:
             cause = next(name for name, judgement in judgements.items() if judgement.level is level)
@@ -148,7 +176,7 @@ class RobotReader:
             "signals": signals,
         }
 
-    def _signal(self, name: str, judgement: Judgement, window: List[List[float]]) -> Json:
+    def _signal(self, name: str, judgement: Judgement, samples: Sequence[Tuple[float, float]]) -> Json:
         known = self._known.get(name)
         if known is None or known.since_s != judgement.since_s or known.config is not judgement.config:
             config, since_s = judgement.config, judgement.since_s
@@ -166,7 +194,7 @@ class RobotReader:
             "since": known.since,
             "silenced": self.alert_system.silence_of(name),
             "bounds": known.bounds,
-            "window": window,
+            "window": [[round(t + self._offset_s, 3), value] for t, value in samples],
             "text": explanation.shown_text(judgement),
             "statistic": config.statistic,
             "judged": judgement.judged,

@@ -39,19 +39,15 @@ class _Page:
         self.robots = robots
         """Those whose samples it gets."""
         self.address = address
-        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 1 + MOST_ROBOTS)  # `state`, `samples` first
+        self.waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 1 + MOST_ROBOTS)  # `state`, `samples` first
         self.ends = asyncio.Event()
 
     def send(self, event: bytes) -> None:
         """Queues an event; a page that reads too slowly is disconnected."""
         try:
-            self._waiting.put_nowait(event)
+            self.waiting.put_nowait(event)
         except asyncio.QueueFull:
             self.ends.set()
-
-    async def next(self) -> bytes:
-        """Waits for the next event."""
-        return await self._waiting.get()
 
 
 class Updates:
@@ -61,18 +57,15 @@ class Updates:
         self,
         read_state: Callable[[], Awaitable[Json]],
         read_samples: Callable[[str, Optional[Samples]], Awaitable[Optional[Samples]]],
-        wall_time_s: Callable[[], float] = time.time,
     ) -> None:
         """Starts without pages.
 
         Args:
             read_state: returns the state without samples.
             read_samples: returns a robot's samples since an earlier result, None if there is no such robot.
-            wall_time_s: seconds since 1970.
         """
         self._read_state = read_state
         self._read_samples = read_samples
-        self._wall_time_s = wall_time_s
         self._pages: Dict[_Page, None] = {}  # the oldest first
         self._state: Optional[Json] = None
         self._encoded_state: Optional[bytes] = None
@@ -181,8 +174,8 @@ class Updates:
 
     def _remove(self, page: _Page) -> None:
         self._pages.pop(page, None)
-        for robot in set(self._samples) - self._plotted():
-            del self._samples[robot]
+        plotted = self._plotted()
+        self._samples = {robot: samples for robot, samples in self._samples.items() if robot in plotted}
         if not self._pages:
             self._state = self._encoded_state = None
             if self._task is not None:
@@ -240,42 +233,27 @@ class Updates:
 
 async def _write_events(page: _Page, response: web.StreamResponse) -> None:
     while True:
-        event = await page.next()
+        event = await page.waiting.get()
         for start in range(0, len(event), _CHUNK):
             await response.write(event[start : start + _CHUNK])
 
 
 def changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> Optional[Json]:
-    """Returns what changed from one state to the next, as the event `change`; None if robots or signals did.
-
-    Args:
-        before: the earlier state.
-        after: the later one.
-    """
-    changed = _changed_keys(before, after, "robots")
-    old, new = before["robots"], after["robots"]
-    if list(old) != list(new):
+    """Returns what changed from one state to the next, as the event `change`; None if robots or signals did."""
+    if list(before["robots"]) != list(after["robots"]):
         return None
     robots: Json = {}
-    for name, robot in new.items():
-        known = old[name]
+    for name, robot in after["robots"].items():
+        known = before["robots"][name]
         if robot == known:
             continue
-        if list(robot["signals"]) != list(known["signals"]):
+        old, new = known["signals"], robot["signals"]
+        if list(old) != list(new):
             return None
-        changed_robot = _changed_keys(known, robot, "signals")
-        signals = {
-            signal: _changed_keys(known["signals"][signal], state, "")
-            for signal, state in robot["signals"].items()
-            if state != known["signals"][signal]
-        }
-        if signals:
-            changed_robot["signals"] = signals
-        robots[name] = changed_robot
-    if robots:
-        changed["robots"] = robots
-    return changed
+        signals = {signal: _changed_keys(old[signal], new[signal]) for signal in new if new[signal] != old[signal]}
+        robots[name] = {**_changed_keys(known, robot, "signals"), **({"signals": signals} if signals else {})}
+    return {**_changed_keys(before, after, "robots"), **({"robots": robots} if robots else {})}
 
 
-def _changed_keys(before: Mapping[str, Any], after: Mapping[str, Any], without: str) -> Json:
+def _changed_keys(before: Mapping[str, Any], after: Mapping[str, Any], without: str = "") -> Json:
     return {key: value for key, value in after.items() if key != without and value != before.get(key)}

@@ -1,15 +1,19 @@
-"""The state of one robot as JSON; test_interface.py has the common case."""
+"""The state of one robot, and of the monitor itself, as JSON; test_interface.py has the common case."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
+import pytest
+
+pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not installed")
+
 from harness.web import Robots
 
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.matchers import parse_matchers
-from robot_health_monitor.ops.web.own_state import OwnState
-from robot_health_monitor.ops.web.state import MOST_SAMPLES, RobotReader
+from robot_health_monitor.ops.web.state import MOST_SAMPLES, OwnState, RobotReader
 
 
 def reader(robots: Robots) -> RobotReader:
@@ -120,3 +124,25 @@ def test_the_plot_of_a_signal_that_is_not_watched_has_no_bounds() -> None:
     robots = Robots()
     assert reader(robots).plot_of("battery_level")[0] == "%"
     assert reader(robots).plot_of("motor") == ("", [])
+
+
+def test_the_faults_of_several_robots_name_the_robot() -> None:
+    robots, process = Robots("husky", "carter"), Faults()
+    husky, carter = robots.all
+    own = OwnState(lambda: robots.all, process.current)
+    process.report("history", "disk full")
+    robots.bus.nodes[1].faults.report("topic /scan", "dropped")
+    assert own.texts() == ["history: disk full", "carter: topic /scan: dropped"]
+    assert len(own.texts()) == 2
+    assert own.as_json()["message"] == "history: disk full"
+    process.clear("history")
+    assert own.as_json()["message"] == "carter: topic /scan: dropped"
+    assert own.of_robot(husky) == {"level": "OK", "message": "no faults"}
+    assert own.of_robot(carter) == {"level": "ERROR", "message": "topic /scan: dropped"}
+
+
+def test_a_fault_of_the_process_concerns_every_robot() -> None:
+    robots, process = Robots(), Faults()
+    own = OwnState(lambda: robots.all, process.current)
+    process.report("pager", "cannot be reached")
+    assert own.of_robot(robots.all[0]) == {"level": "ERROR", "message": "pager: cannot be reached"}

@@ -1,4 +1,4 @@
-"""The parameters of a request for past alerts; test_interface.py has the answers."""
+"""Requests for past alerts and silences; test_interface.py has the answers, and adds silences through the API."""
 
 from __future__ import annotations
 
@@ -11,7 +11,18 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.ops.web.past_alerts import PastAlerts, Query, query_of
+from robot_health_monitor.ops.active_silences import Silences
+from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.silences import read_silences
+from robot_health_monitor.ops.web.history_requests import (
+    Query,
+    expire_silence,
+    new_silence,
+    past_alert,
+    past_alerts,
+    query_of,
+    silence_json,
+)
 from robot_health_monitor.ops.web.requests import ApiError
 
 
@@ -53,6 +64,34 @@ def test_a_file_that_cannot_be_read_is_not_the_fault_of_the_request() -> None:
         def read(self, function: Callable[[sqlite3.Connection], Any], timeout_s: float = 1.0) -> Any:
             raise ConfigError("history.db: file is not a database")
 
-    for request in (lambda past: past.alerts(query_of({})), lambda past: past.alert(1)):
+    for request, parameter in ((past_alerts, query_of({})), (past_alert, 1)):
         with pytest.raises(ServiceError, match="file is not a database"):
-            request(PastAlerts(Damaged()))
+            request(Damaged(), parameter)
+
+
+def test_a_silence_is_shown_with_its_times() -> None:
+    history = History(None, lambda: 60.0)
+    silences = Silences(history, None, lambda: 60.0)
+    try:
+        silence = new_silence(silences, {"robot": "*", "for_s": 60, "reason": None})
+        assert silence_json(silence) == {
+            "id": "1",
+            "matchers": "robot=*",
+            "reason": "",
+            "author": "",
+            "since": "1970-01-01T00:01:00.000Z",
+            "until": "1970-01-01T00:02:00.000Z",
+            "until_resolved": False,
+        }
+        for bad in ({"id": 1, "author": "two\nlines"}, {"id": 1, "reason": 5}):
+            with pytest.raises(ApiError, match="reason"):
+                expire_silence(silences, bad)
+        assert expire_silence(silences, {"id": 1, "author": "ben", "reason": "replaced"}).id == 1
+        (stored,) = history.run(read_silences)
+        assert (stored.ended_by, stored.ended_reason) == ("ben", "replaced")
+        for bad in ({}, {"id": "one"}, {"id": -1}):
+            with pytest.raises(ApiError):
+                expire_silence(silences, bad)
+    finally:
+        silences.close()
+        history.close()

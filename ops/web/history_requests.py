@@ -1,0 +1,205 @@
+"""Past alerts and silences as JSON values: what requests ask for, and what they get. Functions may block."""
+
+from __future__ import annotations
+
+import sqlite3
+from datetime import datetime, timezone
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
+
+from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.runtime.times import iso_time
+
+from ..active_silences import Silences
+from ..history import queries
+from ..history.history import History
+from ..history.rows import StoredTransition
+from ..matchers import Matcher, matchers_text
+from ..silences import Silence
+from .requests import ApiError, read_text
+
+__all__ = ["Query", "expire_silence", "new_silence", "past_alert", "past_alerts", "query_of", "silence_json"]
+
+_MOST = 1000
+_USUAL = 100
+_LARGEST_ID = 2**63 - 1
+
+Result = TypeVar("Result")
+Json = Dict[str, Any]
+PastAlert = Tuple[Json, List[Tuple[float, Optional[float]]]]
+"""An alert and its samples: time in s since 1970 and value, None if that is not finite."""
+
+
+class Query(NamedTuple):
+    """Which alerts to return; as for `queries.transitions`."""
+
+    robot: Optional[str]
+    signal: Optional[str]
+    level: Optional[Level]
+    since_s: Optional[float]
+    before_id: Optional[int]
+    limit: int
+    open_only: bool
+
+
+def query_of(parameters: Mapping[str, str]) -> Query:
+    """Reads the parameters of a request.
+
+    Raises:
+        ApiError: one is invalid.
+    """
+    level = parameters.get("level") or None
+    if level is not None and level not in Level.__members__:
+        raise ApiError(400, f"level: expected {', '.join(Level.__members__)}, got {level[:20]}")
+    before = _number(parameters, "before", _LARGEST_ID)
+    limit = _number(parameters, "limit", _MOST)
+    return Query(
+        parameters.get("robot") or None,
+        parameters.get("signal") or None,
+        None if level is None else Level[level],
+        _time(parameters.get("since", "")),
+        before,
+        _USUAL if limit is None else limit,
+        parameters.get("open", "0") == "1",
+    )
+
+
+def past_alerts(history: History, query: Query) -> Json:
+    """Returns the answer of `/api/history`.
+
+    Raises:
+        ServiceError: the history failed or did not answer.
+    """
+
+    def read(connection: sqlite3.Connection) -> Json:
+        one_more = query._replace(limit=query.limit + 1)
+        found = list(queries.transitions(connection, **one_more._asdict(), newest_first=True))
+        gaps = queries.gaps(connection, query.since_s or 0.0)[-_MOST:]
+        return {
+            "alerts": [_alert(transition) for transition in found[: query.limit]],
+            "more": len(found) > query.limit,
+            "gaps": [{"from": iso_time(gap.from_s), "to": iso_time(gap.to_s)} for gap in gaps],
+        }
+
+    return _read(history, read)
+
+
+def past_alert(history: History, number: int) -> Optional[PastAlert]:
+    """Returns an alert by its id; None if there is none.
+
+    Raises:
+        ServiceError: the history failed or did not answer.
+    """
+
+    def read(connection: sqlite3.Connection) -> Optional[PastAlert]:
+        transition = queries.transition(connection, number)
+        if transition is None:
+            return None
+        samples = queries.evidence(connection, number)
+        return _alert(transition), [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
+
+    return _read(history, read)
+
+
+def _read(history: History, function: Callable[[sqlite3.Connection], Result]) -> Result:
+    try:
+        return history.read(function)
+    except ConfigError as error:  # the file was replaced or damaged: not the fault of the request
+        raise ServiceError(error.problem) from None
+
+
+def _alert(transition: StoredTransition) -> Json:
+    return {
+        "id": transition.id,
+        "time": iso_time(transition.wall_s),
+        "robot": transition.robot,
+        "signal": transition.signal,
+        "from_level": transition.from_level.name,
+        "to_level": transition.to_level.name,
+        "value": transition.value,
+        "statistic": transition.statistic,
+        "bound": transition.bound,
+        "since": iso_time(transition.wall_s - (transition.now_s - transition.since_s)),
+        "text": transition.text,
+        "hint": transition.hint,
+        "repeat": transition.repeat,
+    }
+
+
+def _time(text: str) -> Optional[float]:
+    if not text:
+        return None
+    try:
+        time = datetime.fromisoformat(text.replace("Z", "+00:00"))
+        return (time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()
+    except (ValueError, OverflowError):
+        raise ApiError(400, f"since: expected a time such as 2026-11-22T05:00:00Z, got {text[:40]}") from None
+
+
+def _number(parameters: Mapping[str, str], name: str, most: int) -> Optional[int]:
+    text = parameters.get(name, "")
+    if not text:
+        return None
+    if not (text.isascii() and text.isdigit()) or len(text) > 19 or not 1 <= int(text) <= most:
+        raise ApiError(400, f"{name}: expected a whole number from 1 to {most}, got {text[:20]}")
+    return int(text)
+
+
+def silence_json(silence: Silence) -> Json:
+    """Returns a silence as docs/reference/api.md describes it."""
+    return {
+        "id": str(silence.id),
+        "matchers": matchers_text(silence.matchers),
+        "reason": silence.reason,
+        "author": silence.author,
+        "since": iso_time(silence.created_s),
+        "until": None if silence.until_s is None else iso_time(silence.until_s),
+        "until_resolved": silence.until_resolved,
+    }
+
+
+def new_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
+    """Adds the silence that a request asks for.
+
+    Raises:
+        ApiError: a value is missing or invalid.
+        ConfigError: it is not possible.
+        ServiceError: the history failed or did not answer.
+    """
+    robot, signal = read_text(body, "robot"), read_text(body, "signal")
+    if not robot:
+        raise ApiError(400, "robot: expected a name or a pattern, got nothing")
+    matchers = [Matcher("robot", True, robot)] + ([Matcher("signal", True, signal)] if signal else [])
+    for_s = body.get("for_s")
+    if for_s is not None:
+        if isinstance(for_s, bool) or not isinstance(for_s, (int, float)):
+            raise ApiError(400, "for_s: expected a number of seconds")
+        if not 0 < for_s < 1e9:
+            raise ApiError(400, "for_s: expected seconds above 0, at most a year")
+        for_s = float(for_s)
+    return silences.add(
+        matchers,
+        for_s=for_s,
+        until_resolved=body.get("until_resolved") is True,
+        reason=read_text(body, "reason"),
+        author=read_text(body, "author"),
+    )
+
+
+def expire_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
+    """Ends the silence that a request names.
+
+    Raises:
+        ApiError: it is not named, there is no such silence, or it has ended.
+        ServiceError: the history failed or did not answer.
+    """
+    text = str(body.get("id", ""))[:20]
+    if not (text.isascii() and text.isdigit()):
+        raise ApiError(400, "id: expected the id of a silence")
+    reason, author = read_text(body, "reason"), read_text(body, "author")
+    if not (reason + author).isprintable():
+        raise ApiError(400, "expected a reason and an author of one line each")
+    try:
+        return silences.expire(int(text), reason=reason, author=author)
+    except ConfigError as error:
+        raise ApiError(404, error.problem) from None
