@@ -33,10 +33,9 @@ from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from ..address import host_and_port, http_address, shown_address
-from ..flood_limit import FloodLimit
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError, Wire, operations
 from ..protocol.codec import HEAD_BYTES, decode, topic_of_message
-from ..turns import Turns, limit_reads
+from ..sockets import FloodError, Incoming, ignore_result, limit_reads, within
 from .backoff import ConnectBackoff
 from .cause import UP, Cause, RedirectError, cause_of_close, cause_of_error
 from .host_lookup import HostLookup
@@ -44,7 +43,6 @@ from .liveness import wait_until_unanswered
 from .send_queue import SendQueue
 from .services import OfferedServices, ServiceCalls
 from .subscriptions import Subscriptions
-from .timeouts import ignore_result, within
 
 LARGEST_MESSAGE_BYTES = 64_000_000
 """Default size above which a message ends the connection."""
@@ -53,8 +51,7 @@ _CONNECT_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 1.0
 _LONGEST_TEXT = 200
 _LARGE_CBOR_BYTES = 65_536
-_TEXT, _BINARY = aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY
-_WITHOUT_CONTENT = (_TEXT, _BINARY, aiohttp.WSMsgType.PING, aiohttp.WSMsgType.PONG)
+_MESSAGES = (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY)
 _FLOODED = Cause("connection closed: the server floods it with pings or empty messages")
 
 
@@ -124,7 +121,6 @@ class ServerConnection:
         self._reported: Optional[Tuple[bool, Cause]] = None
         self._moved: Optional[asyncio.Event] = None
         self._probation: Optional[asyncio.TimerHandle] = None
-        self._received_s = 0.0
         self._lookup = HostLookup()
         self._advertised: Dict[str, str] = {}
 
@@ -264,12 +260,13 @@ class ServerConnection:
         self._protocol = Connection(self.limits, nan_as_null=False)
         self._queue = SendQueue()
         self._overflowed = asyncio.Event()
+        incoming = Incoming(socket)
         tasks = {
-            asyncio.ensure_future(self._read(socket)),
+            asyncio.ensure_future(self._read(socket, incoming)),
             asyncio.ensure_future(_write(socket, self._queue)),
             asyncio.ensure_future(self._wait_for_overflow(self._overflowed)),
             asyncio.ensure_future(self._wait_for_move()),
-            asyncio.ensure_future(self._watch(socket)),
+            asyncio.ensure_future(self._watch(socket, incoming)),
         }
         try:
             self._start_talking()
@@ -290,35 +287,27 @@ class ServerConnection:
         self.subscriptions.send_all(self._compression)
         self._probation = asyncio.get_event_loop().call_later(self._probation_s, self._report, True, UP)
 
-    async def _read(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
-        clock = asyncio.get_event_loop().time
-        turns, flood = Turns(clock()), FloodLimit()
+    async def _read(self, socket: aiohttp.ClientWebSocketResponse, incoming: Incoming) -> Cause:
         while True:
-            message = await socket.receive()
-            self._received_s = now_s = clock()
-            turns.note_received(now_s)
+            try:
+                message = await incoming.next()
+            except FloodError:
+                return _FLOODED
             kind = message.type
-            if kind is _BINARY and len(message.data) > _LARGE_CBOR_BYTES:
-                await self._receive_large(message.data, now_s)
-            elif (kind is _TEXT or kind is _BINARY) and message.data:
-                self._receive(message.data, now_s)
-            elif kind not in _WITHOUT_CONTENT:
+            if kind is aiohttp.WSMsgType.BINARY and len(message.data) > _LARGE_CBOR_BYTES:
+                await self._receive_large(message.data, incoming.received_s)
+            elif kind in _MESSAGES:
+                self._receive(message.data, incoming.received_s)
+            else:
                 error = message.data if isinstance(message.data, BaseException) else socket.exception()
                 if error is not None:
                     return cause_of_error(error, bool(self._token))
                 reason = message.extra if isinstance(message.extra, str) else ""
                 return cause_of_close(socket.close_code, reason, bool(self._token))
-            elif flood.is_exceeded(now_s):
-                return _FLOODED
-            elif kind is aiohttp.WSMsgType.PING:
-                await socket.pong(message.data)
-            if turns.is_over(clock()):
-                await asyncio.sleep(0)
 
-    async def _watch(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
+    async def _watch(self, socket: aiohttp.ClientWebSocketResponse, incoming: Incoming) -> Cause:
         """Waits until the server does not answer."""
-        self._received_s = asyncio.get_event_loop().time()
-        await wait_until_unanswered(socket, self._heartbeat_s, lambda: self._received_s)
+        await wait_until_unanswered(socket, self._heartbeat_s, lambda: incoming.received_s)
         return cause_of_error(asyncio.TimeoutError(), bool(self._token))
 
     async def _receive_large(self, data: bytes, now_s: float) -> None:

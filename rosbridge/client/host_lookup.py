@@ -15,7 +15,7 @@ from aiohttp.abc import AbstractResolver
 
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
-from .timeouts import ignore_result
+from ..sockets import ignore_result
 
 
 class HostLookup(AbstractResolver):

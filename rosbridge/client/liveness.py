@@ -14,7 +14,7 @@ from typing import Callable
 
 import aiohttp
 
-from .timeouts import within
+from ..sockets import within
 
 _ALLOWED_PERIODS = 0.5
 """How long a server may take to answer, in periods of the pings."""

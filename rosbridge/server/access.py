@@ -1,12 +1,16 @@
-"""Who may connect, and what clients may do besides reading."""
+"""Which requests are served, and what clients may do besides reading."""
 
 from __future__ import annotations
 
 import fnmatch
 import ipaddress
 from dataclasses import dataclass, field
-from typing import Sequence
+from typing import NamedTuple, Optional, Sequence
 from urllib.parse import urlsplit
+
+from aiohttp import web
+
+from ..protocol.limits import shown
 
 LOCAL_PAGES = ("http://localhost", "http://127.0.0.1", "http://[::1]")
 """Origins of the web pages of this machine, on any port."""
@@ -97,6 +101,34 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(name).is_loopback
     except ValueError:
         return False
+
+
+class Refusal(NamedTuple):
+    """The reason for which a request is refused."""
+
+    text: str
+    """The reason for the client."""
+    log_text: str
+    """One line for the log."""
+
+
+def check_request(request: web.Request, access: Access, *, check_host: bool) -> Optional[Refusal]:
+    """Checks the host and the origin of a request, whatever it asks for; returns None if it may be served.
+
+    Args:
+        request: the request.
+        access: which origins may connect.
+        check_host: whether `Host` must be a loopback name. Otherwise a web page could reach a server on loopback
+            through a name that resolves to 127.0.0.1 (DNS rebinding).
+    """
+    host, origin = request.headers.get("Host", ""), request.headers.get("Origin", "")
+    if check_host and not is_loopback(host):
+        reason = "without a token, only loopback names are served"
+        return Refusal(reason, f"refused a request for host {shown(host)}: {reason}")
+    if not access.origin_allowed(origin, host):
+        log_text = f"refused a web page of {shown(origin, 100)}: origin not allowed"
+        return Refusal("pages of this origin may not connect", log_text)
+    return None
 
 
 def _matches(name: str, patterns: Sequence[str]) -> bool:

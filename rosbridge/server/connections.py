@@ -1,22 +1,34 @@
-"""Limits the number of open connections.
+"""The open connections: a limited number, TLS, a limit for incomplete requests, errors as JSON, and their log lines.
 
 If the limit is reached, a new connection replaces the oldest one that has presented least: first connections that have
 not presented the token (or, where none is required, no complete request), whatever they have begun; then those that
 wait for the next request; then WebSockets that have sent no operation. The first two are also closed after a timeout.
+
+asyncio's own TLS servers do not show a connection before its handshake is complete; here TLS is started on a connection
+that is already counted, so that it can be replaced by others.
 """
 
 from __future__ import annotations
 
+import asyncio
 import enum
+import json
+import logging
 import resource
-from typing import Callable, Dict, Optional, Protocol
+import ssl
+import time
+from typing import Callable, Dict, List, Mapping, Optional
 
+from aiohttp import web
+from aiohttp.http import HttpProcessingError
+from aiohttp.http_exceptions import LineTooLong
 
-class Closable(Protocol):
-    """An open connection."""
+from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.runtime.log_limit import LogLimit
 
-    def abort(self) -> None:
-        """Closes it at once."""
+MOST_REQUEST_BYTES = 131_072
+"""Size of a request, or of its head if its body is read later, and of a first message with the token."""
+_LONGEST_LOG_LINE = 500
 
 
 class Stage(enum.IntEnum):
@@ -50,13 +62,13 @@ class Connections:
         self._clock = clock
         self._on_full = on_full
         self._full = False
-        self._stages: Dict[Closable, Stage] = {}
-        self._since_s: Dict[Stage, Dict[Closable, float]] = {stage: {} for stage in Stage}
+        self._stages: Dict[HttpConnection, Stage] = {}
+        self._since_s: Dict[Stage, Dict[HttpConnection, float]] = {stage: {} for stage in Stage}
 
     def __len__(self) -> int:
         return len(self._stages)
 
-    def add(self, connection: Closable) -> bool:
+    def add(self, connection: HttpConnection) -> bool:
         """Adds a connection, in stage OPENED; returns False if there is no room for it."""
         if len(self._stages) >= self._limit:
             if not self._full:
@@ -71,7 +83,7 @@ class Connections:
         self._since_s[Stage.OPENED][connection] = self._clock()
         return True
 
-    def set_stage(self, connection: Closable, stage: Stage) -> None:
+    def set_stage(self, connection: HttpConnection, stage: Stage) -> None:
         """Changes the stage of a connection; its timeout begins anew, also in the same stage."""
         before = self._stages.get(connection)
         if before is None:
@@ -81,7 +93,7 @@ class Connections:
             self._stages[connection] = stage
         self._since_s[stage][connection] = self._clock()  # in the same stage it keeps its place
 
-    def waiting_since_s(self, connection: Closable) -> Optional[float]:
+    def waiting_since_s(self, connection: HttpConnection) -> Optional[float]:
         """Returns since when a connection is in stage OPENED or KNOWN, in s; None in any other stage."""
         stage = self._stages.get(connection, Stage.ACTIVE)
         return self._since_s[stage][connection] if stage <= Stage.KNOWN else None
@@ -95,7 +107,7 @@ class Connections:
         if len(self._stages) < 0.9 * self._limit:
             self._full = False
 
-    def abort(self, connection: Closable) -> None:
+    def abort(self, connection: HttpConnection) -> None:
         """Closes a connection at once."""
         self.remove(connection)
         connection.abort()
@@ -105,7 +117,7 @@ class Connections:
         for connection in tuple(self._stages):
             self.abort(connection)
 
-    def remove(self, connection: Closable) -> None:
+    def remove(self, connection: HttpConnection) -> None:
         """Removes a connection that is closed."""
         stage = self._stages.pop(connection, None)
         if stage is not None:
@@ -116,3 +128,156 @@ def connection_limit(requested: int) -> int:
     """Returns a limit that leaves at least half of the process's file descriptors to others."""
     descriptors, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return requested if descriptors == resource.RLIM_INFINITY else max(1, min(requested, descriptors // 2))
+
+
+class HttpConnection(web.RequestHandler):
+    """A connection of aiohttp that one of `Connections` may be."""
+
+    def __init__(
+        self,
+        create: web.Server,
+        connections: Connections,
+        log: ClientLog,
+        ssl_context: Optional[ssl.SSLContext],
+        handshake_timeout_s: float,
+    ) -> None:
+        """Starts before the connection is made; without TLS if `ssl_context` is None."""
+        loop = asyncio.get_event_loop()
+        super().__init__(create, loop=loop, access_log=None, logger=log.logger)  # type: ignore[arg-type]  # no log
+        self._connections = connections
+        self._log = log
+        self._ssl_context = ssl_context
+        self._handshake_timeout_s = handshake_timeout_s
+        self._tcp: Optional[asyncio.Transport] = None
+        self._early: Optional[List[bytes]] = []
+        """What came before aiohttp knew of the connection; None: it does."""
+        self._counted_since_s: Optional[float] = None
+        self._received = 0
+
+    def abort(self) -> None:
+        """Closes the connection at once, at any stage."""
+        if self._tcp is not None:
+            self._tcp.abort()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Counts the connection, and begins TLS."""
+        assert isinstance(transport, asyncio.Transport)
+        if not self._connections.add(self):
+            if self._ssl_context is None:
+                transport.write(_plain_error(503, "Service Unavailable", "too many clients"))
+            transport.close()
+            return
+        self._tcp = transport
+        if self._ssl_context is None:
+            self._begin(transport)
+        else:
+            self._tls_start = asyncio.ensure_future(self._start_tls(transport, self._ssl_context))
+
+    async def _start_tls(self, tcp: asyncio.Transport, context: ssl.SSLContext) -> None:
+        loop = asyncio.get_event_loop()
+        try:
+            transport = await loop.start_tls(
+                tcp, self, context, server_side=True, ssl_handshake_timeout=self._handshake_timeout_s
+            )
+        except OSError:
+            transport = None
+        # The connection may have ended during the handshake, which Python 3.8 reports as success.
+        if transport is None or tcp.is_closing():
+            self._connections.remove(self)
+            tcp.abort()
+        else:
+            self._begin(transport)
+
+    def _begin(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        early, self._early = self._early, None
+        for data in early or ():
+            self.data_received(data)
+
+    def connection_lost(self, exc: Optional[BaseException]) -> None:
+        """The connection is closed."""
+        self._connections.remove(self)
+        if self._early is None:
+            super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Takes data, up to the limit while the server waits for a request or the token."""
+        if self._early is not None:
+            self._early.append(data)
+            return
+        since_s = self._connections.waiting_since_s(self)
+        if since_s is not None:
+            if since_s != self._counted_since_s:
+                self._counted_since_s, self._received = since_s, 0
+            self._received += len(data)
+            if self._received > MOST_REQUEST_BYTES:
+                self._refuse_size()
+                return
+        super().data_received(data)
+
+    def _refuse_size(self) -> None:
+        text = f"request is larger than {MOST_REQUEST_BYTES} bytes"
+        self._log.write(f"disconnected a client: its {text}")
+        if self.transport is not None:
+            self.transport.write(_plain_error(413, "Request Entity Too Large", f"the {text}"))
+            self.transport.close()
+
+    def handle_error(
+        self,
+        request: web.BaseRequest,
+        status: int = 500,
+        exc: Optional[BaseException] = None,
+        message: Optional[str] = None,
+    ) -> web.StreamResponse:
+        """Answers a request that is malformed, or whose handler failed, in the form of docs/reference/api.md."""
+        super().handle_error(request, status, exc, message)
+        text = "malformed request" if status < 500 else "internal error"
+        response = json_error(status, "address or header too long" if isinstance(exc, LineTooLong) else text)
+        response.force_close()
+        return response
+
+
+def json_error(status: int, text: str, headers: Optional[Mapping[str, str]] = None) -> web.Response:
+    """Returns a refusal as docs/reference/api.md describes it: HTTP status, reason, further headers."""
+    return web.json_response({"error": text}, status=status, headers={"Cache-Control": "no-store", **(headers or {})})
+
+
+def _plain_error(status: int, phrase: str, text: str) -> bytes:
+    """Returns the same as `json_error`, for a connection whose request is not read."""
+    body = json.dumps({"error": text})
+    head = f"HTTP/1.1 {status} {phrase}\r\nConnection: close\r\nContent-Type: application/json"
+    return f"{head}\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode("ascii")
+
+
+class ClientLog(logging.Handler):
+    """Writes at most a number of lines per minute, in total: clients choose the texts. Used in the event loop only."""
+
+    def __init__(
+        self, write: Callable[[str], None], lines_per_minute: int = 10, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Starts with nothing written; `clock` returns monotonic seconds."""
+        super().__init__()
+        self._write = write
+        self._limit = LogLimit(lines_per_minute, clock)
+        self.logger = logging.Logger("rosbridge", logging.WARNING)
+        """For a library: each record of level WARN or worse is one line, without traceback."""
+        self.logger.addHandler(self)
+
+    def write(self, text: str) -> None:
+        """Writes a line, unless too many were written in the current minute."""
+        left_out = self._limit.take()
+        if left_out:
+            self._write(f"{left_out} more lines about clients were suppressed")
+        if left_out is not None:
+            self._write(printable(" ".join(text[:_LONGEST_LOG_LINE].split())))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Writes a record of `logger`."""
+        error = record.exc_info[1] if record.exc_info else None
+        if isinstance(error, ConnectionError):
+            return  # the client has gone
+        if isinstance(error, HttpProcessingError):
+            self.write(f"refused a malformed HTTP request ({type(error).__name__})")
+            return
+        text = next(iter(record.getMessage().splitlines()), "")[:200]
+        self.write(f"{text}: {type(error).__name__}" if error else text)

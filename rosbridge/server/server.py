@@ -17,7 +17,7 @@ import ssl
 import time
 from typing import Any, Awaitable, Callable, Mapping, Optional, Sequence, Set
 
-from aiohttp import WSCloseCode, web
+from aiohttp import WSCloseCode, WSMsgType, web
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
@@ -25,28 +25,23 @@ from robot_health_monitor.core.middleware import ServedMiddleware, Severity
 from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
-from ..turns import limit_reads
-from .access import Access, is_loopback
-from .client_log import ClientLog
-from .connections import Connections, Stage, connection_limit
-from .graph import ServedGraph
-from .http_connection import HttpConnection, json_error
-from .incoming import FloodError, Incoming
-from .node_access import NodeAccess
-from .publications import Publications
-from .request_check import check_request
+from ..sockets import FloodError, Incoming, limit_reads
+from .access import Access, check_request, is_loopback
+from .connections import ClientLog, Connections, HttpConnection, Stage, connection_limit, json_error
 from .rosapi import Rosapi
+from .send_queue import SlowClients
+from .served_node import ServedNode
 from .services import Services
 from .session import AuthenticationError, ServerParts, Session
-from .slow_clients import SlowClients
 from .token_check import Client, Credentials, TokenCheck
-from .topics import Topics
+from .topics import Publications, Topics
 
 _SWEEP_PERIOD_S = 1.0
 _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""
 _CLOSE_HANDSHAKE_S = 0.5
 _CLOSE_S = 1.0
+_MESSAGES = (WSMsgType.TEXT, WSMsgType.BINARY)
 # It warns about the subprotocols of every client that offers others than the server's, and quotes them.
 logging.getLogger("aiohttp.websocket").setLevel(logging.ERROR)
 
@@ -140,7 +135,7 @@ class Server:
         runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
         try:
-            self._listener = await loop.create_server(self._accept(runner), self._host, self.port)
+            self._listener = await loop.create_server(lambda: self._accept(runner), self._host, self.port)
         except OSError:
             await runner.cleanup()
             raise
@@ -209,19 +204,16 @@ class Server:
         self._client_log.write(text)
 
     def _create_parts(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._node = NodeAccess(loop, threads=self._threads)
-        graph = ServedGraph(self._middleware, self._node, self._added_services, adds_rosout=not self._threads)
-        self._rosapi = Rosapi(graph.read, graph.definition, self._parameters, time.time)
+        self._node = node = ServedNode(self._middleware, self._added_services, threads=self._threads)
+        self._rosapi = Rosapi(node.graph, node.definition, self._parameters, time.time)
         encoder = ThreadPool("rosbridge-encode", 1, 1_000)
-        topics = Topics(self._middleware, self._node, graph, encoder, self._limits, self.log, has_raw=self._threads)
-        services = Services(self._middleware, self._node, graph, self._rosapi, self.access, self._call_timeout_s)
         self._parts = ServerParts(
             self.access,
             self._limits,
-            graph,
-            topics,
-            Publications(self._middleware, self._node, graph, self.access),
-            services,
+            node,
+            Topics(node, encoder, self._limits, self.log),
+            Publications(node, self.access),
+            Services(node, self._rosapi, self.access, self._call_timeout_s),
             SlowClients(loop, self._slow_client_timeout_s, self.log),
             encoder,
             ThreadPool("rosbridge-decode", 1, 1_000),
@@ -234,20 +226,11 @@ class Server:
     def _own_parameters(self) -> Mapping[str, Mapping[str, Any]]:
         return {self._middleware.name: self._middleware.given_parameters()}
 
-    # Connections
-
-    def _accept(self, runner: web.AppRunner) -> Callable[[], asyncio.Protocol]:
-        """Returns the factory of the protocols for accepted connections."""
-        server = runner.server
-        assert server is not None
-        options = {"loop": asyncio.get_event_loop(), "access_log": None, "logger": self._client_log.logger()}
-
-        def accept() -> asyncio.Protocol:
-            return HttpConnection(
-                server, self._connections, self.log, self._ssl_context, self._auth_timeout_s, **options
-            )
-
-        return accept
+    def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
+        assert runner.server is not None
+        return HttpConnection(
+            runner.server, self._connections, self._client_log, self._ssl_context, self._auth_timeout_s
+        )
 
     def _require_protection(self, token: str) -> None:
         if not is_loopback(self._host) and not token and not self._has_certificates:
@@ -262,8 +245,6 @@ class Server:
         self._connections.sweep()
         self._sweeper = asyncio.get_event_loop().call_later(_SWEEP_PERIOD_S, self._sweep)
 
-    # Requests
-
     def _create_check(self) -> Any:
         @web.middleware
         async def check(
@@ -273,7 +254,7 @@ class Server:
             refusal = check_request(request, self.access, check_host=check_host)
             if refusal is not None:
                 self.log(refusal.log_text)
-                return refusal.response()
+                return json_error(403, refusal.text)
             client = self._tokens.client(request)
             if client.token is Credentials.WRONG:
                 self.log(f"refused a client at {request.remote}: wrong token")
@@ -333,10 +314,10 @@ class Server:
         """Waits for the operation `auth`; closes the connection if it does not come or does not prove the token."""
         self._set_stage(request, Stage.OPENED)
         try:
-            data = await incoming.next(self._auth_timeout_s)
-            if data is None:
+            message = await incoming.next(self._auth_timeout_s)
+            if message.type not in _MESSAGES:
                 return False
-            if not self._tokens.is_proof(session.read_auth(data)):
+            if not self._tokens.is_proof(session.read_auth(message.data)):
                 raise AuthenticationError(self._tokens.refusal(request.remote or "", Credentials.WRONG)[0])
         except (AuthenticationError, asyncio.TimeoutError) as error:
             reason = str(error) or "token required"
@@ -346,12 +327,12 @@ class Server:
         return True
 
     async def _receive(self, request: web.Request, incoming: Incoming, session: Session) -> None:
-        data = await incoming.next()
-        if data is not None:
+        message = await incoming.next()
+        if message.type in _MESSAGES:
             self._set_stage(request, Stage.ACTIVE)
-        while data is not None:
-            await session.receive(data)
-            data = await incoming.next()
+        while message.type in _MESSAGES:
+            await session.receive(message.data)
+            message = await incoming.next()
 
     async def _end(self, session: Session) -> None:
         try:

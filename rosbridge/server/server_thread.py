@@ -34,21 +34,6 @@ class ServerThread:
             self._thread.close()
             raise
 
-    @property
-    def port(self) -> int:
-        """The port."""
-        return self.server.port
-
-    @property
-    def clients(self) -> int:
-        """Number of connected clients."""
-        return self.server.clients
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were dropped."""
-        return self.server.dropped
-
     def close(self) -> None:
         """Closes the port, then every connection. May be called twice."""
         if not self._thread.alive:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any, List, Mapping, Optional, Union
+import itertools
+from typing import Any, Dict, List, Mapping, Optional, Protocol, Tuple, Union
 
 from robot_health_monitor.core.errors import MessageError, ServiceError
-from robot_health_monitor.core.middleware import ServedMiddleware
 
+from ..protocol import Id, Operation
 from ..protocol.definitions import service_definition
+from ..protocol.operations import CallService, ServiceResponse
 from .access import Access
-from .client_services import ClientServices
-from .graph import ServedGraph
-from .node_access import NodeAccess
 from .rosapi import PREFIX, Rosapi
+from .served_node import ServedNode
 
 Arguments = Union[Mapping[str, Any], List[Any]]
 
@@ -21,30 +21,11 @@ Arguments = Union[Mapping[str, Any], List[Any]]
 class Services:
     """The services that clients may call."""
 
-    def __init__(
-        self,
-        middleware: ServedMiddleware,
-        node: NodeAccess,
-        graph: ServedGraph,
-        rosapi: Rosapi,
-        access: Access,
-        timeout_s: float,
-    ) -> None:
-        """Stores the providers.
-
-        Args:
-            middleware: the served node, which calls services.
-            node: access to it.
-            graph: resolves names.
-            rosapi: always open.
-            access: services that clients may call and provide.
-            timeout_s: longest wait for a response, in s.
-        """
+    def __init__(self, node: ServedNode, rosapi: Rosapi, access: Access, timeout_s: float) -> None:
+        """Stores the providers; `timeout_s` is the longest wait for a response."""
         self.of_clients = ClientServices()
-        self.access = access
-        self._middleware = middleware
+        self._access = access
         self._node = node
-        self._graph = graph
         self._rosapi = rosapi
         self._timeout_s = timeout_s
 
@@ -61,24 +42,84 @@ class Services:
             MessageError: the request does not match its type.
         """
         timeout_s = min(timeout_s or self._timeout_s, self._timeout_s)
-        service = self._graph.resolve(service.partition("#")[0])
+        service = self._node.resolve(service.partition("#")[0])
         if service.startswith(PREFIX):
-            return await self._ask_rosapi(service, arguments, timeout_s)
-        if not self.access.may_call(service):
+            try:
+                return await asyncio.wait_for(self._node.call(self._rosapi.answer, service, arguments), timeout_s)
+            except asyncio.TimeoutError:
+                raise _no_response(service, timeout_s) from None
+        if not self._access.may_call(service):
             raise ServiceError(f"clients may not call {service}")
         type_name = self.of_clients.types.get(service, "")
         request = _by_name(service, type_name, arguments)
-        if type_name:
-            return await self.of_clients.call(service, request, timeout_s)
-        return await self._node.call_service(
-            self._middleware.call_service, service, "", request, timeout_s, timeout_s=timeout_s
-        )
+        call = self.of_clients.call if type_name else self._node.call_service
+        return await call(service, request, timeout_s)
 
-    async def _ask_rosapi(self, service: str, arguments: Arguments, timeout_s: float) -> Mapping[str, Any]:
+
+class Provider(Protocol):
+    """A client that provides services."""
+
+    def send(self, operation: Operation) -> None:
+        """Sends an operation to the client."""
+
+
+class ClientServices:
+    """The services that clients provide to other clients, and the calls that wait for a response."""
+
+    def __init__(self) -> None:
+        """Starts without services."""
+        self.types: Dict[str, str] = {}
+        """Type per service."""
+        self._providers: Dict[str, Provider] = {}
+        self._pending: Dict[Id, Tuple[str, Provider, asyncio.Future[Any]]] = {}
+        self._numbers = itertools.count()
+
+    def add(self, service: str, type_name: str, provider: Provider) -> None:
+        """Routes calls of a service to a client, in place of an earlier provider."""
+        self.types[service] = type_name
+        self._providers[service] = provider
+
+    def remove(self, service: str, provider: Provider) -> None:
+        """Removes a service of this client; its pending calls fail."""
+        if self._providers.get(service) is provider:
+            del self._providers[service], self.types[service]
+        for name, called, future in tuple(self._pending.values()):
+            if name == service and called is provider and not future.done():
+                future.set_exception(ServiceError(f"the provider of {service} disconnected"))
+
+    async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Any:
+        """Calls a service of a client and returns the response.
+
+        Raises:
+            ServiceError: the call failed, the client disconnected or did not respond in time.
+        """
+        provider = self._providers.get(service)
+        if provider is None:
+            raise ServiceError(f"no service {service}")
+        id = f"call:{next(self._numbers)}"  # noqa: A001 - the protocol's word
+        future: asyncio.Future[Any] = asyncio.get_event_loop().create_future()
+        self._pending[id] = (service, provider, future)
         try:
-            return await asyncio.wait_for(self._node.call(self._rosapi.answer, service, arguments), timeout_s)
+            provider.send(CallService(service, request, id))
+            return await asyncio.wait_for(future, timeout_s)
         except asyncio.TimeoutError:
-            raise ServiceError(f"{service} did not respond within {timeout_s:g} s") from None
+            raise _no_response(service, timeout_s) from None
+        finally:
+            del self._pending[id]
+
+    def respond(self, response: ServiceResponse, provider: Provider) -> None:
+        """Processes a response. Ignores one that is not expected, or not from this client."""
+        _, called, future = self._pending.get(response.id, (None, None, None))
+        if future is None or called is not provider or future.done():
+            return
+        if response.result:
+            future.set_result(response.values)
+        else:
+            future.set_exception(ServiceError(str(response.values)))
+
+
+def _no_response(service: str, timeout_s: float) -> ServiceError:
+    return ServiceError(f"{service} did not respond within {timeout_s:g} s")
 
 
 def _by_name(service: str, type_name: str, arguments: Arguments) -> Mapping[str, Any]:

@@ -11,15 +11,12 @@ from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire, operations
 from .access import Access
-from .frames import frame
-from .graph import ServedGraph
-from .message_size import LARGE_BYTES, estimated_bytes
-from .publications import Publications
-from .send_queue import SendQueue
+from .encoding import LARGE_BYTES, estimated_bytes, frame
+from .send_queue import SendQueue, SlowClients
+from .served_node import ServedNode
 from .services import Services
-from .slow_clients import SlowClients
-from .subscriptions import ByteBudget, Options, merge, options_of
-from .topics import Topics
+from .topic import ByteBudget, Options, merge, options_of
+from .topics import Publications, Topics
 
 _NO_STATUS = operations.STATUS_LEVELS.index("none")
 _ABORTED = 6
@@ -37,7 +34,7 @@ class ServerParts(NamedTuple):
 
     access: Access
     limits: Limits
-    graph: ServedGraph
+    node: ServedNode
     topics: Topics
     publications: Publications
     services: Services
@@ -242,16 +239,16 @@ class Session:
 
     async def _advertise_service(self, request: operations.AdvertiseService) -> None:
         self._require_room("advertise_service", request.id)
-        service = self._parts.graph.resolve(request.service)
+        service = self._parts.node.resolve(request.service)
         if not self._parts.access.may_offer(service):
             raise ProtocolError(f"clients may not provide {service}", "advertise_service", request.id)
-        if await self._parts.graph.has_service(service):
+        if await self._parts.node.has_service(service):
             raise ProtocolError(f"{service} exists already", "advertise_service", request.id)
         self._parts.services.of_clients.add(service, request.type, self)
         self._provided.add(service)
 
     async def _unadvertise_service(self, request: operations.UnadvertiseService) -> None:
-        service = self._parts.graph.resolve(request.service)
+        service = self._parts.node.resolve(request.service)
         self._provided.discard(service)
         self._parts.services.of_clients.remove(service, self)
 

@@ -19,7 +19,7 @@ from typing import Callable, Deque, Dict, NamedTuple, Tuple
 from aiohttp import web
 
 from ..protocol.operations import Auth
-from .http_connection import json_error
+from .connections import json_error
 
 SESSION_S = 30 * 86_400
 """How long a cookie is valid, in s."""

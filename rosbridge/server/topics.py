@@ -1,22 +1,24 @@
-"""The subscriptions of clients: one subscription of the middleware per topic, whatever the number of clients."""
+"""The topics of clients: one subscription of the middleware per topic, whatever their number; and what they publish."""
 
 from __future__ import annotations
 
 import asyncio
 import time
-from typing import Callable, Dict, Optional
+from typing import Any, Callable, Dict, Mapping, Optional
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.middleware import ServedMiddleware, Severity, Subscription, canonical_type
+from robot_health_monitor.core.middleware import Message, Severity, Subscription, canonical_type
 from robot_health_monitor.runtime.threads import ThreadPool
 
-from ..protocol import Limits, ProtocolError
-from ..protocol.definitions import serializer
-from .graph import ROSOUT, ROSOUT_TYPE, ServedGraph
-from .node_access import NodeAccess
-from .subscriptions import Options
-from .topic import Receiver, Topic
+from ..protocol import Id, Limits, ProtocolError
+from ..protocol.definitions import null_reader, serializer
+from .access import Access
+from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
+from .topic import Options, Receiver, Topic
+
+MOST_PUBLISHED = 1_000
+"""Most topics that clients may advertise, in sum. They stay advertised: others may have subscribed to them."""
 
 _LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.ERROR: 8, Severity.FATAL: 16}
 """Severity in rosgraph_msgs/Log."""
@@ -35,35 +37,19 @@ class _Subscribed:
 class Topics:
     """The topics that clients subscribe to."""
 
-    def __init__(
-        self,
-        middleware: ServedMiddleware,
-        node: NodeAccess,
-        graph: ServedGraph,
-        encoder: ThreadPool,
-        limits: Limits,
-        log: Callable[[str], None],
-        *,
-        has_raw: bool,
-    ) -> None:
+    def __init__(self, node: ServedNode, encoder: ThreadPool, limits: Limits, log: Callable[[str], None]) -> None:
         """Starts without subscriptions.
 
         Args:
-            middleware: the served node.
-            node: access to it.
-            graph: types and definitions.
+            node: the served node.
             encoder: encodes large messages.
             limits: sizes of queues and messages.
             log: writes one line about a message that cannot be sent.
-            has_raw: whether the middleware transports bytes.
         """
-        self._middleware = middleware
         self._node = node
-        self._graph = graph
         self._encoder = encoder
         self._limits = limits
         self._log = log
-        self._has_raw = has_raw
         self._topics: Dict[str, _Subscribed] = {}
         self._dropped = 0
 
@@ -77,11 +63,10 @@ class Topics:
         rosout = self._topics.get(ROSOUT)
         if rosout is None:
             return
-        nanoseconds = time.time_ns()
-        stamp = {"secs": nanoseconds // 1_000_000_000, "nsecs": nanoseconds % 1_000_000_000}
+        seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
         rosout.topic.deliver(
             {
-                "header": {"seq": 0, "stamp": stamp, "frame_id": ""},
+                "header": {"seq": 0, "stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": ""},
                 "level": _LOG_LEVELS[line.severity],
                 "name": line.node,
                 "msg": line.text,
@@ -114,10 +99,10 @@ class Topics:
 
     async def _create(self, name: str, type_name: str) -> Topic:
         try:
-            known = await self._graph.topic_type(name)
+            known = await self._node.topic_type(name)
             _require_same_type(name, known, type_name)
             type_name = known or type_name
-            text = await self._graph.message_definition(type_name)
+            text = await self._node.message_definition(type_name)
         except ServiceError as error:
             raise ProtocolError(str(error), "subscribe") from None
         return Topic(
@@ -145,34 +130,82 @@ class Topics:
 
     async def _update(self, subscribed: _Subscribed) -> None:
         """Subscribes to what the clients of a topic need, and ends what they no longer need."""
-        topic = subscribed.topic
-        if self._graph.adds_rosout and topic.name == ROSOUT and topic.type_name == ROSOUT_TYPE:
+        topic, middleware = subscribed.topic, self._node.middleware
+        if not self._node.threads and topic.name == ROSOUT and topic.type_name == ROSOUT_TYPE:
             return
         needed = set(topic.compressions)
-        if "cbor-raw" in needed and subscribed.raw is None and self._has_raw:
+        if "cbor-raw" in needed and subscribed.raw is None and self._node.threads:
             try:
-                subscribed.raw = await self._node.call(
-                    self._middleware.subscribe_raw, topic.name, topic.type_name, self._node.hand_over(topic.deliver_raw)
-                )
+                subscribed.raw = await self._call(middleware.subscribe_raw, topic, topic.deliver_raw)
                 topic.native_raw = True
             except ConfigError:
                 topic.native_raw = False
         if topic.native_raw:
             needed.discard("cbor-raw")
         if needed and subscribed.messages is None:
-            subscribed.messages = await self._node.call(
-                self._middleware.subscribe, topic.name, topic.type_name, self._node.hand_over(topic.deliver)
-            )
+            subscribed.messages = await self._call(middleware.subscribe, topic, topic.deliver)
         if not needed and subscribed.messages is not None:
             subscription, subscribed.messages = subscribed.messages, None
-            await self._node.call(self._middleware.unsubscribe, subscription)
+            await self._node.call(middleware.unsubscribe, subscription)
         if subscribed.raw is not None and "cbor-raw" not in topic.compressions:
             subscription, subscribed.raw = subscribed.raw, None
             topic.native_raw = False
-            await self._node.call(self._middleware.unsubscribe, subscription)
+            await self._node.call(middleware.unsubscribe, subscription)
+
+    async def _call(
+        self, subscribe: Callable[..., Subscription], topic: Topic, deliver: Callable[[Any], None]
+    ) -> Subscription:
+        return await self._node.call(subscribe, topic.name, topic.type_name, self._node.hand_over(deliver))
 
 
-def _require_same_type(topic: str, known: str, requested: str) -> None:
+class Publications:
+    """The topics that clients publish on."""
+
+    def __init__(self, node: ServedNode, access: Access) -> None:
+        """Starts without topics; `access` says on which clients may publish."""
+        self._node = node
+        self._access = access
+        self._types: Dict[str, str] = {}
+        self._readers: Dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = {}
+
+    async def advertise(self, topic: str, type_name: str, id: Id) -> None:  # noqa: A002 - the protocol's word
+        """Advertises a topic for a client; without a type, the topic must exist.
+
+        Raises:
+            ProtocolError: clients may not publish on the topic, have advertised too many, the type is not known or is
+                not that of the topic, or the middleware does not respond.
+        """
+        topic = self._node.resolve(topic)
+        if not self._access.may_publish(topic):
+            raise ProtocolError(f"clients may not publish on {topic}", "advertise", id)
+        if topic not in self._types and len(self._types) >= MOST_PUBLISHED:
+            raise ProtocolError(f"clients have advertised {MOST_PUBLISHED} topics already", "advertise", id)
+        try:
+            known = self._types.get(topic) or await self._node.topic_type(topic)
+            if not (known or type_name):
+                raise ProtocolError(f"{topic} is not advertised", "publish", id)
+            _require_same_type(topic, known, type_name, "advertise", id)
+            type_name = type_name or known
+            await self._node.call(self._node.middleware.advertise, topic, type_name)
+            self._readers[topic] = null_reader(type_name, await self._node.message_definition(type_name))
+        except (ConfigError, ServiceError, OSError) as error:
+            raise ProtocolError(str(error), "advertise", id) from None
+        self._types[topic] = type_name
+
+    async def publish(self, topic: str, message: Message, id: Id) -> None:  # noqa: A002 - the protocol's word
+        """Publishes a client's message on an advertised topic; null becomes NaN in float fields.
+
+        Raises:
+            ProtocolError: the message does not match its type, or the middleware does not respond.
+        """
+        topic = self._node.resolve(topic)
+        try:
+            await self._node.call(self._node.middleware.publish, topic, self._readers[topic](message))
+        except (MessageError, ServiceError, ValueError, TypeError, OSError) as error:
+            raise ProtocolError(str(error), "publish", id) from None
+
+
+def _require_same_type(topic: str, known: str, requested: str, op: str = "subscribe", id: Id = None) -> None:  # noqa: A002 - the protocol's word
     """Raises ProtocolError if both types are given and differ."""
     if known and requested and canonical_type(known) != canonical_type(requested):
-        raise ProtocolError(f"type of {topic}: expected {known}, got {requested}", "subscribe")
+        raise ProtocolError(f"type of {topic}: expected {known}, got {requested}", op, id)

@@ -24,9 +24,9 @@ from robot_health_monitor.rosbridge.client import RosbridgeClient
 from robot_health_monitor.rosbridge.protocol.codec import decode
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
-from robot_health_monitor.rosbridge.server.frames import frame
+from robot_health_monitor.rosbridge.server.encoding import frame
 from robot_health_monitor.rosbridge.server.server import Server
-from robot_health_monitor.rosbridge.turns import READ_BYTES
+from robot_health_monitor.rosbridge.sockets import READ_BYTES
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 

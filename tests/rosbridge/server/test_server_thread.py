@@ -10,18 +10,18 @@ from robot_health_monitor.rosbridge.server import Server, ServerThread
 
 def test_a_server_runs_in_a_thread_until_it_is_closed() -> None:
     thread = ServerThread(Server(LocalBus().node("rosbridge"), port=0))
-    assert (thread.clients, thread.dropped) == (0, 0)
-    socket.create_connection(("127.0.0.1", thread.port), 10.0).close()
+    assert (thread.server.clients, thread.server.dropped) == (0, 0)
+    socket.create_connection(("127.0.0.1", thread.server.port), 10.0).close()
     thread.close()
     thread.close()
     with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", thread.port), 10.0)
+        socket.create_connection(("127.0.0.1", thread.server.port), 10.0)
 
 
 def test_a_port_in_use_is_an_error() -> None:
     first = ServerThread(Server(LocalBus().node("rosbridge"), port=0))
     with pytest.raises(OSError):
-        ServerThread(Server(LocalBus().node("rosbridge"), port=first.port))
+        ServerThread(Server(LocalBus().node("rosbridge"), port=first.server.port))
     first.close()
 
 

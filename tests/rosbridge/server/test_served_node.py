@@ -8,28 +8,43 @@ from typing import Any, List
 import pytest
 
 from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.rosbridge.server.node_access import _MOST_CALLS, NodeAccess
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.rosbridge.server.served_node import _MOST_CALLS, ServedNode
+
+
+class Blocking:
+    """A middleware whose service /hangs does not answer until it is released."""
+
+    def __init__(self, released: threading.Event) -> None:
+        self.released = released
+
+    def call_service(self, service: str, type_name: str, request: Any, timeout_s: float) -> Any:
+        if service == "/hangs":
+            self.released.wait(20.0)
+        return {"answer": "fine"}
+
+
+def served(middleware: Any = None, **options: Any) -> ServedNode:
+    return ServedNode(middleware or LocalBus().node("rosbridge"), dict, threads=True, **options)
 
 
 def test_services_that_hang_block_nothing_else() -> None:
     released = threading.Event()
 
     async def scenario() -> None:
-        node = NodeAccess(asyncio.get_event_loop(), threads=True)
-        hanging = [
-            asyncio.ensure_future(node.call_service(released.wait, 20.0, timeout_s=0.05)) for _ in range(_MOST_CALLS)
-        ]
+        node = served(Blocking(released))
+        hanging = [asyncio.ensure_future(node.call_service("/hangs", {}, 0.05)) for _ in range(_MOST_CALLS)]
         await asyncio.sleep(0)
         assert await node.call(lambda: "subscribed") == "subscribed"
         with pytest.raises(ServiceError, match="busy: 16 requests are pending"):
-            await node.call_service(lambda: None, timeout_s=1.0)
+            await node.call_service("/fine", {}, 1.0)
         for call in hanging:
             with pytest.raises(ServiceError, match=r"no response within 0\.05 s"):
                 await call
         released.set()
         while node._callers.pending:
             await asyncio.sleep(0.01)
-        assert await node.call_service(lambda: "fine", timeout_s=10.0) == "fine"
+        assert await node.call_service("/fine", {}, 10.0) == {"answer": "fine"}
         node.close()
 
     asyncio.run(scenario())
@@ -38,7 +53,7 @@ def test_services_that_hang_block_nothing_else() -> None:
 def test_messages_of_many_threads_arrive_in_the_loop_in_the_order_of_their_thread() -> None:
     async def scenario() -> None:
         loop_thread = threading.get_ident()
-        node = NodeAccess(asyncio.get_event_loop(), threads=True)
+        node = served()
         heard: List[List[int]] = [[], [], [], []]
         threads_seen = set()
 
@@ -67,7 +82,7 @@ def test_messages_of_many_threads_arrive_in_the_loop_in_the_order_of_their_threa
 
 def test_messages_beyond_the_bound_are_dropped_oldest_first_and_counted() -> None:
     async def scenario() -> None:
-        node = NodeAccess(asyncio.get_event_loop(), threads=True, queue_bytes=10_000)
+        node = served(queue_bytes=10_000)
         heard: List[str] = []
         callback = node.hand_over(heard.append)
         for number in range(100):  # the loop cannot run meanwhile
@@ -83,7 +98,7 @@ def test_messages_beyond_the_bound_are_dropped_oldest_first_and_counted() -> Non
 
 def test_a_burst_of_messages_lets_other_tasks_run() -> None:
     async def scenario() -> None:
-        node = NodeAccess(asyncio.get_event_loop(), threads=True)
+        node = served()
         heard: List[int] = []
 
         def take(value: int) -> None:
@@ -101,5 +116,35 @@ def test_a_burst_of_messages_lets_other_tasks_run() -> None:
             turns += 1
         assert turns >= 10  # at most two messages of 4 ms in a slice of 5 ms
         node.close()
+
+    asyncio.run(scenario())
+
+
+def test_the_servers_topics_and_services_are_added_to_the_middlewares() -> None:
+    async def scenario() -> None:
+        bus = LocalBus()
+        robot, server = bus.node("robot"), bus.node("rosbridge")
+        robot.advertise("/battery_level", "std_msgs/Float32")
+        robot.advertise_service("~reset", "std_srvs/Trigger", lambda request: {})
+        node = ServedNode(server, lambda: {"/offered": "std_srvs/SetBool"}, threads=False)
+        found = node.graph()
+        assert found.topics == {"/battery_level": "std_msgs/Float32", "/rosout": "rosgraph_msgs/Log"}
+        assert found.services == {"/robot/reset": "std_srvs/Trigger", "/offered": "std_srvs/SetBool"}
+        assert list(found.nodes["/rosbridge"].publishes) == ["/rosout"]
+        assert list(found.nodes["/rosbridge"].services) == ["/offered"]
+        assert await node.topic_type("battery_level") == "std_msgs/Float32"
+        assert await node.topic_type("/unknown") == ""
+        assert await node.has_service("/robot/reset") and not await node.has_service("/offered")
+        assert "/rosout" not in ServedNode(server, dict, threads=True).graph().topics
+
+    asyncio.run(scenario())
+
+
+def test_definitions_that_the_middleware_lacks_are_known_here() -> None:
+    async def scenario() -> None:
+        node = ServedNode(LocalBus().node("rosbridge"), dict, threads=False)
+        assert await node.message_definition("std_msgs/Float32") == "float32 data\n"
+        assert await node.message_definition("nav_msgs/Odometry") == ""
+        assert await node.message_definition("") == ""
 
     asyncio.run(scenario())

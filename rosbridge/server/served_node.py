@@ -1,8 +1,8 @@
-"""Access to the served node from the server's event loop.
+"""The served node, as the server's event loop uses it: calls, messages, and the graph with what the server adds.
 
 A middleware with threads may block (service calls, name servers) and calls back from its threads. It is called in
 worker threads, and its messages are handed over to the loop. The local middleware runs in the loop's own thread and is
-called directly.
+called directly; it has no `/rosout`, so that the server adds one.
 """
 
 from __future__ import annotations
@@ -11,14 +11,20 @@ import asyncio
 import threading
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Optional, Tuple, TypeVar
+from typing import Any, Callable, Deque, Mapping, Optional, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.middleware import Graph, NodeInfo, ServedMiddleware, resolve_name
+from robot_health_monitor.core.standard_messages import definition
 from robot_health_monitor.runtime.threads import ThreadPool
 
-from .message_size import estimated_bytes
+from ..sockets import ignore_result
+from .encoding import estimated_bytes
 
 T = TypeVar("T")
+
+ROSOUT = "/rosout"
+ROSOUT_TYPE = "rosgraph_msgs/Log"
 
 _THREADS = 4
 _MOST_PENDING = 1_000
@@ -28,19 +34,29 @@ _GRACE_S = 0.5
 """Time for the middleware itself to report that a service did not respond."""
 
 
-class NodeAccess:
-    """Calls the served node, and hands its messages over to the loop."""
+class ServedNode:
+    """Access to the served node."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, *, threads: bool, queue_bytes: int = 16_000_000) -> None:
-        """Prepares the access.
+    def __init__(
+        self,
+        middleware: ServedMiddleware,
+        added_services: Callable[[], Mapping[str, str]],
+        *,
+        threads: bool,
+        queue_bytes: int = 16_000_000,
+    ) -> None:
+        """Prepares the access. Called in the server's loop.
 
         Args:
-            loop: the server's loop.
+            middleware: the node.
+            added_services: returns the type per service that the server adds.
             threads: whether the middleware calls back from its own threads.
             queue_bytes: estimated size of the messages that may wait for the loop; beyond it, the oldest are dropped.
         """
-        self._loop = loop
-        self._threads = threads
+        self.middleware = middleware
+        self.threads = threads
+        self._added_services = added_services
+        self._loop = asyncio.get_event_loop()
         self._workers = ThreadPool("rosbridge", _THREADS, _MOST_PENDING)
         # Separate: services that do not respond must not block subscriptions.
         self._callers = ThreadPool("rosbridge-call", _MOST_CALLS, _MOST_CALLS)
@@ -59,21 +75,22 @@ class NodeAccess:
             ServiceError: too many calls are pending.
             Exception: what the method raised.
         """
-        if not self._threads:
+        if not self.threads:
             return function(*arguments)
         return await self._workers.run(function, *arguments)
 
-    async def call_service(self, function: Callable[..., T], *arguments: Any, timeout_s: float) -> T:
-        """Calls a method of the node that waits at most `timeout_s` for a service.
+    async def call_service(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
+        """Calls a service of the middleware and returns its response.
 
         Raises:
-            ServiceError: no response in time, or too many calls are pending.
-            Exception: what the method raised.
+            ServiceError: no response within `timeout_s`, or too many calls are pending.
+            Exception: what the middleware raised.
         """
-        if not self._threads:
-            return function(*arguments)
-        call = self._callers.submit(function, *arguments)
-        call.add_done_callback(_retrieve)
+        arguments = (service, "", request, timeout_s)
+        if not self.threads:
+            return self.middleware.call_service(*arguments)
+        call = self._callers.submit(self.middleware.call_service, *arguments)
+        call.add_done_callback(ignore_result)
         try:
             return await asyncio.wait_for(asyncio.shield(call), timeout_s + _GRACE_S)
         except asyncio.TimeoutError:
@@ -81,7 +98,7 @@ class NodeAccess:
 
     def hand_over(self, function: Callable[[Any], None]) -> Callable[[Any, float], None]:
         """Returns a callback for the node's subscriptions that calls `function(value)` in the loop."""
-        if not self._threads:
+        if not self.threads:
             return lambda value, now_s: function(value)
 
         def callback(value: Any, now_s: float) -> None:
@@ -103,6 +120,47 @@ class NodeAccess:
         """Starts nothing new; functions that are running end by themselves."""
         self._workers.close()
         self._callers.close()
+
+    def resolve(self, name: str) -> str:
+        """Returns the absolute name of a topic or service; roslibjs sends relative ones."""
+        return resolve_name(name, self.middleware.name)
+
+    def graph(self) -> Graph:
+        """Returns the graph that clients see. May block: not to be called in the loop.
+
+        Raises:
+            ServiceError: the middleware's name server does not respond.
+        """
+        graph = self.middleware.graph()
+        topics, nodes, added = dict(graph.topics), dict(graph.nodes), self._added_services()
+        own = nodes.get(self.middleware.name, NodeInfo((), (), ()))
+        publishes = list(own.publishes)
+        if not self.threads:
+            topics[ROSOUT] = ROSOUT_TYPE
+            publishes.append(ROSOUT)
+        nodes[self.middleware.name] = NodeInfo(publishes, own.subscribes, [*own.services, *added])
+        return Graph(topics, {**graph.services, **added}, nodes)
+
+    def definition(self, type_name: str) -> str:
+        """Returns the definition of a message type, with the types that it contains; empty if it is not known.
+
+        May block, as `graph`.
+        """
+        return self.middleware.message_definition(type_name) or definition(type_name)
+
+    async def topic_type(self, topic: str) -> str:
+        """Returns the type of a topic, empty if it is not known; raises ServiceError as `graph` does."""
+        graph = await self.call(self.graph)
+        return graph.topics.get(self.resolve(topic), "")
+
+    async def has_service(self, service: str) -> bool:
+        """Returns whether the middleware has a service of this absolute name; raises ServiceError as `graph` does."""
+        graph = await self.call(self.middleware.graph)
+        return service in graph.services
+
+    async def message_definition(self, type_name: str) -> str:
+        """Like `definition`, for the loop."""
+        return await self.call(self.definition, type_name) if type_name else ""
 
     def _wake(self) -> None:
         try:
@@ -131,9 +189,3 @@ class NodeAccess:
             message = self._messages.popleft()
             self._bytes -= message[2]
             return message
-
-
-def _retrieve(call: asyncio.Future[Any]) -> None:
-    """Retrieves the exception of a call that is no longer awaited; asyncio would log it."""
-    if not call.cancelled():
-        call.exception()

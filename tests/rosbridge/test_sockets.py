@@ -1,4 +1,4 @@
-"""What the server reads from one client: messages, pings and floods."""
+"""Turns of a connection, and the size of a read."""
 
 from __future__ import annotations
 
@@ -8,10 +8,87 @@ from typing import Any, List
 import aiohttp
 import pytest
 from aiohttp import web_protocol
+from harness.rosbridge_client import scenario
 from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.rosbridge.server.access import Access
-from robot_health_monitor.rosbridge.turns import READ_BYTES
+from robot_health_monitor.rosbridge.sockets import MOST_EMPTY_PER_SECOND, READ_BYTES, Incoming, limit_reads, within
+
+
+class Socket:
+    """Frames that arrive at given times, and the times at which other tasks could run."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def incoming(self) -> Incoming:
+        incoming = Incoming(self)  # type: ignore[arg-type]
+        incoming._clock = lambda: self.now_s
+        incoming._turn_s = incoming._done_s = 0.0
+        return incoming
+
+
+def incoming() -> Incoming:
+    """Not connected, for one that is given the times."""
+    one = Incoming(None)  # type: ignore[arg-type]
+    one._turn_s = one._done_s = 0.0
+    return one
+
+
+@scenario
+async def test_a_turn_is_over_after_ten_milliseconds_of_messages_that_already_waited() -> None:
+    turns = incoming()
+    over = []
+    for message in range(1, 25):  # one each 1/1024 s
+        turns._note_received((message - 0.9) / 1024)
+        over.append(turns._is_turn_over(message / 1024))
+    assert [number for number, is_over in enumerate(over, 1) if is_over] == [11, 22]
+
+
+@scenario
+async def test_a_message_that_was_waited_for_begins_a_turn() -> None:
+    """Other tasks ran meanwhile: a slow stream is not interrupted in addition."""
+    turns = incoming()
+    for message in range(1, 100):
+        turns._note_received(0.01 * message)
+        assert not turns._is_turn_over(0.01 * message + 0.001)
+
+
+def test_a_transport_without_a_size_of_reads_is_left_as_it_is() -> None:
+    transport = asyncio.Transport()
+    limit_reads(transport)
+    assert not hasattr(transport, "max_size")
+
+
+def test_asyncio_still_has_the_setting() -> None:
+    class Transport(asyncio.selector_events._SelectorTransport):  # type: ignore[name-defined,misc]  # not in the stubs
+        def __init__(self) -> None:
+            """Without a socket."""
+
+        def __del__(self) -> None:
+            """There is nothing to close."""
+
+    transport = Transport()
+    assert transport.max_size > READ_BYTES
+    limit_reads(transport)
+    assert transport.max_size == READ_BYTES
+
+
+@scenario
+async def test_the_limit_is_a_hundred_frames_in_a_second() -> None:
+    limit = incoming()
+    assert MOST_EMPTY_PER_SECOND == 100
+    assert [limit._is_flood(50.0 + 0.009 * frame) for frame in range(101)] == [False] * 100 + [True]
+
+
+@scenario
+async def test_a_new_second_counts_anew() -> None:
+    limit = incoming()
+    assert not any(limit._is_flood(50.0) for _ in range(100))
+    assert limit._is_flood(50.999)
+    assert not any(limit._is_flood(51.0) for _ in range(100))
+    assert limit._is_flood(51.5)
+
 
 FRAMES = {"ping": b"\x89\x80", "pong": b"\x8a\x80", "text": b"\x81\x80", "binary": b"\x82\x80"}
 
@@ -111,3 +188,41 @@ async def test_a_client_is_read_in_pieces(robot: Robot) -> None:
             await peer.settle()
     assert sum(sizes) > 500_000
     assert max(sizes) <= READ_BYTES
+
+
+@pytest.mark.parametrize("error", [None, ConnectionRefusedError()])
+def test_a_cancellation_is_not_lost_when_the_attempt_ends_at_the_same_moment(error: Any) -> None:
+    @scenario
+    async def run() -> None:
+        attempt = asyncio.get_event_loop().create_future()
+        waiting: List[bool] = []
+
+        async def work() -> None:
+            waiting.append(True)
+            await attempt
+
+        task = asyncio.ensure_future(within(10.0, work()))
+        while not waiting:
+            await asyncio.sleep(0)
+        if error is None:
+            attempt.set_result(None)
+        else:
+            attempt.set_exception(error)
+        task.cancel()
+        await asyncio.wait({task})
+        assert task.cancelled()
+
+    run()
+
+
+@scenario
+async def test_an_attempt_that_takes_too_long_is_given_up() -> None:
+    work = asyncio.ensure_future(asyncio.sleep(60.0))
+
+    async def wait_for_work() -> None:
+        await work
+
+    with pytest.raises(asyncio.TimeoutError):
+        await within(0.01, wait_for_work())
+    await asyncio.wait({work})
+    assert work.cancelled()

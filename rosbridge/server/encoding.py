@@ -1,0 +1,207 @@
+"""Messages as they are sent to clients: encoded once, whatever the number of clients; large ones in a thread."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import struct
+import time
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Generic, Mapping, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union
+
+from robot_health_monitor.core.errors import MessageError, ServiceError
+from robot_health_monitor.runtime.threads import ThreadPool
+
+from ..protocol import Wire
+from ..protocol.codec import encode_cbor, encode_json, encode_large_json, encode_png
+from ..protocol.connection import split
+
+LARGE_BYTES = 65_536
+"""Messages above this size are encoded and decoded in a background thread."""
+
+R = TypeVar("R")
+Serializer = Callable[[Mapping[str, Any]], bytes]
+
+_FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
+_OBJECT_BYTES = 32
+_COUNTED_ITEMS = 16
+
+_fragment_ids = itertools.count()
+
+
+def frame(message: Union[str, bytes]) -> bytes:
+    """Returns a message as one WebSocket frame of a server: not masked, so that it fits every client.
+
+    RFC 6455, section 5.2.
+    """
+    first = _FINAL_BINARY if isinstance(message, bytes) else _FINAL_TEXT
+    data = message if isinstance(message, bytes) else message.encode("utf-8")
+    length = len(data)
+    if length < 126:
+        return struct.pack("!BB", first, length) + data
+    if length < 65_536:
+        return struct.pack("!BBH", first, 126, length) + data
+    return struct.pack("!BBQ", first, 127, length) + data
+
+
+def estimated_bytes(value: object) -> int:
+    """Returns about how many bytes a value occupies, in time that does not depend on the length of its arrays.
+
+    The elements of a ROS array have one type, so a long array is estimated from three of them.
+    """
+    if isinstance(value, (str, bytes, bytearray)):
+        return 2 * _OBJECT_BYTES + len(value)
+    if isinstance(value, dict):
+        return 4 * _OBJECT_BYTES + sum(_OBJECT_BYTES + estimated_bytes(item) for item in value.values())
+    if isinstance(value, (list, tuple)):
+        count = len(value)
+        if count <= _COUNTED_ITEMS:
+            return 2 * _OBJECT_BYTES + sum(map(estimated_bytes, value))
+        sample = (value[0], value[count // 2], value[-1])
+        return 2 * _OBJECT_BYTES + count * max(map(estimated_bytes, sample))
+    return _OBJECT_BYTES
+
+
+class Encoding(NamedTuple):
+    """What the bytes that are sent to a client depend on."""
+
+    compression: str = "none"
+    fragment_size: Optional[int] = None
+    """In characters; None: no fragments."""
+
+
+class EncodedMessage:
+    """A message, and the frames that were made of it."""
+
+    def __init__(
+        self,
+        topic: str,
+        message: Optional[Mapping[str, Any]],
+        data: Optional[bytes] = None,
+        serialize: Optional[Serializer] = None,
+    ) -> None:
+        """Stores the message.
+
+        Args:
+            topic: its topic, as sent to clients.
+            message: the message as a mapping; None: only `data` is known.
+            data: the message as the middleware transports it.
+            serialize: makes `data` of `message`; None: not possible.
+        """
+        self.size = estimated_bytes(data if message is None else message)
+        """Estimated memory in bytes."""
+        self.is_large = self.size > LARGE_BYTES
+        """Whether encoding takes so long that a thread should do it."""
+        self._topic = topic
+        self._message = message
+        self._data = data
+        self._serialize = serialize
+        self._wires: Dict[str, Wire] = {}
+        self._frames: Dict[Encoding, bytes] = {}
+
+    def frames(self, encoding: Encoding) -> bytes:
+        """Returns the WebSocket frames of the message: one, or one per fragment.
+
+        Raises:
+            MessageError: the message cannot be encoded in this way.
+        """
+        frames = self._frames.get(encoding)
+        if frames is None:
+            frames = self._frames[encoding] = self._framed(self._wire(encoding.compression), encoding.fragment_size)
+        return frames
+
+    def _framed(self, wire: Wire, fragment_size: Optional[int]) -> bytes:
+        if fragment_size is None or isinstance(wire, bytes) or len(wire) <= fragment_size:
+            return frame(wire)
+        fragments = split(wire, fragment_size, f"publish:{next(_fragment_ids)}")
+        return b"".join(frame(encode_json(fragment)) for fragment in fragments)
+
+    def _wire(self, compression: str) -> Wire:
+        wire = self._wires.get(compression)
+        if wire is None:
+            wire = self._wires[compression] = self._encode(compression)
+        return wire
+
+    def _encode(self, compression: str) -> Wire:
+        if compression == "none":
+            text = encode_large_json(self._message) if self.is_large else encode_json(self._message)
+            return f'{{"op":"publish","topic":{encode_json(self._topic)},"msg":{text}}}'
+        if compression == "png":
+            return encode_json({"op": "png", "data": encode_png(str(self._wire("none")))})
+        message: Any = self._message
+        if compression == "cbor-raw":
+            seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+            message = {"secs": seconds, "nsecs": nanoseconds, "bytes": self._raw()}
+        return encode_cbor({"op": "publish", "topic": self._topic, "msg": message})
+
+    def _raw(self) -> bytes:
+        if self._message is None:
+            return self._data or b""
+        if self._serialize is None:
+            raise MessageError("cannot be sent as cbor-raw: the definition of its type is not known")
+        return self._serialize(self._message)
+
+
+class EncodingQueue(Generic[R]):
+    """The messages of one topic that wait for one encoding in a thread, bounded in bytes. The newest win."""
+
+    def __init__(
+        self,
+        encoding: Encoding,
+        pool: ThreadPool,
+        bound_bytes: int,
+        send: Callable[[bytes, Sequence[R]], None],
+        on_failure: Callable[[str], None],
+    ) -> None:
+        """Starts empty.
+
+        Args:
+            encoding: of the messages.
+            pool: runs the encoder.
+            bound_bytes: estimated size of the messages that may wait; one larger message may wait alone.
+            send: called in the loop with the frames of a message and its receivers.
+            on_failure: called with the reason if a message cannot be encoded.
+        """
+        self._encoding = encoding
+        self._pool = pool
+        self._bound = bound_bytes
+        self._send = send
+        self._on_failure = on_failure
+        self._waiting: Deque[Tuple[EncodedMessage, Sequence[R]]] = deque()
+        self._bytes = 0
+        self.busy = False
+        """Whether messages are waiting or being encoded; later ones must wait, to keep their order."""
+        self.dropped = 0
+        """Messages that were dropped because the encoder is busy."""
+
+    def put(self, message: EncodedMessage, receivers: Sequence[R]) -> None:
+        """Has a message encoded and sent; drops the oldest waiting ones if there are too many."""
+        self._waiting.append((message, receivers))
+        self._bytes += message.size
+        while self._bytes > self._bound and len(self._waiting) > 1:
+            self._bytes -= self._waiting.popleft()[0].size
+            self.dropped += 1
+        if not self.busy:
+            self.busy = True
+            self._task = asyncio.ensure_future(self._run())
+
+    def clear(self) -> None:
+        """Drops everything that waits."""
+        self._waiting.clear()
+        self._bytes = 0
+
+    async def _run(self) -> None:
+        try:
+            while self._waiting:
+                message, receivers = self._waiting.popleft()
+                self._bytes -= message.size
+                try:
+                    frames = await self._pool.run(message.frames, self._encoding)
+                except (MessageError, ServiceError) as error:
+                    self._on_failure(str(error))
+                else:
+                    self._send(frames, receivers)
+                    del frames
+                del message, receivers
+        finally:
+            self.busy = False

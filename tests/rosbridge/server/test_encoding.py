@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import threading
+from typing import Any, List
+
+import cbor2
+import pytest
+
+from robot_health_monitor.core.errors import MessageError
+from robot_health_monitor.rosbridge.server.encoding import (
+    LARGE_BYTES,
+    EncodedMessage,
+    Encoding,
+    EncodingQueue,
+    estimated_bytes,
+    frame,
+)
+from robot_health_monitor.runtime.threads import ThreadPool
+
+
+def payload(frame: bytes) -> bytes:
+    """The payload of a short frame (RFC 6455, section 5.2)."""
+    assert frame[1] < 126 and len(frame) == 2 + frame[1]
+    return frame[2:]
+
+
+def test_json_and_cbor_carry_the_same_operation() -> None:
+    message = EncodedMessage("/a", {"data": 19.5})
+    expected = {"op": "publish", "topic": "/a", "msg": {"data": 19.5}}
+    assert json.loads(payload(message.frames(Encoding("none")))) == expected
+    assert cbor2.loads(payload(message.frames(Encoding("cbor")))) == expected
+
+
+def test_raw_bytes_come_from_the_middleware_or_from_the_serializer() -> None:
+    for message in (
+        EncodedMessage("/a", None, b"\x01\x02"),
+        EncodedMessage("/a", {"data": 1}, serialize=lambda message: b"\x01\x02"),
+    ):
+        frame = message.frames(Encoding("cbor-raw"))
+        assert cbor2.loads(payload(frame))["msg"]["bytes"] == b"\x01\x02"
+    with pytest.raises(MessageError, match="definition of its type is not known"):
+        EncodedMessage("/a", {"data": 1}).frames(Encoding("cbor-raw"))
+
+
+def test_fragments_are_frames_that_join_to_the_message() -> None:
+    frames = EncodedMessage("/a", {"data": "x" * 1000}).frames(Encoding("none", 300))
+    texts = []
+    while frames:
+        assert frames[0] == 0x81 and frames[1] == 126
+        (length,) = struct.unpack("!H", frames[2:4])
+        texts.append(json.loads(frames[4 : 4 + length]))
+        frames = frames[4 + length :]
+    assert [text["num"] for text in texts] == list(range(texts[0]["total"]))
+    assert json.loads("".join(text["data"] for text in texts))["msg"] == {"data": "x" * 1000}
+
+
+def test_an_encoding_is_computed_once() -> None:
+    message = EncodedMessage("/a", {"data": 19.5})
+    assert message.frames(Encoding("png")) is message.frames(Encoding("png"))
+
+
+@pytest.mark.parametrize(("message", "large"), [({"data": 1.0}, False), ({"data": "x" * 900_000}, True)])
+def test_large_messages_are_marked(message: Any, large: bool) -> None:
+    assert EncodedMessage("/a", message).is_large is large
+
+
+def test_a_message_that_cannot_be_encoded_is_a_message_error() -> None:
+    for compression in ("none", "png", "cbor"):
+        with pytest.raises(MessageError):
+            EncodedMessage("/a", {"data": object()}).frames(Encoding(compression))
+
+
+SIZE = 100_000
+
+
+def message(number: int) -> EncodedMessage:
+    return EncodedMessage("/a", {"data": f"{number:04d}" + "x" * SIZE})
+
+
+class TestQueue:
+    def run(self, scenario: Any, bound_bytes: int) -> None:
+        async def run() -> None:
+            pool = ThreadPool("encode", 1, 10)
+            sent: List[int] = []
+            problems: List[str] = []
+
+            def send(frames: bytes, receivers: Any) -> None:
+                sent.append(int(frames[frames.index(b'"data":"') + 8 :][:4]))
+
+            queue: EncodingQueue[str] = EncodingQueue(Encoding(), pool, bound_bytes, send, problems.append)
+            await asyncio.wait_for(scenario(pool, queue, sent, problems), 60.0)
+            pool.close()
+
+        asyncio.run(run())
+
+    def test_messages_are_encoded_in_a_thread_and_sent_in_order(self) -> None:
+        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
+            threads = []
+            first = message(0)
+            encode = first.frames
+            first.frames = lambda encoding: threads.append(threading.get_ident()) or encode(encoding)  # type: ignore[method-assign,func-returns-value]
+            queue.put(first, ["client"])
+            for number in range(1, 5):
+                queue.put(message(number), ["client"])
+            while queue.busy:
+                await asyncio.sleep(0)
+            assert sent == [0, 1, 2, 3, 4]
+            assert threads != [threading.get_ident()]
+            assert (queue._bytes, queue.dropped) == (0, 0)
+
+        self.run(scenario, 10 * SIZE)
+
+    def test_while_the_encoder_is_busy_the_newest_wait_within_the_bound(self) -> None:
+        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
+            released = threading.Event()
+            busy = pool.submit(released.wait, 20.0)
+            for number in range(100):
+                queue.put(message(number), ["client"])
+                assert queue._bytes <= 3.5 * SIZE
+                await asyncio.sleep(0)
+            released.set()
+            await busy
+            while queue.busy:
+                await asyncio.sleep(0)
+            assert sent == [0, 97, 98, 99]
+            assert queue.dropped == 96
+
+        self.run(scenario, int(3.5 * SIZE))
+
+    def test_a_message_that_cannot_be_encoded_is_reported_and_the_next_is_sent(self) -> None:
+        async def scenario(pool: ThreadPool, queue: Any, sent: List[int], problems: List[str]) -> None:
+            queue.put(EncodedMessage("/a", {"data": object()}), ["client"])
+            queue.put(message(1), ["client"])
+            while queue.busy:
+                await asyncio.sleep(0)
+            assert sent == [1]
+            assert problems == ["object cannot be encoded as JSON"]
+
+        self.run(scenario, 10 * SIZE)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"data": "x" * 1_000_000},
+        {"data": b"x" * 1_000_000},
+        {"header": {"seq": 1}, "ranges": [0.5] * 10_000},
+        {"status": [{"values": [{"key": "k" * 50, "value": "v" * 50}] * 20}] * 100},
+        {"names": ["n" * 100] * 1_000},
+    ],
+)
+def test_large_messages_are_recognised(message: Any) -> None:
+    assert estimated_bytes(message) > LARGE_BYTES
+
+
+@pytest.mark.parametrize("message", [{"data": 19.5}, {"data": "x" * 1_000}, {"ranges": [0.5] * 360}, {}, None, b""])
+def test_small_messages_are_encoded_at_once(message: Any) -> None:
+    assert estimated_bytes(message) < LARGE_BYTES
+
+
+@pytest.mark.parametrize("size", [1_000, 1_000_000])
+def test_the_estimate_follows_the_length_of_texts(size: int) -> None:
+    assert size <= estimated_bytes({"data": "x" * size}) <= size + 1_000
+
+
+def test_every_element_of_a_short_list_counts() -> None:
+    assert estimated_bytes(["", "x" * 1_000_000, "", "", ""]) > 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("message", "header"),
+    [
+        ("Hello", b"\x81\x05"),  # the example of RFC 6455, section 5.7
+        ("", b"\x81\x00"),
+        (b"\x01" * 125, b"\x82\x7d"),
+        (b"\x01" * 126, b"\x82\x7e\x00\x7e"),
+        (b"\x01" * 256, b"\x82\x7e\x01\x00"),  # the same section
+        (b"\x01" * 65536, b"\x82\x7f\x00\x00\x00\x00\x00\x01\x00\x00"),  # and again
+    ],
+)
+def test_frames_are_those_of_the_rfc(message: object, header: bytes) -> None:
+    assert isinstance(message, (str, bytes))
+    payload = message.encode() if isinstance(message, str) else message
+    assert frame(message) == header + payload
+
+
+def test_text_is_sent_as_utf_8() -> None:
+    assert frame("\N{DEGREE SIGN}C") == b"\x81\x03\xc2\xb0C"
