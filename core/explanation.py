@@ -9,12 +9,12 @@ import math
 import operator
 from typing import Dict, Mapping, NamedTuple, Optional
 
+from .flapping import MOST, PERIOD_S
 from .formatting import bound_text, datum_text, duration_text, number_text, with_unit
 from .model import Level, Status
 from .quality import as_float, converted
 from .rule import Rule, State
 from .signal_config import CONDITIONS, LINK, SignalConfig
-from .storm import MOST, PERIOD_S
 
 STATES: Mapping[str, str] = {
     "waiting": "no sample yet; the level is unknown",

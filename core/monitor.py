@@ -27,19 +27,18 @@ _MOST_NOTICES = 10
 LINK_CONFIG = read_signal(
     LINK,
     {
-        "valid_min": 0.0,
-        "valid_max": 1.0,
-        "error_below": 1.0,
-        "keep_firing_for_s": 10.0,
-        "flap_detection": True,
+        "valid_min": 0.0, "valid_max": 1.0, "error_below": 1.0, "keep_firing_for_s": 10.0, "flap_detection": True,
         "stale_after_s": 0.0,
     },
-)
+)  # fmt: skip
 """How the link to a robot is judged: ERROR at once while it is down, OK once it has been up for 10 s. Never stale."""
 
 
 class Monitor:
     """Watches the signals of one robot.
+
+    Times (`now_s`) are in seconds on any one clock. Calls return the transitions that they cause, in the order of the
+    configuration; `reset`, `end` and `configure` at the time of the last call.
 
     The signal `link` (1.0: the robot can be reached, 0.0: it cannot) needs no configuration. While the link is down,
     the other signals are frozen: the link is the one alert.
@@ -66,14 +65,11 @@ class Monitor:
         """When the state of the link was restored, in seconds; infinite once it was observed."""
 
     def observe(self, sample: Sample) -> Changes:
-        """Judges a sample.
-
-        Args:
-            sample: one measurement; a signal that is not configured is ignored.
+        """Judges a sample; that of a signal that is not configured is ignored.
 
         Returns:
-            The transitions that it causes: of the signal itself, of signals with a condition on it, and, for `link`, of
-            the signals that are judged again.
+            The transitions of the signal itself, of signals with a condition on it, and, for `link`, of the signals
+            that are judged again.
         """
         name, value, now_s = sample
         changes = Changes()
@@ -93,8 +89,7 @@ class Monitor:
             self._link_restored_s = math.inf
             self._follow_link(now_s, changes)
         if name in self._followers:
-            for follower in self._followers[name]:
-                changes.add(follower.follow(self.fresh_value, now_s))
+            self._follow(self._followers[name], now_s, changes)
         return changes
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
@@ -103,10 +98,7 @@ class Monitor:
         Args:
             up: whether the robot can be reached.
             cause: why it cannot, for example `connection refused`; ignored while `up`.
-            now_s: the time in seconds.
-
-        Returns:
-            The transitions that it causes.
+            now_s: the time.
         """
         self._link_cause = "" if up else printable(cause)
         if LINK in self._signals:
@@ -114,14 +106,7 @@ class Monitor:
         return self.observe(Sample(LINK, 1.0 if up else 0.0, now_s))
 
     def tick(self, now_s: float) -> Changes:
-        """Advances the time.
-
-        Args:
-            now_s: the time in seconds.
-
-        Returns:
-            The transitions that it causes, in the order of the configuration.
-        """
+        """Advances the time."""
         changes = Changes()
         if not self._now_s <= now_s <= _LARGEST:
             now_s = self._unusual_time(now_s, changes)
@@ -130,8 +115,7 @@ class Monitor:
             transition = signal.tick(now_s)
             if transition is not None:
                 changes.append(transition)
-        for follower in self._all_followers:
-            changes.add(follower.follow(self.fresh_value, now_s))
+        self._follow(self._all_followers, now_s, changes)
         if now_s - self._link_restored_s > _LINK_GRACE_S:
             self._link_restored_s = math.inf
             changes.add(self._signals.pop(LINK).end(now_s))
@@ -144,11 +128,8 @@ class Monitor:
         downtime of the link (step 8 of docs/rules.md), but without an alert.
 
         Args:
-            since_s: when it begins, in seconds; the time of the last call if that is later.
+            since_s: when it begins; the time of the last call if that is later.
             until_s: when it ends: samples can come again.
-
-        Returns:
-            The transitions that it causes.
         """
         changes = Changes()
         if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
@@ -161,25 +142,15 @@ class Monitor:
         return changes
 
     def report(self, now_s: float) -> Report:
-        """Returns the whole state as of the last `observe` or `tick`. Reads only.
-
-        Args:
-            now_s: the time in seconds, for ages.
-        """
-        now_s = self._time_to_show(now_s)
-        signals = self._signals or self._new_signals(now_s)
+        """Returns the whole state as of the last `observe` or `tick`, with ages at `now_s`. Reads only."""
+        now_s, signals = self._to_show(now_s)
         statuses = {name: explanation.status(signal.judgement(now_s)) for name, signal in signals.items()}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
 
     def judgements(self, now_s: float) -> Mapping[str, Judgement]:
-        """Returns the state of every signal, without the texts and statistics of `report`. Reads only.
-
-        Args:
-            now_s: the time in seconds, for ages.
-        """
-        now_s = self._time_to_show(now_s)
-        signals = self._signals or self._new_signals(now_s)
+        """Returns the state of every signal, without the texts and statistics of `report`. Reads only."""
+        now_s, signals = self._to_show(now_s)
         return {name: signal.judgement(now_s, with_statistics=False) for name, signal in signals.items()}
 
     @property
@@ -190,9 +161,7 @@ class Monitor:
     def status(self, signal: str, now_s: float) -> Optional[Status]:
         """Returns the status of one signal as in `report`; None for an unknown signal or before the first call."""
         known = self._signals.get(signal)
-        if known is None:
-            return None
-        return explanation.status(known.judgement(self._time_to_show(now_s)))
+        return None if known is None else explanation.status(known.judgement(self._to_show(now_s)[0]))
 
     def levels(self) -> Mapping[str, Tuple[Level, str]]:
         """Returns level and state of each signal, as in `report`, without the cost of texts."""
@@ -201,23 +170,19 @@ class Monitor:
         return {name: (signal.level, signal.state) for name, signal in self._signals.items()}
 
     def without_samples(self, now_s: float) -> List[SignalConfig]:
-        """Returns the signals without a sample for half of the time allowed, or longer, while the link is up.
-
-        Args:
-            now_s: the time in seconds.
-        """
-        return [signal.config for signal in self._signals.values() if signal.lacks_samples(now_s)]
+        """Returns the signals without a sample for half of the time allowed, or longer, while the link is up."""
+        configs = ((signal, signal.config) for signal in self._signals.values())
+        return [config for signal, config in configs if signal.staleness.is_half_over(now_s, config.startup_grace_s)]
 
     def note_hint(self, signal: str, hint: str) -> None:
-        """Notes why a signal has no samples, for its status and its next transition; ignored if it is not watched.
+        """Notes why a watched signal has no samples, for its status and its next transition.
 
         Args:
             signal: its name.
             hint: the reason, see `Middleware.why_silent`; empty: unknown. It is forgotten with the next sample.
         """
-        known = self._signals.get(signal)
-        if known is not None:
-            known.note_hint(hint)
+        if signal in self._signals:
+            self._signals[signal].staleness.note_hint(hint)
 
     def fresh_value(self, signal: str) -> Optional[float]:
         """Returns a signal's latest value; None while there is none, or it is bad, stale or unreachable."""
@@ -256,7 +221,7 @@ class Monitor:
             since_s: only those after this time, in s.
         """
         known = self._signals.get(signal)
-        return () if known is None else known.window_samples(limit, since_s)
+        return () if known is None else known.window.samples(limit, since_s)
 
     def at_rest_since_s(self, signal: str) -> Optional[float]:
         """Returns since when a signal is OK, in seconds; None unless its state depends on nothing else."""
@@ -266,10 +231,7 @@ class Monitor:
     def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
         """Returns a signal's state for `restore`, as JSON values; empty if it is not watched. Reads only.
 
-        Args:
-            signal: its name.
-            now_s: the time in seconds.
-            wall_s: the same in seconds since 1970.
+        `wall_s` is `now_s` in seconds since 1970.
         """
         known = self._signals.get(signal)
         return {} if known is None else known.snapshot(now_s, wall_s)
@@ -288,7 +250,7 @@ class Monitor:
 
         Args:
             states: the snapshots by signal.
-            now_s: the time in seconds; None: that of the first call, which then returns the transitions.
+            now_s: the time; None: that of the first call, which then returns the transitions.
             wall_s: the time in seconds since 1970.
             stopped_s: when the earlier run was last known to watch, in seconds since 1970; None: until now.
 
@@ -302,28 +264,15 @@ class Monitor:
         return changes
 
     def reset(self) -> Changes:
-        """Clears every latch.
-
-        Returns:
-            The transitions that it causes, in the order of the configuration, at the time of the last call.
-        """
-        changes = Changes()
+        """Clears every latch."""
         if self._to_restore is not None:
             states, downtime = self._to_restore
             self._to_restore = ({name: without_latch(saved) for name, saved in states.items()}, downtime)
-        for signal in self._signals.values():
-            changes.add(signal.reset(self._now_s))
-        return changes
+        return Changes(filter(None, [signal.reset(self._now_s) for signal in self._signals.values()]))
 
     def end(self) -> Changes:
-        """Ends every alert: the robot is no longer watched.
-
-        Returns:
-            A transition to OK for each signal that was not OK, the link included, at the time of the last call.
-        """
-        changes = Changes()
-        for signal in self._signals.values():
-            changes.add(signal.end(self._now_s))
+        """Ends every alert, that of the link included: the robot is no longer watched."""
+        changes = Changes(filter(None, [signal.end(self._now_s) for signal in self._signals.values()]))
         self._signals = {}
         self._find_followers()
         return changes
@@ -331,12 +280,9 @@ class Monitor:
     def configure(self, config: MonitorConfig) -> Changes:
         """Applies a new configuration; signals whose own configuration is the same are not disturbed.
 
-        Args:
-            config: what to watch from now on.
-
         Returns:
             The transitions that the new bounds cause, and one to OK for each signal that was not OK and is no longer
-            watched, at the time of the last call.
+            watched.
         """
         self.config = config
         changes = Changes()
@@ -358,18 +304,18 @@ class Monitor:
         self._signals = signals
         self._inhibit_all(self._now_s)
         self._find_followers()
-        for follower in self._all_followers:
-            changes.add(follower.follow(self.fresh_value, self._now_s))
+        self._follow(self._all_followers, self._now_s, changes)
         return changes
 
     def _new_signals(self, now_s: float) -> Dict[str, SignalMonitor]:
         return {name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()}
 
-    def _time_to_show(self, now_s: float) -> float:
-        """Returns the time for ages: not before the last call."""
+    def _to_show(self, now_s: float) -> Tuple[float, Dict[str, SignalMonitor]]:
+        """Returns the time for ages, which is not before the last call, and the signals."""
         if not self._signals:
-            return now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
-        return now_s if self._now_s <= now_s <= _LARGEST else self._now_s
+            now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
+            return now_s, self._new_signals(now_s)
+        return now_s if self._now_s <= now_s <= _LARGEST else self._now_s, self._signals
 
     def _unusual_time(self, now_s: float, changes: Changes) -> float:
         """Handles the first time, a time that went back, and an invalid time; returns the time to use."""
@@ -425,6 +371,10 @@ class Monitor:
             for name in followed:
                 self._followers.setdefault(name, []).append(signal)
 
+    def _follow(self, followers: List[SignalMonitor], now_s: float, changes: Changes) -> None:
+        for follower in followers:
+            changes.add(follower.follow(self.fresh_value, now_s))
+
     def _follow_link(self, now_s: float, changes: Changes) -> None:
         """Freezes the other signals while the link is down, whether or not its alert is held or withheld."""
         up = self.fresh_value(LINK)
@@ -437,8 +387,7 @@ class Monitor:
             for name, signal in self._signals.items():
                 if name != LINK:
                     changes.add(signal.release(now_s))
-            for follower in self._all_followers:
-                changes.add(follower.follow(self.fresh_value, now_s))
+            self._follow(self._all_followers, now_s, changes)
 
     def _inhibit_all(self, now_s: float) -> None:
         """Freezes the signals that are not frozen yet, while the link is down."""

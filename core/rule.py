@@ -1,6 +1,7 @@
-"""The rule state machine: a value, its bounds and time decide whether the rule fires.
+"""The rules of a signal: values, bounds and time decide which rules fire; with the latch they give the level.
 
-Theory of operation. A signal has up to two rules, WARN and ERROR. A rule is two steps of docs/rules.md:
+Theory of operation. A signal has a WARN and an ERROR rule, and one for invalid data, whose condition quality.py judges.
+A rule is two steps of docs/rules.md:
 
 * Its *condition* (step 3) says whether the judged statistic is beyond a bound. Bounds are strict, and with a
   hysteresis a condition that is true stays true until the value is back by that much on the healthy side. While
@@ -25,7 +26,7 @@ link is down, or the statistic is undefined), it takes no row, and the time does
 from __future__ import annotations
 
 import enum
-from typing import Any, Dict, NamedTuple, Optional
+from typing import Any, Dict, NamedTuple, Optional, Tuple
 
 from .formatting import datum_text
 from .model import Level
@@ -49,76 +50,44 @@ class State(enum.Enum):
     """The condition is false again, not yet for long enough."""
 
 
-_NEXT_IF_TRUE = {
-    State.INACTIVE: State.PENDING,
-    State.PENDING: State.PENDING,
-    State.FIRING: State.FIRING,
-    State.KEEPING: State.FIRING,
-}
-_NEXT_IF_FALSE = {
-    State.INACTIVE: State.INACTIVE,
-    State.PENDING: State.INACTIVE,
-    State.FIRING: State.KEEPING,
-    State.KEEPING: State.KEEPING,
-}
-_AFTER_WAIT = {State.PENDING: State.FIRING, State.KEEPING: State.INACTIVE}
+# Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
+_OK, _WARN, _ERROR, _STALE = Level
+_INACTIVE, _PENDING, _FIRING, _KEEPING = State
 
+_NEXT_IF_TRUE = {_INACTIVE: _PENDING, _PENDING: _PENDING, _FIRING: _FIRING, _KEEPING: _FIRING}
+_NEXT_IF_FALSE = {_INACTIVE: _INACTIVE, _PENDING: _INACTIVE, _FIRING: _KEEPING, _KEEPING: _KEEPING}
+_AFTER_WAIT = {_PENDING: _FIRING, _KEEPING: _INACTIVE}
 _STATE_OF_WORD = {state.value: state for state in State}
-
-# Globals are faster than members of an enumeration, and these are used per sample.
-_INACTIVE = State.INACTIVE
-_FIRING = State.FIRING
 
 
 class RuleConfig(NamedTuple):
     """Bounds and durations of one rule; the fields are those of `SignalConfig`."""
 
-    below: Optional[float]
-    above: Optional[float]
-    hysteresis: float
-    for_s: float
-    keep_firing_for_s: float
+    below: Optional[float] = None
+    above: Optional[float] = None
+    hysteresis: float = 0.0
+    for_s: float = 0.0
+    keep_firing_for_s: float = 0.0
 
-    @classmethod
-    def of(cls, signal: SignalConfig, level: Level) -> RuleConfig:
-        """Returns the configuration of the WARN or the ERROR rule of `signal`."""
-        if level is Level.WARN:
-            return cls(signal.warn_below, signal.warn_above, signal.hysteresis, signal.for_s, signal.keep_firing_for_s)
-        return cls(
-            signal.error_below,
-            signal.error_above,
-            signal.hysteresis,
-            signal.error_for_s,
-            signal.error_keep_firing_for_s,
-        )
+    @property
+    def has_bounds(self) -> bool:
+        """Whether a value can be beyond a bound."""
+        return self.below is not None or self.above is not None
 
 
 class Rule:
-    """One rule of one signal."""
+    """One rule of one signal. Times (`now_s`) are in seconds, values in the unit of the judged statistic."""
 
     __slots__ = (
-        "_above",
-        "_above_clear",
-        "_allowed",
-        "_below",
-        "_below_clear",
-        "_crossed",
-        "_for_s",
-        "_frozen_since_s",
-        "_keep_firing_for_s",
-        "bound",
-        "condition",
-        "fires",
-        "is_below",
-        "since_s",
-        "state",
-    )
+        "_above", "_above_clear", "_allowed", "_below", "_below_clear", "_crossed", "_for_s", "_frozen_since_s",
+        "_keep_firing_for_s", "bound", "condition", "fires", "is_below", "since_s", "state",
+    )  # fmt: skip
 
     def __init__(self, config: RuleConfig) -> None:
         """Creates an inactive rule."""
-        self.state = State.INACTIVE
+        self.state = _INACTIVE
         self.since_s = 0.0
-        """When the state began, in seconds; moved forward by the time for which the rule was frozen."""
+        """When the state began; moved forward by the time for which the rule was frozen."""
         self.fires = False
         """Whether the rule is firing, or still firing until keep_firing_for_s has passed."""
         self.condition = False
@@ -155,12 +124,7 @@ class Rule:
         return self.state is _INACTIVE and not self._crossed
 
     def judge(self, value: float, now_s: float) -> None:
-        """Judges a new value, then advances.
-
-        Args:
-            value: the judged statistic, in its unit.
-            now_s: the time in seconds.
-        """
+        """Judges a new value, then advances."""
         below, above = self._below, self._above
         if self._crossed:
             if self.is_below:
@@ -188,22 +152,17 @@ class Rule:
     def clear(self) -> None:
         """Makes the rule inactive."""
         self._crossed = self.condition = self.fires = False
-        self.state = State.INACTIVE
-
-    def set_condition(self, condition: bool, now_s: float) -> None:
-        """Applies a condition that was judged elsewhere, then advances."""
-        self.condition = condition
-        self.advance(now_s)
+        self.state = _INACTIVE
 
     def advance(self, now_s: float) -> None:
-        """Advances the time to `now_s`, in seconds."""
+        """Advances the time."""
         if self._frozen_since_s is not None or self.state is (_FIRING if self.condition else _INACTIVE):
             return  # nothing can change
         state = (_NEXT_IF_TRUE if self.condition else _NEXT_IF_FALSE)[self.state]
         if state is not self.state:
             self._enter(state, now_s)
         if state in _AFTER_WAIT:
-            wait_s = self._for_s if state is State.PENDING else self._keep_firing_for_s
+            wait_s = self._for_s if state is _PENDING else self._keep_firing_for_s
             if now_s - self.since_s >= wait_s - TIME_TOLERANCE_S:
                 self._enter(_AFTER_WAIT[state], now_s)
 
@@ -225,7 +184,7 @@ class Rule:
             self._frozen_since_s = now_s
 
     def snapshot(self, now_s: float) -> Dict[str, Any]:
-        """Returns the state at `now_s` as JSON values; empty if it is that of a new rule."""
+        """Returns the state as JSON values; empty if it is that of a new rule."""
         if self.state is _INACTIVE and self.bound is None and not self.condition:
             return {}
         state: Dict[str, Any] = {"state": self.state.value, "condition": self.condition}
@@ -236,28 +195,21 @@ class Rule:
         return state
 
     def restore(self, saved: Saved, now_s: float) -> None:
-        """Continues from a snapshot, frozen at `now_s` until `thaw`.
-
-        Raises:
-            UnusableStateError: the snapshot is malformed.
-        """
-        bound = saved.number("bound")
-        is_below, crossed, allowed = saved.flag("is_below"), saved.flag("crossed"), saved.flag("allowed")
-        word = saved.text("state", State.INACTIVE.value)
+        """Continues from a snapshot, frozen until `thaw`; raises UnusableStateError."""
+        word = saved.text("state", _INACTIVE.value)
         state = _STATE_OF_WORD.get(word)
         if state is None:
             words = ", ".join(_STATE_OF_WORD)
             raise UnusableStateError(f"state of a rule: expected one of {words}, got {datum_text(word)}")
-        condition = saved.flag("condition")
-        waited_s = saved.duration_s("waited_s")
         self.freeze(now_s)
+        self.condition = saved.flag("condition")
+        is_below, crossed, allowed = saved.flag("is_below"), saved.flag("crossed"), saved.flag("allowed")
+        bound = saved.number("bound")
         if bound is not None:
-            if bound != (self._below if is_below else self._above):  # the bound was changed
-                crossed = False
-            self.bound, self.is_below, self._crossed, self._allowed = bound, is_below, crossed, allowed
-            condition = crossed and allowed
-        self.condition = condition
-        self._enter(state, now_s - waited_s)
+            self.bound, self.is_below, self._allowed = bound, is_below, allowed
+            self._crossed = crossed and bound == (self._below if is_below else self._above)  # else it was changed
+            self.condition = self._crossed and allowed
+        self._enter(state, now_s - saved.duration_s("waited_s"))
 
     def waited_s(self, now_s: float) -> float:
         """Returns for how long the state has lasted, without frozen time, in seconds."""
@@ -266,4 +218,138 @@ class Rule:
     def _enter(self, state: State, now_s: float) -> None:
         self.state = state
         self.since_s = now_s
-        self.fires = state is State.FIRING or state is State.KEEPING
+        self.fires = state is _FIRING or state is _KEEPING
+
+
+class SignalRules:
+    """Steps 3 to 6 of docs/rules.md without flapping: the rules of one signal, and its latch."""
+
+    __slots__ = ("_config", "_latched", "bounds", "error", "invalid", "warn")
+
+    def __init__(self, config: SignalConfig) -> None:
+        """Starts with inactive rules."""
+        self._config = config
+        self._latched = _OK
+        self.warn, self.error, self.invalid = map(Rule, _rule_configs(config))
+        self.bounds: Tuple[Rule, Rule] = (self.warn, self.error)
+        """The rules with bounds; `invalid` has none and fires after invalid data."""
+
+    def configure(self, config: SignalConfig) -> None:
+        """Applies a new configuration; states stay where they still have a meaning."""
+        self._config = config
+        *bounds, invalid = _rule_configs(config)
+        for rule, rule_config in zip(self.bounds, bounds):
+            rule.configure(rule_config)
+            if not rule_config.has_bounds:
+                rule.clear()
+            if config.only_if is None:
+                rule.allow(True)
+        self.invalid.configure(invalid)
+        if not config.latch:
+            self._latched = _OK
+
+    def judge(self, value: float, now_s: float) -> None:
+        """Judges a value of the statistic."""
+        self.warn.judge(value, now_s)
+        self.error.judge(value, now_s)
+
+    def note_quality(self, *, good: bool, now_s: float) -> None:
+        """Notes whether a datum was valid."""
+        invalid = self.invalid
+        if good is invalid.condition or invalid.state is not _INACTIVE:
+            invalid.condition = not good
+            invalid.advance(now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Advances the time."""
+        self.warn.advance(now_s)
+        self.error.advance(now_s)
+        self.invalid.advance(now_s)
+
+    def allow(self, allowed: bool) -> None:
+        """Says whether `only_if` holds; counts when the rules advance."""
+        for rule in self.bounds:
+            rule.allow(allowed)
+
+    def freeze_or_thaw(self, now_s: float, *, unknown: bool, undefined: bool) -> None:
+        """Freezes all rules while the level is `unknown`, those with bounds while the statistic is `undefined`."""
+        for rule in self.bounds:
+            (rule.freeze if unknown or undefined else rule.thaw)(now_s)
+        (self.invalid.freeze if unknown else self.invalid.thaw)(now_s)
+
+    def restart(self, now_s: float) -> None:
+        """Restarts running waits: time went back to `now_s`."""
+        for rule in (*self.bounds, self.invalid):
+            rule.restart(now_s)
+
+    def release_latch(self) -> None:
+        """Clears the latch: the level is what the rules give now."""
+        self._latched = _OK
+
+    def level(self, *, stale: bool) -> Level:
+        """Returns the true level, and latches it; `stale`: the signal was silent for too long."""
+        level = _ERROR if self.error.fires else _WARN if self.warn.fires else _OK
+        if self._config.latch:
+            if level > self._latched:
+                self._latched = level
+            level = self._latched
+        if level is not _ERROR:
+            if self.invalid.fires:
+                return _ERROR
+            if stale:
+                return _STALE
+        return level
+
+    @property
+    def state(self) -> str:
+        """The state to show of a signal with samples: invalid, latched, or that of the rule."""
+        warn, error = self.bounds
+        fired = _ERROR if error.fires else _WARN if warn.fires else _OK
+        if self.invalid.fires:
+            return "invalid"
+        if self._latched > fired:
+            return "latched"
+        return (warn if fired is _WARN or error.state is _INACTIVE else error).state.value
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether all are inactive and stay so as long as no value is beyond a bound."""
+        return self.warn.is_at_rest and self.error.is_at_rest and self.invalid.state is _INACTIVE
+
+    def explaining(self, level: Level, announced: Optional[Rule]) -> Optional[Rule]:
+        """Returns the rule that explains a level; for OK the one that is pending, held back, or has just cleared.
+
+        `announced` is the rule of an announced level that is not OK.
+        """
+        if level is not _OK:
+            return self.error if level is _ERROR else self.warn
+        for rule in (self.error, self.warn):
+            if rule.state is _PENDING or rule.held_back:
+                return rule
+        return announced if announced is not None and announced.bound in self._config.bounds.values() else None
+
+    def snapshot(self, now_s: float) -> Dict[str, Any]:
+        """Returns the state as JSON values."""
+        rules = {name: getattr(self, name).snapshot(now_s) for name in ("warn", "error", "invalid")}
+        state: Dict[str, Any] = {name: saved for name, saved in rules.items() if saved}
+        return state if self._latched is _OK else {**state, "latched": self._latched.name}
+
+    def restore(self, saved: Saved, now_s: float) -> None:
+        """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
+        warn, error, _ = _rule_configs(self._config)
+        for name, counts in (("warn", warn.has_bounds), ("error", error.has_bounds), ("invalid", True)):
+            if counts:
+                getattr(self, name).restore(saved.section(name), now_s)
+        latched = saved.level("latched")
+        if self._config.latch and latched is not _STALE:
+            self._latched = latched
+
+
+def _rule_configs(signal: SignalConfig) -> Tuple[RuleConfig, RuleConfig, RuleConfig]:
+    """Returns the configurations of the rules for WARN, ERROR and invalid data."""
+    hysteresis, error_keep_s = signal.hysteresis, signal.error_keep_firing_for_s
+    return (
+        RuleConfig(signal.warn_below, signal.warn_above, hysteresis, signal.for_s, signal.keep_firing_for_s),
+        RuleConfig(signal.error_below, signal.error_above, hysteresis, signal.error_for_s, error_keep_s),
+        RuleConfig(for_s=signal.invalid_for_s),
+    )

@@ -21,62 +21,41 @@ from .announcer import Announcer
 from .explanation import Judgement
 from .model import Level, Transition
 from .quality import Quality
+from .rule import SignalRules
 from .signal_config import SignalConfig
-from .signal_rules import SignalRules
 from .staleness import Staleness
 from .state_reader import Downtime, Saved, SavedSignal, age_s
 from .window import Window
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
-_OK, _, _ERROR, _STALE = Level
+_OK, _WARN, _ERROR, _STALE = Level
 
 MOST_STATISTICS = 300
 """Most values of a statistic that are kept to be shown."""
-_NOTHING_IS_CALM = -math.inf
-"""Value of `_calm_max` while not everything is at rest."""
 
 
 class SignalMonitor:
-    """State and judgement of one signal."""
+    """State and judgement of one signal. Times (`now_s`) are in seconds."""
 
     __slots__ = (
-        "_announcer",
-        "_calm_max",
-        "_calm_min",
-        "_fingerprint",
-        "_healthy_max",
-        "_judged",
-        "_level",
-        "_level_since_s",
-        "_quality",
-        "_robot",
-        "_rules",
-        "_staleness",
-        "_statistics",
-        "_window",
-        "cause",
-        "config",
-    )
+        "_announcer", "_calm_max", "_calm_min", "_fingerprint", "_healthy_max", "_level", "_level_since_s", "_quality",
+        "_robot", "_rules", "_statistics", "cause", "config", "judged", "staleness", "window",
+    )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
-        """Starts before the first sample.
-
-        Args:
-            config: how to judge it.
-            robot: the robot's name, for transitions and statuses.
-            now_s: when it began to be watched, in seconds: the startup grace counts from here.
-        """
+        """Starts before the first sample: the startup grace counts from `now_s`."""
         self._robot = robot
         self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode("utf-8", "replace")).hexdigest()[:16]
         self._quality = Quality(config)
-        self._window = Window(config.window_s, config.window_samples, config.window_min_s)
+        self.window = Window(config.window_s, config.window_samples, config.window_min_s)
         self.config = config
-        self._judged: Optional[float] = None
+        self.judged: Optional[float] = None
+        """The value of the statistic that the bounds apply to; None while it is undefined."""
         self._statistics: Optional[Window] = None
         """The values of the judged statistic at ticks, to show; None for `last`, which are in the window."""
         self._rules = SignalRules(config)
         self._announcer = Announcer(config, now_s)
-        self._staleness = Staleness(config, now_s)
+        self.staleness = Staleness(config, now_s)
         self._level = Level.OK
         self._level_since_s = now_s
         self.cause = ""
@@ -84,21 +63,16 @@ class SignalMonitor:
         self._use_config(config)
 
     @property
-    def judged(self) -> Optional[float]:
-        """The value of the statistic that the bounds apply to; None while it is undefined."""
-        return self._judged
-
-    @property
     def level(self) -> Level:
         """The level to show: the true one, STALE while it is unknown."""
-        if self._staleness.unreachable_since_s is not None:
+        if self.staleness.unreachable_since_s is not None:
             return Level.STALE
-        return Level.worst((self._level, Level.STALE)) if self._staleness.waiting else self._level
+        return Level.worst((self._level, Level.STALE)) if self.staleness.waiting else self._level
 
     @property
     def _shown_since_s(self) -> float:
         """Since when the level to show has lasted, in seconds."""
-        staleness = self._staleness
+        staleness = self.staleness
         if staleness.unreachable_since_s is not None:
             return staleness.unreachable_since_s
         # Before the first sample after a restart, the true level may be older than the monitor.
@@ -107,7 +81,7 @@ class SignalMonitor:
     @property
     def state(self) -> str:
         """The state to show: waiting, unreachable, stale, invalid, latched, or that of the rule."""
-        staleness = self._staleness
+        staleness = self.staleness
         if staleness.unreachable_since_s is not None:
             return "unreachable"
         if staleness.waiting:
@@ -119,25 +93,16 @@ class SignalMonitor:
     @property
     def latest_good(self) -> Optional[float]:
         """Value of the latest sample; None while there is none, it is bad, or the signal is stale or unreachable."""
-        unusable = self._staleness.stale or self._staleness.unknown or self._rules.invalid.condition
-        return None if unusable else self._window.last()
-
-    def lacks_samples(self, now_s: float) -> bool:
-        """Whether half of the silence that is allowed has passed at `now_s`, in seconds, and the robot is reachable."""
-        return self._staleness.is_half_over(now_s, self.config.startup_grace_s)
-
-    def note_hint(self, hint: str) -> None:
-        """Notes why there are no samples, for texts, until the next sample."""
-        self._staleness.note_hint(hint)
+        return None if self.staleness.frozen or self._rules.invalid.condition else self.window.last()
 
     def observe(self, value: object, now_s: float) -> Optional[Transition]:
-        """Processes a sample that arrived at `now_s` (seconds, not before the previous call)."""
+        """Processes a sample that arrived at `now_s`, not before the previous call."""
         if type(value) is float and self._calm_min < value <= self._calm_max:
-            staleness = self._staleness
+            staleness = self.staleness
             if now_s - staleness.silent_since_s <= staleness.limit_s:
-                # Most samples of a healthy robot: they change no rule, no level and no suspicion (_set_calm_range).
-                self._window.add(value, now_s)
-                self._judged = value
+                # Most samples of a healthy robot: they change no rule, no level and no suspicion (_use_config).
+                self.window.add(value, now_s)
+                self.judged = value
                 staleness.last_seen_s = staleness.silent_since_s = now_s
                 quality = self._quality
                 quality.latest = value
@@ -146,9 +111,9 @@ class SignalMonitor:
         return self._judge(value, now_s)
 
     def tick(self, now_s: float) -> Optional[Transition]:
-        """Advances the time to `now_s`, in seconds."""
-        staleness = self._staleness
-        if self._calm_max > _NOTHING_IS_CALM and now_s - staleness.silent_since_s <= staleness.limit_s:
+        """Advances the time."""
+        staleness = self.staleness
+        if self._calm_max > -math.inf and now_s - staleness.silent_since_s <= staleness.limit_s:
             return None  # everything is at rest, and stays so until a sample comes
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
@@ -157,18 +122,13 @@ class SignalMonitor:
             self._note_statistic(self._statistics, now_s)
         transition = self._settle(now_s)
         announcer = self._announcer
-        if transition is None and self._level is announcer.level and announcer.is_repeat_due(now_s):
-            return None if self._staleness.unknown else announcer.announce(self.judgement(now_s))
-        return transition
+        if transition is not None or self._level is not announcer.level or staleness.unknown:
+            return transition
+        return announcer.announce(self.judgement(now_s)) if announcer.is_repeat_due(now_s) else None
 
     def follow(self, latest_good: Callable[[str], Optional[float]], now_s: float) -> Optional[Transition]:
-        """Judges the conditions on other signals.
-
-        Args:
-            latest_good: returns another signal's latest value, None while it is unknown.
-            now_s: the time in seconds.
-        """
-        if self._staleness.unreachable_since_s is not None:
+        """Judges the conditions on other signals; `latest_good` returns the value of one, None while it is unknown."""
+        if self.staleness.unreachable_since_s is not None:
             return None
         only_if, release_if = self.config.only_if, self.config.latch_release_if
         if only_if is not None:
@@ -182,33 +142,33 @@ class SignalMonitor:
         return self._settle(now_s)
 
     def inhibit(self, now_s: float) -> None:
-        """Freezes the signal: from `now_s` on, in seconds, the robot cannot be reached."""
-        if self._staleness.unreachable_since_s is None:
-            self._staleness.unreachable_since_s = now_s
+        """Freezes the signal: from `now_s` on, the robot cannot be reached."""
+        if self.staleness.unreachable_since_s is None:
+            self.staleness.unreachable_since_s = now_s
             self._announcer.note_unknown(now_s)
             self._freeze_or_thaw(now_s)
 
     def release(self, now_s: float) -> Optional[Transition]:
         """Ends `inhibit`: durations and the time without samples continue where they stopped."""
-        downtime_s = self._staleness.end_downtime(now_s)
+        downtime_s = self.staleness.end_downtime(now_s)
         if downtime_s > self.config.window_s:
-            self._window.begin_anew()  # it holds nothing from before
+            self.window.begin_anew()  # it holds nothing from before
         else:
-            self._window.shift_begin(downtime_s)
+            self.window.shift_begin(downtime_s)
         self._freeze_or_thaw(now_s)
         self._judge_rules(now_s)  # samples that arrived while the link was down
         return self._settle(now_s)
 
     def restart_time(self, now_s: float, back_s: float) -> None:
-        """Restarts window, pending timers and staleness: time went back to `now_s` by `back_s`, in s. Latches stay."""
-        self._window.clear()
+        """Restarts window, pending timers and staleness: time went back to `now_s` by `back_s`. Latches stay."""
+        self.window.clear()
         if self._statistics is not None:
             self._statistics.clear()
-            self._judged = None
+            self.judged = None
         self._level_since_s = min(self._level_since_s, now_s)
         self._announcer.restart(now_s, back_s)
         self._rules.restart(now_s)
-        self._staleness.restart(now_s)
+        self.staleness.restart(now_s)
         self._freeze_or_thaw(now_s)
 
     def reset(self, now_s: float) -> Optional[Transition]:
@@ -221,35 +181,30 @@ class SignalMonitor:
         self._announcer.configure(config, now_s)
         limits = (config.window_s, config.window_samples, config.window_min_s)
         if limits != (self.config.window_s, self.config.window_samples, self.config.window_min_s):
-            self._window.resize(*limits)
+            self.window.resize(*limits)
         self._rules.configure(config)
         self._quality.configure(config)
-        self._staleness.configure(config, seen=self._quality.seen)
-        if self._staleness.stale and not self._staleness.is_silent(now_s):
-            if self._quality.seen:
-                self._staleness.stale = False
-            else:
-                self._staleness.await_first()
+        self.staleness.configure(config, seen=self._quality.seen)
+        if self.staleness.stale and not self.staleness.is_silent(now_s):
+            self.staleness.stale, self.staleness.waiting = False, not self._quality.seen
         self._use_config(config)
-        self._judged = self._window.statistic(config.statistic)
+        self.judged = self.window.statistic(config.statistic)
         self._freeze_or_thaw(now_s)
-        if not self._staleness.frozen:
+        if not self.staleness.frozen:
             self._judge_rules(now_s)
             self._rules.advance(now_s)
         return self._settle(now_s)
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
-        """Returns the state at a time, as of the last call. Reads only.
+        """Returns the state as of the last call, for texts at `now_s`. Reads only.
 
-        Args:
-            now_s: the time in seconds.
-            with_statistics: False leaves `statistics` empty, which takes half the time.
+        Without statistics (`statistics` is empty) it takes half the time.
         """
-        level, staleness, quality, announcer = self.level, self._staleness, self._quality, self._announcer
+        level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer
         is_invalid = level is _ERROR and self._rules.invalid.fires
         announced = announcer.rule if announcer.level is not _OK else None
-        statistics = self._window.statistics() if with_statistics else {}
-        if self._judged is None:
+        statistics = self.window.statistics() if with_statistics else {}
+        if self.judged is None:
             statistics.pop(self.config.statistic, None)
         return Judgement(
             config=self.config,
@@ -261,7 +216,7 @@ class SignalMonitor:
             announced=announcer.level,
             since_s=self._shown_since_s,
             latest=quality.latest,
-            judged=self._judged,
+            judged=self.judged,
             rule=None if level is _STALE or is_invalid else self._rules.explaining(level, announced),
             is_invalid=is_invalid,
             is_bad=self._rules.invalid.condition,
@@ -271,8 +226,8 @@ class SignalMonitor:
             last_seen_s=staleness.last_seen_s,
             silence_s=staleness.silence_s(now_s),
             statistics=statistics,
-            window_samples=len(self._window),
-            window_is_long_enough=self._window.is_long_enough,
+            window_samples=len(self.window),
+            window_is_long_enough=self.window.is_long_enough,
             suspicion=quality.suspicion.text,
             flapping=announcer.flaps.flapping,
             state_change_percent=announcer.flaps.percent,
@@ -282,52 +237,34 @@ class SignalMonitor:
 
     @property
     def at_rest_since_s(self) -> Optional[float]:
-        """Since when the signal is OK, in seconds; None unless its state depends on nothing else."""
+        """Since when the signal is OK; None unless its state depends on nothing else."""
         # `_calm_max` is above minus infinity only while it is at rest.
         return self._announcer.since_s if self._calm_max > -math.inf or self._is_at_rest else None
 
-    def window_samples(self, limit: int, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
-        """Returns the samples in the window; see `Window.samples`."""
-        return self._window.samples(limit, since_s)
-
     def shown_samples(self, limit: int, since_s: float) -> Sequence[Tuple[float, float]]:
         """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
-        window = self._window if self._statistics is None else self._statistics
+        window = self.window if self._statistics is None else self._statistics
         return window.samples(limit, since_s)
 
     def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
-        """Returns the state at `now_s` as JSON values; see `Monitor.snapshot`. Reads only."""
-        announcer = self._announcer
-        state: Dict[str, Any] = {
-            "since": {**announcer.since(now_s, wall_s), "level": wall_s - (now_s - self._level_since_s)},
-            "announced": announcer.snapshot(self._rules.bounds, now_s),
-            **self._rules.snapshot(now_s),
-        }
-        storm = announcer.storm.snapshot(now_s, wall_s)
-        if storm:
-            state["storm"] = storm
-        if self._staleness.stale:
-            state["stale"] = True
-        return state
+        """Returns the state as JSON values; see `Monitor.snapshot`. Reads only."""
+        state = {**self._announcer.snapshot(self._rules.bounds, now_s, wall_s), **self._rules.snapshot(now_s)}
+        state["since"]["level"] = wall_s - (now_s - self._level_since_s)
+        return {**state, "stale": True} if self.staleness.stale else state
 
     def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot. To be called before the first sample.
-
-        Args:
-            state: the snapshot.
-            now_s: the time in seconds.
-            downtime: between the earlier run and this one.
+        """Continues from a snapshot, before the first sample.
 
         Raises:
             UnusableStateError: the snapshot is malformed; the signal must not be used.
         """
         saved = Saved(state)
-        since = saved.section("since")
         self._rules.restore(saved, now_s)
         self._announcer.restore(saved, self._rules.bounds, now_s, downtime)
-        self._staleness.restore(stale=saved.flag("stale"))
-        self._level = self._rules.level(stale=self._staleness.stale)
-        self._level_since_s = now_s - age_s(since.number("level"), downtime.end_s)
+        if saved.flag("stale"):
+            self.staleness.fall_silent()
+        self._level = self._rules.level(stale=self.staleness.stale)
+        self._level_since_s = now_s - age_s(saved.section("since").number("level"), downtime.end_s)
 
     def end(self, now_s: float) -> Optional[Transition]:
         """Returns the transition with which a signal that is not OK leaves the configuration."""
@@ -338,14 +275,14 @@ class SignalMonitor:
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf
-        staleness, window, config, rules = self._staleness, self._window, self.config, self._rules
+        staleness, window, config, rules = self.staleness, self.window, self.config, self._rules
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())  # no tick noticed
         thaws = staleness.stale or staleness.waiting
         if thaws:
             window.begin_anew()
             if config.statistic != "last":
-                self._judged = None
+                self.judged = None
         staleness.arrive(now_s)
         if not self._quality.seen:
             staleness.configure(config, seen=True)
@@ -355,8 +292,8 @@ class SignalMonitor:
         if good:
             window.add(number, now_s)
             judged = number if config.statistic == "last" else window.statistic(config.statistic)
-            thaws = thaws or (judged is None) is not (self._judged is None)
-            self._judged = judged
+            thaws = thaws or (judged is None) is not (self.judged is None)
+            self.judged = judged
         if thaws:
             self._freeze_or_thaw(now_s)
         if judged is not None:
@@ -373,6 +310,11 @@ class SignalMonitor:
         return transition
 
     def _use_config(self, config: SignalConfig) -> None:
+        """Takes a configuration, and from it the values from which nothing can follow while everything is at rest.
+
+        They are valid, plausible, and beyond no bound. `_calm_max` is `_healthy_max` while everything is at rest, and
+        below every value otherwise.
+        """
         if config.statistic == "last":
             self._statistics = None
         elif self._statistics is None or (config.statistic, config.window_s) != (
@@ -381,35 +323,25 @@ class SignalMonitor:
         ):
             self._statistics = Window(config.window_s, MOST_STATISTICS)
         self.config = config
-        self._set_calm_range(config)
-
-    def _note_statistic(self, statistics: Window, now_s: float) -> None:
-        last_s = statistics.last_s()
-        spacing_s = self.config.window_s / MOST_STATISTICS
-        if self._judged is not None and not self._staleness.frozen and not now_s - last_s < spacing_s:
-            statistics.add(self._judged, now_s)
-
-    def _set_calm_range(self, config: SignalConfig) -> None:
-        """Sets the values from which nothing can follow while everything is at rest.
-
-        They are valid, plausible, and beyond no bound. `_calm_max` is `_healthy_max` while everything is at rest, and
-        below every value otherwise.
-        """
         suspicion = self._quality.suspicion
         lows = (config.valid_min, suspicion.ordinary_min, config.warn_below, config.error_below)
-        highs = (config.valid_max, suspicion.ordinary_max, config.warn_above, config.error_above)
+        highs = (config.valid_max, suspicion.ordinary_max, config.warn_above, config.error_above, sys.float_info.max)
         self._calm_min = max((low for low in lows if low is not None), default=-math.inf)
-        self._healthy_max = min((high for high in highs if high is not None), default=math.inf)
-        self._healthy_max = min(self._healthy_max, sys.float_info.max)
+        self._healthy_max = min(high for high in highs if high is not None)
         if config.statistic != "last" or config.scale != 1.0 or config.placeholders:
             self._healthy_max = -math.inf
         self._calm_max = -math.inf
+
+    def _note_statistic(self, statistics: Window, now_s: float) -> None:
+        spacing_s = self.config.window_s / MOST_STATISTICS
+        if self.judged is not None and not self.staleness.frozen and not now_s - statistics.last_s() < spacing_s:
+            statistics.add(self.judged, now_s)
 
     @property
     def _is_at_rest(self) -> bool:
         return (
             self._level is self._announcer.level is _OK
-            and not self._staleness.unknown
+            and not self.staleness.unknown
             and self._rules.is_at_rest
             and self._announcer.flaps.is_at_rest
             and not self._quality.suspicion.watching
@@ -417,28 +349,28 @@ class SignalMonitor:
 
     def _fall_silent(self) -> float:
         """Marks the signal stale as of the moment at which the limit was reached; returns that moment."""
-        due_s = self._staleness.fall_silent()
+        due_s = self.staleness.fall_silent()
         self._rules.advance(due_s)
         return due_s
 
     def _freeze_or_thaw(self, now_s: float) -> None:
         """Freezes what cannot be judged now, and lets the rest continue."""
-        self._rules.freeze_or_thaw(now_s, unknown=self._staleness.frozen, undefined=self._judged is None)
+        self._rules.freeze_or_thaw(now_s, unknown=self.staleness.frozen, undefined=self.judged is None)
         self._calm_max = -math.inf
 
     def _judge_rules(self, now_s: float) -> None:
-        if self._judged is not None:
-            self._rules.judge(self._judged, now_s)
+        if self.judged is not None:
+            self._rules.judge(self.judged, now_s)
 
     def _settle(self, now_s: float) -> Optional[Transition]:
-        return self._enter(self._rules.level(stale=self._staleness.stale), now_s)
+        return self._enter(self._rules.level(stale=self.staleness.stale), now_s)
 
     def _enter(self, level: Level, now_s: float) -> Optional[Transition]:
         """Announces the true level unless it is announced already, unknown, or withheld by flapping."""
         if level is not self._level:
             self._level = level
             self._level_since_s = now_s
-        if self._staleness.unknown:
+        if self.staleness.unknown:
             return None
         announcer = self._announcer
         is_invalid = level is _ERROR and self._rules.invalid.fires

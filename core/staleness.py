@@ -10,26 +10,19 @@ from .signal_config import SignalConfig
 
 
 class Staleness:
-    """Follows the arrivals of one signal. The downtime of the link does not count as silence."""
+    """Follows the arrivals of one signal. The downtime of the link does not count as silence. Times are in seconds."""
 
     __slots__ = (
-        "_hint",
-        "_hint_since_s",
-        "last_seen_s",
-        "limit_s",
-        "silent_since_s",
-        "stale",
-        "unreachable_since_s",
-        "waiting",
-    )
+        "_hint", "_hint_since_s", "last_seen_s", "limit_s", "silent_since_s", "stale", "unreachable_since_s", "waiting",
+    )  # fmt: skip
 
     limit_s: float
-    """Silence that is not yet too long, in seconds; infinite where staleness is disabled."""
+    """Silence that is not yet too long; infinite where staleness is disabled."""
 
     def __init__(self, config: SignalConfig, now_s: float) -> None:
-        """Starts before the first sample: the startup grace counts from `now_s`, in seconds."""
+        """Starts before the first sample: the startup grace counts from `now_s`."""
         self.last_seen_s = now_s
-        """When the latest sample came, in seconds; before the first, when the signal began to be watched."""
+        """When the latest sample came; before the first, when the signal began to be watched."""
         self.silent_since_s = now_s
         """The same, moved forward by the downtime of the link."""
         self.stale = False
@@ -37,7 +30,7 @@ class Staleness:
         self.waiting = True
         """Whether no sample has come yet, and the silence is not yet too long."""
         self.unreachable_since_s: Optional[float] = None
-        """Since when the link has been down, in seconds; None while it is up."""
+        """Since when the link has been down; None while it is up."""
         self._hint = ""
         self._hint_since_s = now_s
         self.configure(config, seen=False)
@@ -58,15 +51,15 @@ class Staleness:
         self.limit_s = limit_s if config.stale_after_s > 0.0 else math.inf
 
     def is_due(self, now_s: float) -> bool:
-        """Whether a signal that is not stale has been silent for too long at `now_s`, in seconds."""
+        """Whether a signal that is not stale has been silent for too long."""
         return not self.stale and self.unreachable_since_s is None and self.is_silent(now_s)
 
     def is_silent(self, now_s: float) -> bool:
-        """Whether the silence is too long at `now_s`, in seconds."""
+        """Whether the silence is too long."""
         return now_s - self.silent_since_s > self.limit_s + TIME_TOLERANCE_S
 
     def silence_s(self, now_s: float) -> float:
-        """Returns the time without samples until `now_s`, in seconds."""
+        """Returns the time without samples."""
         return (now_s if self.unreachable_since_s is None else self.unreachable_since_s) - self.silent_since_s
 
     @property
@@ -80,7 +73,7 @@ class Staleness:
         self._hint, self._hint_since_s = hint, self.silent_since_s
 
     def is_half_over(self, now_s: float, startup_grace_s: float) -> bool:
-        """Whether half of the silence that is allowed has passed at `now_s`, in seconds.
+        """Whether half of the silence that is allowed has passed, and the robot can be reached.
 
         Where staleness is disabled, `startup_grace_s` counts before the first sample.
         """
@@ -95,20 +88,12 @@ class Staleness:
             self.unreachable_since_s = now_s  # it was on its way when the link broke
 
     def fall_silent(self) -> float:
-        """Marks the signal stale; returns when the limit was reached, in seconds."""
+        """Makes the signal stale; returns when the limit was reached."""
         self.stale, self.waiting = True, False
         return self.silent_since_s + self.limit_s
 
-    def restore(self, *, stale: bool) -> None:
-        """Continues the silence of a signal that was stale before a restart."""
-        self.stale, self.waiting = stale, not stale
-
-    def await_first(self) -> None:
-        """Waits for the first sample again, because the limit was raised."""
-        self.stale, self.waiting = False, True
-
     def end_downtime(self, now_s: float) -> float:
-        """The link is up again; returns for how long it was down, in seconds."""
+        """The link is up again; returns for how long it was down."""
         if self.unreachable_since_s is None:
             return 0.0
         downtime_s = now_s - self.unreachable_since_s
