@@ -7,7 +7,9 @@ numbers. Simulated time comes from the bus's topic `/clock`, as on a robot.
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional
+import math
+from functools import partial
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from .errors import ConfigError, ServiceError
 from .mapping_node import CLOCK, MappingNode, MappingSubscription
@@ -41,8 +43,8 @@ class LocalBus:
             start_s: the time at the start, in seconds.
             on_log: called with every log line; None: they are appended to `log_lines`.
             wall_time_s: seconds since 1970, for the stamps of messages; None: the time of the bus.
-            clock: monotonic seconds: messages that arrive between two calls of `run_due` have their own time. None:
-                time changes only in `run_due`.
+            clock: monotonic seconds, so that messages between two calls of `run_due` have their own time; None: time
+                changes only in `run_due`.
         """
         self._now_s = start_s
         self._clock = clock
@@ -54,8 +56,8 @@ class LocalBus:
         self.nodes: List[LocalMiddleware] = []
         """The nodes that are not closed."""
         self._listeners: Dict[str, List[Callable[[Message], None]]] = {}
-        self._services: Dict[str, Callable[[Message], Message]] = {}
-        self._service_types: Dict[str, str] = {}
+        self._services: Dict[str, Tuple[str, Callable[[Message], Message]]] = {}
+        """Type and handler of each service."""
 
     @property
     def now_s(self) -> float:
@@ -107,12 +109,13 @@ class LocalBus:
         }
         used = {topic for node in nodes.values() for topic in (*node.publishes, *node.subscribes)}
         topics = {topic: type_name for topic, type_name in self.types.items() if topic in used}
-        return Graph(topics, dict(self._service_types), nodes)
+        services = {service: type_name for service, (type_name, _) in self._services.items()}
+        return Graph(topics, services, nodes)
 
     def next_due_s(self) -> Optional[float]:
         """Returns when the next timer is due, in s; None without timers."""
-        due_s = (node.next_steady_s() for node in self.nodes)
-        return min((time_s for time_s in due_s if time_s is not None), default=None)
+        due_s = min(map(_next_due_s, self.nodes), default=math.inf)
+        return None if due_s == math.inf else due_s
 
     def run_due(self, now_s: float) -> None:
         """Moves time to `now_s` and calls every timer that is due, once.
@@ -128,11 +131,10 @@ class LocalBus:
 
         For tests and replays. A real clock that jumps ahead must not be followed like this: use `run_due`.
         """
-        while True:
-            due_s = self.next_due_s()
-            if due_s is None or due_s > now_s:
-                break
+        due_s = self.next_due_s()
+        while due_s is not None and due_s <= now_s:
             self.run_due(due_s)
+            due_s = self.next_due_s()
         self.run_due(now_s)
 
     def call_service(self, service: str, request: Optional[Message] = None) -> Message:
@@ -141,15 +143,11 @@ class LocalBus:
         Raises:
             ServiceError: it does not exist, or it failed.
         """
-        handler = self._services.get(service)
-        if handler is None:
+        if service not in self._services:
             available = ", ".join(sorted(self._services)) or "none"
             raise ServiceError(f"there is no service {service}; available: {available}")
+        _, handler = self._services[service]
         return handler(request or {})
-
-    def _deliver(self, topic: str, message: Message) -> None:
-        for deliver in tuple(self._listeners.get(topic, ())):
-            deliver(message)
 
     def _add_listener(self, topic: str, deliver: Callable[[Message], None]) -> None:
         self._listeners.setdefault(topic, []).append(deliver)
@@ -170,12 +168,7 @@ class LocalMiddleware(MappingNode):
     """One node on a `LocalBus`; implements `core.middleware.ServedMiddleware`."""
 
     def __init__(
-        self,
-        bus: LocalBus,
-        name: str,
-        parameters: Mapping[str, Any],
-        remap: Mapping[str, str],
-        use_sim_time: bool,
+        self, bus: LocalBus, name: str, parameters: Mapping[str, Any], remap: Mapping[str, str], use_sim_time: bool
     ) -> None:
         """Use `LocalBus.node`."""
         super().__init__(name, parameters, remap, clock=lambda: bus.now_s, use_sim_time=use_sim_time)
@@ -201,7 +194,8 @@ class LocalMiddleware(MappingNode):
         transported = _transported(self._advertised[resolved], message, stamp_s)
         if resolved in self._latched:
             self._latched[resolved] = transported
-        self._bus._deliver(resolved, transported)
+        for deliver in tuple(self._bus._listeners.get(resolved, ())):
+            deliver(transported)
 
     def has_listeners(self, topic: str) -> bool:
         return bool(self._bus._listeners.get(self.require_advertised(topic)))
@@ -221,15 +215,13 @@ class LocalMiddleware(MappingNode):
             self._bus.types.setdefault(resolved, type_name)
         self._bus._add_listener(resolved, subscription.deliver)
         self._subscriptions.append(subscription)
-        kept = [node._latched.get(resolved) for node in self._bus.nodes] if latched else []
-        for message in filter(None, kept):
-            subscription.deliver(message)
+        if latched:
+            for message in filter(None, [node._latched.get(resolved) for node in self._bus.nodes]):
+                subscription.deliver(message)
         return subscription
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
-        published: Dict[str, str] = {}
-        for node in self._bus.nodes:
-            published.update(node._advertised)
+        published = {name: kind for node in self._bus.nodes for name, kind in node._advertised.items()}
         own = {*self._advertised, *(subscription.topic for subscription in self._subscriptions)}
         types = [published[topic]] if topic in published else []
         answer(explain(topic, type_name, types, similar_topics(topic, type_name, published, own)))
@@ -244,8 +236,7 @@ class LocalMiddleware(MappingNode):
         if split_type_name(type_name) is None:
             raise ConfigError(f"expected a type such as std_srvs/Trigger, got {type_name!r}")
         resolved = self.resolve(service)
-        self._bus._services[resolved] = lambda request: self.answer(handler, request)
-        self._bus._service_types[resolved] = type_name
+        self._bus._services[resolved] = type_name, partial(self.answer, handler)
         self._services.append(resolved)
 
     def graph(self) -> Graph:
@@ -279,7 +270,6 @@ class LocalMiddleware(MappingNode):
             self._bus._remove_listener(CLOCK, self.take_clock)
         for service in self._services:
             self._bus._services.pop(service, None)
-            self._bus._service_types.pop(service, None)
         self._services.clear()
         self._bus.nodes.remove(self)
         self._bus._forget_unused(self._advertised)
@@ -288,15 +278,11 @@ class LocalMiddleware(MappingNode):
 
 def _next_due_s(node: LocalMiddleware) -> float:
     due_s = node.next_steady_s()
-    return float("inf") if due_s is None else due_s
+    return math.inf if due_s is None else due_s
 
 
 def _transported(type_name: str, message: Message, stamp_s: float) -> Message:
-    """Returns what subscribers receive of a message: with all fields, and stamped in seconds if it has no stamp.
-
-    Raises:
-        MessageError: the message does not match its type.
-    """
+    """Returns what subscribers receive of a message: with all fields, and stamped if it has no stamp."""
     completed = complete(type_name, message)
     if is_stamped(type_name) and "stamp" not in message.get("header", {}):
         seconds = int(stamp_s // 1)

@@ -10,7 +10,7 @@ import abc
 import collections
 import threading
 from functools import cached_property
-from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Protocol, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
 from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
@@ -55,16 +55,10 @@ class MappingSubscription:
         *,
         null_is_nan: bool = False,
     ) -> None:
-        """Binds the field.
+        """Binds the field, with arguments as of `Middleware.subscribe` and the resolved topic.
 
-        Args:
-            node: whose subscription it is.
-            topic: the resolved topic.
-            type_name: type of the messages, empty if unknown.
-            field: as in `Middleware.subscribe`.
-            callback: as in `Middleware.subscribe`.
-            null_is_nan: a None is a NaN, which JSON has no number for. Not with an index in `field`: there, None
-                means that the array is too short.
+        With `null_is_nan`, a None is a NaN, which JSON has no number for. Not with an index in `field`: there, None
+        means that the array is too short.
 
         Raises:
             ConfigError: `field` is not a path, or the type is known not to have it.
@@ -152,44 +146,34 @@ class MappingNode(abc.ABC):
         self._waiting: Deque[Tuple[Delivery, Any]] = collections.deque(maxlen=_MAX_WAITING)
 
     @abc.abstractmethod
-    def log(self, severity: Severity, text: str) -> None:
-        """See `Middleware.log`."""
+    def log(self, severity: Severity, text: str) -> None: ...
 
     @abc.abstractmethod
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         """Looks up why a topic brings no samples; see `Hints`."""
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
-        """See `Middleware.why_silent`."""
         return self._hints.get(self.resolve(topic), type_name)
 
     def now_s(self) -> float:
-        """See `Middleware.now_s`."""
         return self._clock() if self._sim_time_s is None else self._sim_time_s
 
     def waiting_for_clock(self) -> bool:
-        """See `Middleware.waiting_for_clock`."""
         return self._sim_time_s == 0.0
 
     def steady_s(self) -> float:
-        """See `Middleware.steady_s`."""
         return self._clock()
 
     def given_parameters(self) -> Mapping[str, Any]:
-        """See `Middleware.given_parameters`."""
         return self._given
 
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
-        """See `Middleware.declare_parameters`."""
         self._on_change = on_change
 
     def set_parameters(self, tree: Mapping[str, Any]) -> str:
-        """Proposes a new configuration, nested, as `ros2 param set` and `~reload` do elsewhere.
-
-        Returns:
-            What changed, as one line.
+        """Proposes a new configuration, nested, as `ros2 param set` and `~reload` do elsewhere; returns what changed.
 
         Raises:
             ConfigError: the node rejects it; the old values stay in force.
@@ -207,14 +191,10 @@ class MappingNode(abc.ABC):
             return changes
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
-        """See `Middleware.create_timer`."""
         with self._lock:
-            if steady or self._sim_time_s is None:
-                timer = ClockTimer(period_s, callback, self.steady_s())
-                self._steady_timers.add(timer)
-            else:
-                timer = ClockTimer(period_s, callback, self._sim_time_s)
-                self._sim_timers.add(timer)
+            on_sim_time = not steady and self._sim_time_s is not None
+            timer = ClockTimer(period_s, callback, self.now_s() if on_sim_time else self.steady_s())
+            (self._sim_timers if on_sim_time else self._steady_timers).add(timer)
         return timer
 
     def next_steady_s(self) -> Optional[float]:
@@ -287,7 +267,6 @@ class MappingNode(abc.ABC):
                 self.log_failure(error)
 
     def exclusively(self, function: Callable[[], Result]) -> Result:
-        """As `Middleware.exclusively`."""
         with self._lock:
             return function()
 
@@ -329,8 +308,7 @@ class MappingNode(abc.ABC):
 
     def _run_due(self, timers: ClockTimers, due_s: float) -> None:
         with self._lock:
-            due: List[ClockTimer] = timers.take_due(due_s)
-            for timer in due:
+            for timer in timers.take_due(due_s):
                 if not timer.cancelled:
                     self.call(timer.callback, self.now_s())
 

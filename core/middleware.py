@@ -101,29 +101,22 @@ class Middleware(Protocol):
     def declare_parameters(
         self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
     ) -> None:
-        """Makes `parameters` visible, and changeable at run time; called once.
+        """Makes `parameters` visible, by dotted names, and changeable at run time; called once.
 
-        Args:
-            parameters: names are dotted paths below the node (`signals.battery_level.warn_below`).
-            on_change: called with the whole proposed tree, nested as `given_parameters` returns it. It returns what
-                changed as one line, or `NOTHING_CHANGED`; that is the response of `~reload`, and one INFO line. Or it
-                raises ConfigError to reject the change: the caller gets the reason, and the old values stay in force.
+        `on_change` is called with the whole proposed tree, nested as `given_parameters` returns it. It returns what
+        changed as one line, or `NOTHING_CHANGED`; that is the response of `~reload`, and one INFO line. Or it raises
+        ConfigError to reject the change: the caller gets the reason, and the old values stay in force.
 
         Raises:
             ConfigError: a given value does not match its parameter's type or range.
         """
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
-        """Announces that this node will publish on `topic`; a second call for the same topic does nothing.
+        """Announces that this node will publish on `topic`, and returns the fully resolved topic.
 
-        Args:
-            topic: the topic.
-            type_name: type of the messages.
-            latched: a subscription with `latched` that begins later receives the last message, where the middleware
-                has that. Publish it again from time to time: a rosbridge server need not.
-
-        Returns:
-            The fully resolved topic.
+        A second call for the same topic does nothing. `latched`: a subscription with `latched` that begins later
+        receives the last message, where the middleware has that. Publish it again from time to time: a rosbridge server
+        need not have it.
 
         Raises:
             ConfigError: the type is unknown or `topic` is not a name.
@@ -152,13 +145,13 @@ class Middleware(Protocol):
         field: Optional[str] = "",
         latched: bool = False,
     ) -> Subscription:
-        """Calls `callback(value, now_s)` for every message.
+        """Calls `callback(value, now_s)` for every message, with the time of its arrival.
 
         Args:
             topic: the topic.
             type_name: type of the messages; empty: the type with which the topic is advertised, now or later. A field
                 that this type does not have is then one ERROR line in the log.
-            callback: gets the value and the time of its arrival.
+            callback: gets the value of the field.
             field: path of the field to read, as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`,
                 `status["motor"].level`), bound once and read from the native message. An index beyond the end of an
                 array reads as None. Messages in which no element has the key are ignored. Empty: the whole message as
@@ -176,11 +169,7 @@ class Middleware(Protocol):
 
         Never waits. Where a server has to be asked, the first call returns None and asks; a later call returns the
         answer. However often it is called, each topic is looked up at most every 10 s. The texts are those of
-        `missing_samples.py`; a topic is named as resolved.
-
-        Args:
-            topic: the topic, as for `subscribe`.
-            type_name: the configured type; empty: any.
+        `missing_samples.py`; a topic is named as resolved. An empty `type_name` stands for any type.
         """
 
     def unsubscribe(self, subscription: Subscription) -> None:
@@ -200,20 +189,11 @@ class Middleware(Protocol):
         """Calls `callback(now_s)` every `period_s` seconds of `now_s`, first after one period.
 
         Time that goes back (a looped bag, a reset simulator) restarts the period. Time that jumps ahead over several
-        periods gives one call.
-
-        Args:
-            period_s: the period in seconds.
-            callback: called with `now_s`.
-            steady: measure the period on `steady_s`, for work that must go on while a simulator is paused.
+        periods gives one call. `steady` measures on `steady_s`, for work that must go on while a simulator is paused.
         """
 
     def exclusively(self, function: Callable[[], Result]) -> Result:
-        """Calls a function while no callback of this node runs, and returns its result. For code in other threads.
-
-        Raises:
-            Exception: what the function raised.
-        """
+        """Calls a function while no callback of this node runs, and returns its result. For code in other threads."""
 
     def log(self, severity: Severity, text: str) -> None:
         """Writes one line to the middleware's log."""
@@ -255,13 +235,10 @@ class ServedMiddleware(Middleware, Protocol):
         """
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
-        """Calls a service and returns its response.
+        """Calls a service and returns its response; missing fields of the request keep their defaults.
 
-        Args:
-            service: its name.
-            type_name: its type; empty: the type in the graph.
-            request: the fields; missing ones keep their defaults.
-            timeout_s: time limit for finding the service and for its answer together, in s.
+        An empty `type_name` stands for the type in the graph. `timeout_s` limits finding the service and its answer
+        together, in s.
 
         Raises:
             MessageError: the request does not match the service's type.

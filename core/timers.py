@@ -34,11 +34,12 @@ class PeriodicSchedule:
 class ClockTimer(PeriodicSchedule):
     """A timer: a schedule with a callback. Implements `middleware.Timer`."""
 
+    cancelled = False
+
     def __init__(self, period_s: float, callback: Callable[[float], None], now_s: float) -> None:
         """Starts a period at `now_s`."""
         super().__init__(period_s, now_s)
         self.callback = callback
-        self.cancelled = False
 
     def cancel(self) -> None:
         """Stops the timer. May be called twice, and from its own callback."""
@@ -61,7 +62,6 @@ class ClockTimers:
         """Stops every timer."""
         for timer in self._timers:
             timer.cancel()
-        self._timers.clear()
 
     def restart(self, now_s: float) -> None:
         """Restarts every period at `now_s`."""
@@ -79,8 +79,7 @@ class ClockTimers:
             self.restart(now_s)
             return []
         self._last_s = now_s
-        due = [timer for timer in self._running() if timer.due_s <= now_s]
-        due.sort(key=attrgetter("due_s"))
+        due = sorted((timer for timer in self._running() if timer.due_s <= now_s), key=attrgetter("due_s"))
         for timer in due:
             timer.advance(now_s)
         return due
