@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import base64
 import functools
+import importlib
 import math
 import operator
+import os
+import re
 import struct
+import sys
 from array import array
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -75,6 +79,31 @@ class Dialect(NamedTuple):
     """Returns a message of a class with default values."""
     assign: Callable[[Any, str, Any], None] = setattr
     """Sets a field of a message."""
+
+
+def find_generated(line: str, package: str, kind: str, name: str) -> Any:
+    """Returns a class that genpy or rosidl generated; None if there is none. For `Dialect.find_class`.
+
+    Clients choose type names, and importing runs code: a module must not be imported to find out that it has no
+    messages. So the text of `<package>/msg/__init__.py` is searched for the line that the generator writes there.
+
+    Args:
+        line: regular expression of that line, with {package}, {kind} and {name}.
+        package: name of the package.
+        kind: `msg` or `srv`.
+        name: name of the class.
+    """
+    pattern = re.compile(f"^{line.format(package=package, kind=kind, name=name)}", re.MULTILINE)
+    for folder in sys.path:
+        try:
+            with open(os.path.join(folder, package, kind, "__init__.py"), encoding="utf-8") as stream:
+                if pattern.search(stream.read()):
+                    return getattr(importlib.import_module(f"{package}.{kind}"), name, None)
+        except (OSError, ValueError):
+            continue
+        except ImportError:
+            return None
+    return None
 
 
 class NativeMessages:

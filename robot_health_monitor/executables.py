@@ -14,16 +14,20 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from typing import Any, Callable, List, Mapping, Optional, Protocol, Sequence
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Protocol, Sequence
 
 from robot_health_monitor.runtime.interrupts import Interrupts
 
+from .exit_codes import ExitCode
 from .service_manager import ServiceManager
 from .standard_streams import StandardStreams
 
 # Slow imports are in functions: they run once Interrupts handles signals.
+if TYPE_CHECKING:
+    from robot_health_monitor.core.nodes import AlertSystem
 
-SUCCESS, UNUSABLE, FAILED = 0, 2, 3
+    from .operations import Operations
 
 _SHORTEST_PERIOD_S = 0.1
 """Of signs of life to systemd, in s."""
@@ -38,6 +42,8 @@ EXECUTABLES: Mapping[str, Sequence[str]] = {
 
 RESPAWN = "ROBOT_HEALTH_RESPAWN"
 """Environment variable in which the launch files pass their argument `respawn`."""
+
+_LIBRARIES = {"ROS 1": ("rospy", "yaml"), "ROS 2": ("rclpy", "yaml")}
 
 Middleware = Any
 """A `core.middleware.Middleware`; that module is imported later."""
@@ -76,218 +82,197 @@ class Process(Protocol):
         """Closes every node and disconnects from ROS. May be called before `start`, and twice."""
 
 
-def run(
-    executable: str,
-    open_process: Callable[[str, Interrupts], Process],
-    *,
-    ros: str,
-    patience_s: Optional[float] = None,
-) -> int:
-    """Runs an executable.
+OpenProcess = Callable[[str, Interrupts], Process]
+"""Imports the adapter and returns the process of an executable, not started."""
+
+
+def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Optional[float] = None) -> int:
+    """Runs an executable; returns the exit code.
 
     Args:
         executable: its name, a key of `EXECUTABLES`.
-        open_process: imports the adapter and returns a `Process` that is not started.
+        open_process: opens the process.
         ros: name of the middleware for error messages.
         patience_s: see `Interrupts`.
-
-    Returns:
-        The exit code.
     """
     with StandardStreams() as streams, Interrupts(patience_s) as interrupts:
         try:
             if {"-h", "--help"} & set(sys.argv[1:]):
-                return _help(executable, ros)
-            return _run(executable, open_process, streams, interrupts)
+                from .executable_help import help_text
+
+                sys.stdout.write(help_text(executable, ros))
+                return ExitCode.SUCCESS
+            return _Running(executable, open_process(executable, interrupts), interrupts).run(streams)
         except KeyboardInterrupt:
-            return SUCCESS
+            return ExitCode.SUCCESS
         except ModuleNotFoundError as error:
-            _print_error(executable, f"needs {ros}: no Python module {error.name}; without ROS, use robot-health run")
-            return UNUSABLE
+            from robot_health_monitor.runtime.libraries import missing_libraries
+
+            missing = ", ".join(missing_libraries(error, *_LIBRARIES.get(ros, ())))
+            _print_error(executable, f"needs {ros}: no Python module {missing}; without ROS, use robot-health run")
+            return ExitCode.USAGE
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
             where = f"{os.path.basename(place.filename)}:{place.lineno}"
             _print_error(executable, f"internal error: {type(error).__name__}: {error} ({where})")
-            return FAILED
-
-
-def _help(executable: str, ros: str) -> int:
-    from .executable_help import help_text
-
-    sys.stdout.write(help_text(executable, ros))
-    return SUCCESS
-
-
-def _run(
-    executable: str,
-    open_process: Callable[[str, Interrupts], Process],
-    streams: StandardStreams,
-    interrupts: Interrupts,
-) -> int:
-    process = open_process(executable, interrupts)
-
-    from robot_health_monitor.core.errors import ConfigError, ServiceError
-
-    running = _Running()
-    service_manager = ServiceManager()
-    try:
-        process.start()
-        streams.on_change(lambda name, problem: _report(process, name, problem))
-        _start_nodes(process, EXECUTABLES[executable], interrupts, running)
-        if not process.middlewares:
-            process.close()
-            return _end_without_nodes(interrupts)
-        _keep_alive(process.middlewares[0], running.alert_system, service_manager)
-        service_manager.ready()
-        failure = process.spin()
-        if failure:
-            _print_error(executable, failure)
-        return FAILED if failure else SUCCESS
-    except ConfigError as error:
-        for one in error.all:
-            _print_error(executable, str(one))
-        return UNUSABLE
-    except ServiceError as error:
-        _print_error(executable, str(error))
-        return FAILED
-    finally:
-        service_manager.stopping()
-        running.close_before_nodes()
-        process.close()
-        running.close_after_nodes()
+            return ExitCode.FAILED
 
 
 class _Running:
-    """What runs beside the nodes of a process."""
+    """A process, its nodes, and what is closed with them."""
 
-    def __init__(self) -> None:
-        self.alert_system: Any = None
-        self.operations: Any = None
-        self.server: Any = None
+    def __init__(self, executable: str, process: Process, interrupts: Interrupts) -> None:
+        self._executable = executable
+        self._process = process
+        self._interrupts = interrupts
+        self._service_manager = ServiceManager()
+        self._before_nodes = ExitStack()
+        """Is closed before the nodes."""
+        self._after_nodes = ExitStack()
 
-    def close_before_nodes(self) -> None:
-        if self.server is not None:
-            self.server.close()
-        if self.alert_system is not None:
-            self.alert_system.save_state()
+    def run(self, streams: StandardStreams) -> int:
+        """Runs the nodes; returns the exit code."""
+        from robot_health_monitor.core.errors import ConfigError, ServiceError
 
-    def close_after_nodes(self) -> None:
-        if self.operations is not None:
-            self.operations.close()
-            self.operations = None
+        process = self._process
+        with self._after_nodes, closing(process), self._before_nodes:
+            try:
+                process.start()
+                streams.on_change(self._report_stream)
+                alert_system = self._start_nodes()
+                if not process.middlewares:
+                    process.close()
+                    if os.environ.get(RESPAWN, "").lower() == "true":  # it would be started again: wait for a signal
+                        self._interrupts.wait_until(lambda: False)
+                    return ExitCode.SUCCESS
+                self._keep_alive(alert_system)
+                self._service_manager.ready()
+                failure = process.spin()
+                if failure:
+                    _print_error(self._executable, failure)
+                return ExitCode.FAILED if failure else ExitCode.SUCCESS
+            except ConfigError as error:
+                for one in error.all:
+                    _print_error(self._executable, str(one))
+                return ExitCode.USAGE
+            except ServiceError as error:
+                _print_error(self._executable, str(error))
+                return ExitCode.FAILED
+            finally:
+                self._service_manager.stopping()
 
+    def _start_nodes(self) -> Optional[AlertSystem]:
+        """Starts the nodes and, with alert_system, its operations and its rosbridge server; returns alert_system.
 
-def _start_nodes(process: Process, names: Sequence[str], interrupts: Interrupts, running: _Running) -> None:
-    """Starts the nodes and, with alert_system, its operations and its rosbridge server.
+        Raises:
+            ConfigError: the configuration of a node cannot be used.
+            KeyboardInterrupt: a signal has come.
+        """
+        process, names = self._process, EXECUTABLES[self._executable]
+        alert_system: Optional[AlertSystem] = None
+        for name in names:
+            self._interrupts.check()
+            has_no_sensors = len(names) > 1 and name == "battery_sensor" and _without_sensors(process.middlewares[0])
+            if not has_no_sensors:
+                alert_system = self._start_node(name) or alert_system
+        return alert_system
 
-    Raises:
-        ConfigError: the configuration of a node cannot be used.
-        KeyboardInterrupt: a signal has come.
-    """
-    for name in names:
-        interrupts.check()
-        if name == "battery_sensor" and len(names) > 1 and _without_sensors(process.middlewares[0]):
-            continue
-        _start_node(process, name, running)
-        operations = running.operations
-        if name == "alert_system" and operations is not None:
-            node = running.alert_system
-            if operations.server or node.monitor.config.rosbridge_port:
-                running.server = _serve(process, node, process.middlewares[-1], operations)
+    def _start_node(self, name: str) -> Optional[AlertSystem]:
+        """Starts a node; with the parameters with which it ran last if it refuses those that were given.
 
+        Raises:
+            ConfigError: it refuses both.
+        """
+        from robot_health_monitor.core.errors import ConfigError
+        from robot_health_monitor.core.faults import PARAMETERS_FAULT
+        from robot_health_monitor.core.middleware import Severity
 
-def _start_node(process: Process, name: str, running: _Running) -> None:
-    """Starts a node; with the parameters with which it ran last if it refuses those that were given.
+        middleware = self._process.create_node(name)
+        try:
+            return self._start(name, middleware)
+        except ConfigError as error:
+            recovered = self._process.recover_node(name, middleware)
+            if recovered is None:
+                raise
+            alert_system = self._start(name, recovered)
+            text = f"started with the last good ones: {error}"
+            recovered.faults.report(PARAMETERS_FAULT, text)
+            if name != "alert_system":  # which logs its faults
+                recovered.log(Severity.ERROR, f"{PARAMETERS_FAULT}: {text}")
+            return alert_system
 
-    Raises:
-        ConfigError: it refuses both.
-    """
-    from robot_health_monitor.core.errors import ConfigError
-    from robot_health_monitor.core.faults import PARAMETERS_FAULT
-    from robot_health_monitor.core.middleware import Severity
-    from robot_health_monitor.core.nodes import Aggregator, BatterySensor
-    from robot_health_monitor.core.nodes.aggregator import has_inputs
+    def _start(self, name: str, middleware: Middleware) -> Optional[AlertSystem]:
+        from robot_health_monitor.core.errors import ConfigError
+        from robot_health_monitor.core.middleware import Severity
+        from robot_health_monitor.core.nodes import Aggregator, BatterySensor
+        from robot_health_monitor.core.nodes.aggregator import has_inputs
 
-    def start(middleware: Middleware) -> None:
         try:
             if name == "alert_system":
-                _start_alert_system(middleware, running)
-            elif name == "battery_sensor":
+                return self._start_alert_system(middleware)
+            if name == "battery_sensor":
                 BatterySensor(middleware)
             elif has_inputs(middleware.given_parameters()):
                 Aggregator(middleware)
             else:
-                middleware.log(
-                    Severity.INFO, "aggregator is not started: sensors is none, and no inputs are configured"
-                )
+                text = "aggregator is not started: sensors is none, and no inputs are configured"
+                middleware.log(Severity.INFO, text)
                 middleware.close()
-                process.middlewares.remove(middleware)
+                self._process.middlewares.remove(middleware)
         except ConfigError as error:
-            raise (error if error.file else process.locate(error, middleware)) from None
+            raise (error if error.file else self._process.locate(error, middleware)) from None
+        return None
 
-    middleware = process.create_node(name)
-    try:
-        start(middleware)
-    except ConfigError as error:
-        recovered = process.recover_node(name, middleware)
-        if recovered is None:
-            raise
-        start(recovered)
-        text = f"started with the last good ones: {error}"
-        recovered.faults.report(PARAMETERS_FAULT, text)
-        if name != "alert_system":  # which logs its faults
-            recovered.log(Severity.ERROR, f"{PARAMETERS_FAULT}: {text}")
+    def _start_alert_system(self, middleware: Middleware) -> AlertSystem:
+        parameters = middleware.given_parameters()
+        self._after_nodes.close()  # the operations of a first attempt
+        if not (parameters.get("ops") or parameters.get("rosbridge_port")):
+            from robot_health_monitor.core.nodes import AlertSystem
 
-
-def _start_alert_system(middleware: Middleware, running: _Running) -> None:
-    parameters = middleware.given_parameters()
-    running.close_after_nodes()  # those of a first attempt
-    if parameters.get("ops") or parameters.get("rosbridge_port"):
+            alert_system = AlertSystem(middleware)
+            self._before_nodes.callback(alert_system.save_state)
+            return alert_system
         # Imported only where they are used: they take a megabyte of a small robot's memory.
         from .operations import configured_ops, open_operations
 
-        running.operations = open_operations(configured_ops(parameters))
-        running.alert_system = running.operations.start_only(middleware)
-    else:
-        from robot_health_monitor.core.nodes import AlertSystem
+        operations = open_operations(configured_ops(parameters))
+        self._after_nodes.callback(operations.close)
+        alert_system = operations.start_only(middleware)
+        self._before_nodes.callback(alert_system.save_state)
+        if operations.server or alert_system.monitor.config.rosbridge_port:
+            self._serve(middleware, alert_system, operations)
+        return alert_system
 
-        running.alert_system = AlertSystem(middleware)
+    def _serve(self, middleware: Middleware, alert_system: AlertSystem, operations: Operations) -> None:
+        from .serving import serve_in_thread
 
+        server = serve_in_thread(
+            lambda: self._process.create_served_node(middleware), middleware, alert_system, operations
+        )
+        if server is not None:
+            self._before_nodes.callback(server.close)
 
-def _end_without_nodes(interrupts: Interrupts) -> int:
-    """Ends a process that has nothing to do; one that would be started again waits for a signal first."""
-    if os.environ.get(RESPAWN, "").lower() == "true":
-        interrupts.wait_until(lambda: False)
-    return SUCCESS
+    def _keep_alive(self, alert_system: Optional[AlertSystem]) -> None:
+        """Sends signs of life to systemd, if it asks for them, while the callbacks of a node run."""
+        period_s = self._service_manager.watchdog_period_s
+        if period_s is not None:
 
+            def send(now_s: float) -> None:
+                self._service_manager.alive(0.0 if alert_system is None else alert_system.tick_age_s)
 
-def _keep_alive(middleware: Middleware, alert_system: Optional[Any], service_manager: ServiceManager) -> None:
-    """Sends signs of life to systemd, if it asks for them, while the callbacks of a node run."""
-    period_s = service_manager.watchdog_period_s
-    if period_s is not None:
+            period_s = max(_SHORTEST_PERIOD_S, period_s / 2.0)
+            self._process.middlewares[0].create_timer(period_s, send, steady=True)
 
-        def send(now_s: float) -> None:
-            service_manager.alive(0.0 if alert_system is None else alert_system.tick_age_s)
-
-        middleware.create_timer(max(_SHORTEST_PERIOD_S, period_s / 2.0), send, steady=True)
+    def _report_stream(self, stream: str, problem: str) -> None:
+        for middleware in tuple(self._process.middlewares):
+            if problem:
+                middleware.faults.report(stream, problem)
+            else:
+                middleware.faults.clear(stream)
 
 
 def _without_sensors(middleware: Middleware) -> bool:
     return bool(middleware.given_parameters().get("sensors") == "none")
-
-
-def _serve(process: Process, alert_system: Any, middleware: Middleware, operations: Any) -> Any:
-    from .serving import serve_in_thread
-
-    return serve_in_thread(lambda: process.create_served_node(middleware), middleware, alert_system, operations)
-
-
-def _report(process: Process, stream: str, problem: str) -> None:
-    for middleware in tuple(process.middlewares):
-        if problem:
-            middleware.faults.report(stream, problem)
-        else:
-            middleware.faults.clear(stream)
 
 
 def _print_error(executable: str, text: str) -> None:

@@ -87,18 +87,13 @@ class Ros1ServedMiddleware(Ros1Middleware):
         impl = rospy.topics.get_topic_manager().get_subscriber_impl(rospy.resolve_name(resolved))
         cls = rospy.AnyMsg if impl is None else impl.data_class
 
-        subscription = Subscription()
-
-        def deliver(native: Any) -> None:
+        def deliver(native: Any, subscription: Subscription) -> None:
             with self._lock:
                 if subscription.active:
                     data = native._buff if isinstance(native, rospy.AnyMsg) else _serialized(native)
                     callback(data, self.now_s())
 
-        subscription.bind(rospy.Subscriber(resolved, cls, deliver, tcp_nodelay=True))
-        with self._lock:
-            self._subscriptions.append(subscription)
-        return subscription
+        return self._keep(Subscription(resolved, cls, deliver))
 
 
 def _call(service: str, address: str, type_name: str, request: Message, deadline_s: float) -> Message:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import functools
-import importlib
-import os
 import re
-import sys
-from typing import Any, Callable, Mapping, Optional
+from typing import Any, Mapping
 
 import genpy
 import rospy
 
 from robot_health_monitor.core.definitions import ROS1_KINDS
 from robot_health_monitor.core.fixed_fields import number_getter
-from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is
+from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is, find_generated
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
@@ -50,45 +47,23 @@ def _field_type(text: str) -> FieldType:
     )
 
 
-def _find_class(package: str, kind: str, name: str) -> Any:
-    if not _is_generated(package, kind, name):
-        return None
-    try:
-        return getattr(importlib.import_module(f"{package}.{kind}"), name, None)
-    except ImportError:
-        return None
-
-
-def _is_generated(package: str, kind: str, name: str) -> bool:
-    """Returns whether genpy generated this class.
-
-    Clients choose type names, and importing runs code: a module must not be imported to find out that it has no
-    messages. So the text of `<package>/msg/__init__.py` is searched for the line that genpy writes there.
-    """
-    line = f"from ._{name} import *"
-    for folder in sys.path:
-        try:
-            with open(os.path.join(folder, package, kind, "__init__.py"), encoding="utf-8") as stream:
-                if line in stream.read().splitlines():
-                    return True
-        except (OSError, ValueError):
-            continue
-    return False
-
-
-_native = NativeMessages(Dialect(_find_class, type_name, field_types, _ROS2_NAMES, byte_array=bytes, plain=as_it_is))
-
-message_class = _native.message_class
-service_class = _native.service_class
-to_mapping = _native.to_mapping
-to_native = _native.to_native
-field_getter = _native.field_getter
-is_stamped = _native.is_stamped
-
-
-def serialized_getter(native_class: Any, field: str) -> Optional[Callable[[bytes], Any]]:
-    """Returns a getter of a number from serialized messages; None if it needs all of them."""
-    return number_getter(field_types, native_class, field, is_cdr=False)
+native = NativeMessages(
+    Dialect(
+        functools.partial(find_generated, r"from \._{name} import \*\s*$"),
+        type_name,
+        field_types,
+        _ROS2_NAMES,
+        byte_array=bytes,
+        plain=as_it_is,
+    )
+)
+message_class = native.message_class
+service_class = native.service_class
+to_mapping = native.to_mapping
+to_native = native.to_native
+field_getter = native.field_getter
+serialized_getter = functools.partial(number_getter, field_types, is_cdr=False)
+"""Returns a getter of a number from serialized messages of a class, by its field; None if it needs all of them."""
 
 
 @functools.lru_cache(maxsize=None)

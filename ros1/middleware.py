@@ -20,13 +20,12 @@ import rospy.core
 import rospy.rostime
 import rospy.topics
 
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.middleware import Message, Result, Severity, resolve_name
-from robot_health_monitor.core.missing_samples import Hints
+from robot_health_monitor.core.middleware import Message, Severity, resolve_name
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
+from robot_health_monitor.runtime.native_node import Log, NativeNode, OnChange
 from robot_health_monitor.runtime.threads import MonotonicEvent
 
 from . import messages
@@ -47,7 +46,7 @@ Reader = Callable[[Any], Any]
 """Reads the value from a native message."""
 
 
-class Ros1Middleware:
+class Ros1Middleware(NativeNode):
     """One logical node of this process; implements `core.middleware.Middleware`. Call `rospy.init_node` first."""
 
     def __init__(self, name: str = "") -> None:
@@ -57,37 +56,22 @@ class Ros1Middleware:
             name: name of the logical node, below the process's namespace unless it begins with `/`; empty: the name of
                 the process, which `__name:=` may have changed.
         """
-        self.name: str = resolve_name(name or rospy.get_name(), rospy.get_name())
         self._master = Master(rospy.get_name())
+        super().__init__(
+            resolve_name(name or rospy.get_name(), rospy.get_name()),
+            messages.native,
+            PublisherLookup(self._master, self._own_topics).look_up,
+            None if rospy.rostime.is_wallclock() else rospy.get_time,
+        )
         self.parameters = NodeParameters(self._master, self.name)
-        self._simulated = not rospy.rostime.is_wallclock()
-        self._clock: Callable[[], float] = rospy.get_time if self._simulated else time.monotonic
-        self._lock = threading.RLock()
-        self._publishers: Dict[str, Tuple[Any, Any]] = {}
-        self._subscriptions: List[Subscription] = []
         # Weak: the clients of a server may subscribe to any number of invented topics.
         self._decoders: weakref.WeakValueDictionary[str, _Decoder] = weakref.WeakValueDictionary()
         self._services: List[Any] = []
-        self._timers: List[_Timer] = []
-        self._closed = False
-        self._hints = Hints(PublisherLookup(self._master, self._own_topics).look_up, time.monotonic)
-        self.faults = Faults()
-
-    def now_s(self) -> float:
-        return self._clock()
-
-    def waiting_for_clock(self) -> bool:
-        return self._simulated and self._clock() == 0.0
-
-    def steady_s(self) -> float:
-        return time.monotonic()
 
     def given_parameters(self) -> Mapping[str, Any]:
         return self.parameters.given()
 
-    def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
-    ) -> None:
+    def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         """Advertises `~reload`, which reads the parameters again; its response is what changed.
 
         ROS 1 does not declare parameters. The defaults are not written to the parameter server, which outlives the
@@ -115,13 +99,6 @@ class Ros1Middleware:
             self._publishers[resolved] = publisher, cls
         return str(self._publishers[resolved][0].resolved_name)
 
-    def publish(self, topic: str, message: Message) -> None:
-        publisher, cls = self._advertised(topic)
-        native = messages.to_native(cls, message)
-        if messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
-            native.header.stamp = rospy.Time.now()
-        publisher.publish(native)
-
     def has_listeners(self, topic: str) -> bool:
         publisher, _ = self._advertised(topic)
         return bool(publisher.get_num_connections())
@@ -137,9 +114,9 @@ class Ros1Middleware:
     ) -> Subscription:
         resolved = self._resolve(topic)
         cls, get = self._choose_reader(rospy.resolve_name(resolved), type_name, field)
-        subscription = Subscription()
+        lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
 
-        def deliver(native: Any) -> None:
+        def deliver(native: Any, subscription: Subscription) -> None:
             if simulated and clock() == 0.0:
                 self._wait_for_first_clock_message(subscription)
             with lock:
@@ -151,17 +128,7 @@ class Ros1Middleware:
                     except Exception as error:
                         log_failure(error)
 
-        lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
-        subscription.bind(rospy.Subscriber(resolved, cls, deliver, tcp_nodelay=True))
-        with self._lock:
-            self._subscriptions.append(subscription)
-        return subscription
-
-    def unsubscribe(self, subscription: Any) -> None:
-        with self._lock:
-            if subscription in self._subscriptions:
-                self._subscriptions.remove(subscription)
-                subscription.end()
+        return self._keep(Subscription(resolved, cls, deliver))
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
@@ -175,20 +142,10 @@ class Ros1Middleware:
         self._serve(service, type_name, locked)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
-        def call(due_s: float) -> None:
-            callback(self._clock())
-
-        clock, simulated = (time.monotonic, False) if steady else (self._clock, self._simulated)
-        timer = _Timer(clock, simulated, self._lock, period_s, call, self._log_failure)
         with self._lock:
-            self._timers = [known for known in self._timers if known.is_alive()]
-            timer.start()
-            self._timers.append(timer)
+            timer = _Timer(self, period_s, callback, steady=steady or not self._simulated)
+            self._timers = [*(known for known in self._timers if known.is_alive()), timer]
         return timer
-
-    def exclusively(self, function: Callable[[], Result]) -> Result:
-        with self._lock:
-            return function()
 
     def log(self, severity: Severity, text: str) -> None:
         stream = "stdout" if severity < Severity.WARN else "stderr"
@@ -222,30 +179,31 @@ class Ros1Middleware:
         def answer(request: Any) -> Any:
             try:
                 return messages.to_native(cls._response_class, handler(messages.to_mapping(request)))
-            except rospy.ServiceException:
-                raise
             except Exception as error:
-                raise rospy.ServiceException(self._log_failure(error)) from error
+                reason = str(error) if self._closed else self._log_failure(error)
+                raise rospy.ServiceException(reason) from error
 
         self._services.append(rospy.Service(self._resolve(service), cls, answer))
 
     def _check_open(self) -> None:
         if self._closed:
-            raise rospy.ServiceException(f"{self.name} is shutting down")
+            raise ServiceError(f"{self.name} is shutting down")
 
     def _wait_for_first_clock_message(self, subscription: Subscription) -> None:
         """Blocks the thread of one publisher, and so its later messages."""
-        started = rospy.rostime.get_rostime_cond()
         while subscription.active and self._clock() == 0.0 and not rospy.is_shutdown():
-            with started:
-                started.wait(0.5)
+            _wait_while(self._clock, 0.0)
 
-    def _advertised(self, topic: str) -> Tuple[Any, Any]:
-        """Returns the publisher of a topic and its class."""
-        resolved = self._resolve(topic)
-        if resolved not in self._publishers:
-            raise MessageError(f"{self.name} has not advertised {resolved}")
-        return self._publishers[resolved]
+    def _keep(self, subscription: Subscription) -> Subscription:
+        with self._lock:
+            self._subscriptions.append(subscription)
+        return subscription
+
+    def _end(self, subscription: Subscription) -> None:
+        subscription.end()
+
+    def _stamp(self) -> Any:
+        return rospy.Time.now()
 
     def _own_topics(self) -> Set[str]:
         """Returns the topics of this node, as the master knows them. May be called in any thread."""
@@ -277,30 +235,17 @@ class Ros1Middleware:
         return cls, get
 
     def _raw_reader(self, topic: str, expected: str, field: str) -> _RawReader:
-        return _RawReader(topic, expected, field, self._decoders.setdefault(topic, _Decoder()), self._log_error)
-
-    def _log_error(self, text: str) -> None:
-        self.log(Severity.ERROR, text)
-
-    def _log_failure(self, error: Exception) -> str:
-        text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
-        self.log(Severity.ERROR, text)
-        return text
+        return _RawReader(topic, expected, field, self._decoders.setdefault(topic, _Decoder()), self.log)
 
 
 class Subscription:
     """A rospy subscriber. It may still call back when it has ended: `active` says whether to deliver."""
 
-    def __init__(self) -> None:
-        """Starts without a subscriber."""
+    def __init__(self, topic: str, cls: Any, deliver: Callable[[Any, Subscription], None]) -> None:
+        """Subscribes; `deliver` receives each native message with this object, in a thread of its publisher."""
         self.active = True
-        self.topic = ""
-        self._subscriber: Any = None
-
-    def bind(self, subscriber: Any) -> None:
-        """Sets the subscriber, whose callback refers to this object."""
-        self._subscriber = subscriber
-        self.topic = subscriber.resolved_name
+        self._subscriber = rospy.Subscriber(topic, cls, deliver, self, tcp_nodelay=True)
+        self.topic: str = self._subscriber.resolved_name
 
     def end(self) -> None:
         """Unsubscribes."""
@@ -315,14 +260,12 @@ class _RawReader:
     or if the message does not match it.
     """
 
-    def __init__(
-        self, topic: str, expected: str, field: str, decoder: _Decoder, log_error: Callable[[str], None]
-    ) -> None:
+    def __init__(self, topic: str, expected: str, field: str, decoder: _Decoder, log: Log) -> None:
         self._topic = topic
         self._expected = messages.type_name(messages.message_class(expected)) if expected else ""
         self._field = field
         self._decoder = decoder
-        self._log_error = log_error
+        self._log = log
         self._readers: Dict[Tuple[str, str], Callable[[Any], Any]] = {}
         self._has_failed = False
 
@@ -333,14 +276,14 @@ class _RawReader:
             try:
                 self._readers[key] = self._reader(type_name, checksum)
             except ConfigError as error:
-                self._log_error(str(error))
-                self._readers[key] = _absent
+                self._log(Severity.ERROR, str(error))
+                self._readers[key] = lambda native: ABSENT
         try:
             return self._readers[key](native)
         except (genpy.MessageException, MessageError) as error:
             if not self._has_failed:
                 self._has_failed = True
-                self._log_error(f"{self._topic}: a message does not match {type_name}: {error}")
+                self._log(Severity.ERROR, f"{self._topic}: a message does not match {type_name}: {error}")
             return ABSENT
 
     def _reader(self, type_name: str, checksum: str) -> Callable[[Any], Any]:
@@ -369,71 +312,55 @@ class _Decoder:
 
 
 class _Timer(threading.Thread):
-    """Calls back every period of a clock.
+    """Calls back every period of a clock; `active` says whether to, as a call may have begun when it is cancelled.
 
     Not a rospy.Timer: that one ends with the first exception, calls at once if time goes back, several times if it
     jumps ahead, and follows the wall clock when NTP steps it.
     """
 
-    def __init__(
-        self,
-        clock: Callable[[], float],
-        simulated: bool,
-        lock: threading.RLock,
-        period_s: float,
-        callback: Callable[[float], None],
-        on_failure: Callable[[Exception], Any],
-    ) -> None:
+    def __init__(self, node: Ros1Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
         super().__init__(daemon=True)
-        self._clock = clock
-        self._simulated = simulated
-        self._lock = lock
-        self._on_failure = on_failure
-        self._cancelled = MonotonicEvent()
-        self._last_s = clock()
+        self._node = node
         self._callback = callback
+        self._simulated = not steady
+        self._clock = time.monotonic if steady else node._clock
+        self._cancelled = MonotonicEvent()
+        self._last_s = self._clock()
         self._schedule = PeriodicSchedule(period_s, self._last_s)
+        self.start()
+
+    @property
+    def active(self) -> bool:
+        return not self._cancelled.is_set()
 
     def cancel(self) -> None:
         self._cancelled.set()
 
     def run(self) -> None:
-        wait = self._wait_for_clock_message if self._simulated else self._wait_for_clock
-        while not self._cancelled.is_set():
+        while self.active:
             now_s = self._clock()
             if now_s < self._last_s or self._is_clock_unset():
                 self._schedule.restart(now_s)
             self._last_s = now_s
             if now_s >= self._schedule.due_s and not self._is_clock_unset():
                 self._schedule.advance(now_s)
-                self._call()
+                self._node._call_timer(self, self._callback)
+            elif self._simulated:
+                _wait_while(self._clock, now_s)
             else:
-                wait(now_s, self._schedule.due_s)
-
-    def _call(self) -> None:
-        with self._lock:
-            if not self._cancelled.is_set():
-                try:
-                    self._callback(self._clock())
-                except Exception as error:
-                    self._on_failure(error)
+                self._cancelled.wait(self._schedule.due_s - now_s)
 
     def _is_clock_unset(self) -> bool:
         """Until the first message on /clock rospy's simulated time is 0; periods begin with that message."""
         return self._simulated and self._last_s == 0.0
 
-    def _wait_for_clock(self, now_s: float, due_s: float) -> None:
-        self._cancelled.wait(due_s - now_s)
 
-    def _wait_for_clock_message(self, now_s: float, due_s: float) -> None:
-        moved = rospy.rostime.get_rostime_cond()
-        with moved:
-            if self._clock() == now_s:
-                moved.wait(0.5)
-
-
-def _absent(data: bytes) -> Any:
-    return ABSENT
+def _wait_while(clock: Callable[[], float], now_s: float) -> None:
+    """Waits for the next message on /clock if simulated time is still `now_s`; at most 0.5 s."""
+    moved = rospy.rostime.get_rostime_cond()
+    with moved:
+        if clock() == now_s:
+            moved.wait(0.5)
 
 
 def _shared_class(impl: Any) -> Any:

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import logging
 import threading
-from typing import Any, Callable, Dict, Iterator, Mapping, Optional
-
-import rospy
+from typing import Any, Dict, Iterator, Mapping, Optional
 
 from robot_health_monitor.core.config import NODE_PARAMETERS
-from robot_health_monitor.core.errors import ConfigError, Path, Problems, ServiceError
+from robot_health_monitor.core.errors import ConfigError, Path, Problems
 from robot_health_monitor.core.faults import PARAMETERS_FAULT, Faults
-from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, Severity
+from robot_health_monitor.core.middleware import Message
 from robot_health_monitor.core.parameters import describe
+from robot_health_monitor.runtime.native_node import Log, OnChange, apply_change
 
 from .master import Master
 
@@ -35,12 +34,7 @@ class NodeParameters:
     """Reads the parameters of one logical node, and puts them back when a change was refused."""
 
     def __init__(self, master: Master, node: str) -> None:
-        """Does not read yet.
-
-        Args:
-            master: the master.
-            node: full name of the node.
-        """
+        """Does not read yet; `node` is the full name."""
         self._master = master
         self._node = node
         self._lock = threading.Lock()
@@ -50,12 +44,7 @@ class NodeParameters:
         self._accepted: Optional[Dict[str, Any]] = None
 
     def given(self) -> Mapping[str, Any]:
-        """Returns the configuration in force: what `read` returned first, until a `reload` is accepted.
-
-        Raises:
-            ConfigError: as `read`.
-            ServiceError: as `read`.
-        """
+        """Returns the configuration in force: what `read` returned, or raised, until a `reload` is accepted."""
         if self._given is None:
             self._given = self.read()
         return self._given
@@ -85,43 +74,24 @@ class NodeParameters:
         problems.raise_if_any()
         return _overlay(from_file, private)
 
-    def reload(
-        self, apply: Callable[[Mapping[str, Any]], str], faults: Faults, log: Callable[[Severity, str], None]
-    ) -> Message:
-        """Reads the parameters again, and puts them back if they are refused; returns the response of `~reload`.
+    def reload(self, apply: OnChange, faults: Faults, log: Log) -> Message:
+        """Reads the parameters again, and puts them back if they are refused; returns the response of `~reload`."""
 
-        Args:
-            apply: applies a configuration; returns what changed, or raises to refuse it.
-            faults: the faults of the node.
-            log: its log.
+        def read() -> str:
+            proposed = self.read()
+            changes = apply(proposed)
+            self._given = proposed
+            return changes
 
-        Raises:
-            rospy.ServiceException: the node is closed.
-        """
         with self._lock:
-            try:
-                proposed = self.read()
-                changes = apply(proposed)
-            except rospy.ServiceException:
-                raise
-            except ServiceError as error:
-                reason = str(error)
-            except Exception as error:
-                if isinstance(error, ConfigError):
-                    reason = str(error)
-                else:
-                    reason = " ".join(f"{type(error).__name__} in a callback: {error}".split())
-                    log(Severity.ERROR, reason)
-                faults.guard(_SERVER, self.put_back)
-            else:
-                self._given = proposed
+            before = self._found
+            accepted, text = apply_change(read, log)
+            if accepted:
                 faults.guard(_SERVER, self.keep)
                 faults.clear(PARAMETERS_FAULT)
-                if changes != NOTHING_CHANGED:
-                    log(Severity.INFO, f"parameters changed: {changes}")
-                return {"success": True, "message": changes}
-        log(Severity.WARN, f"the old parameters stay in force: {reason}")
-        return {"success": False, "message": reason}
+            elif self._found is not before:  # the master has answered
+                faults.guard(_SERVER, self.put_back)
+        return {"success": accepted, "message": text}
 
     def keep(self) -> None:
         """Keeps what was read last as the values in force, for this node and for one that is started again.

@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, List
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
+from robot_health_monitor.core.native_messages import as_it_is
 
 from . import messages
 from .middleware import Ros2Middleware, Subscription
@@ -76,16 +77,11 @@ class Ros2ServedMiddleware(Ros2Middleware):
 
     def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Any:
         resolved = self._resolve(topic)
-        subscription = Subscription(resolved, resolved, callback, None)
-        subscription.get = _as_it_is
+        subscription = Subscription(resolved, resolved, callback, None, get=as_it_is)
         with self._lock:
             self._join(subscription, messages.message_class(type_name), is_raw=True)
             self._keep(subscription)
         return subscription
-
-
-def _as_it_is(data: bytes) -> bytes:
-    return data
 
 
 def _names(names_and_types: Any) -> List[str]:

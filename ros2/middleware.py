@@ -8,23 +8,20 @@ from __future__ import annotations
 
 import collections
 import functools
-import threading
-import time
+from dataclasses import dataclass
 from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.middleware import Message, Result, Severity
-from robot_health_monitor.core.missing_samples import Hints
+from robot_health_monitor.core.middleware import Message, Severity
 from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.runtime.native_node import NativeNode, OnChange
 
 from . import messages
 from .parameters import NodeParameters, ParameterNode
@@ -36,12 +33,20 @@ _SUBSCRIBER_QUEUE_SIZE = 10
 """Incoming messages that may wait: ROS 2's own default."""
 _DURABILITY = {True: DurabilityPolicy.TRANSIENT_LOCAL, False: DurabilityPolicy.VOLATILE}
 """By whether the messages are latched."""
+_LOG: Mapping[Severity, Callable[[Any, str], object]] = {
+    Severity.DEBUG: lambda logger, text: logger.debug(text),
+    Severity.INFO: lambda logger, text: logger.info(text),
+    Severity.WARN: lambda logger, text: logger.warning(text),
+    Severity.ERROR: lambda logger, text: logger.error(text),
+    Severity.FATAL: lambda logger, text: logger.fatal(text),
+}
+"""One line each: rclpy remembers the severity of each calling line."""
 _MOST_WAITING_FOR_CLOCK = 1000
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
 
 
-class Ros2Middleware:
+class Ros2Middleware(NativeNode):
     """One rclpy node; implements `core.middleware.Middleware`. It works while an executor spins `node`."""
 
     def __init__(self, name: str, context: Optional[Context] = None, **options: Any) -> None:
@@ -51,27 +56,21 @@ class Ros2Middleware:
             name: name of the node, which `__node:=` may change.
             context: rclpy's context; None: the default one.
             options: further arguments of rclpy's Node, such as `namespace` and `parameter_overrides`.
-
         """
         self.node = ParameterNode(name, context=context, **options)
-        self.parameters = NodeParameters(self.node)
-        self.name: str = self.node.get_fully_qualified_name()
         self._logger = self.node.get_logger()
         self._ros_clock = self.node.get_clock()
-        self._simulated: bool = self._ros_clock.ros_time_is_active
-        self._clock: Callable[[], float] = self._ros_time_s if self._simulated else time.monotonic
+        super().__init__(
+            self.node.get_fully_qualified_name(),
+            messages.native,
+            PublisherLookup(self.node, self._own_topics, self._qos_of).look_up,
+            self._ros_time_s if self._ros_clock.ros_time_is_active else None,
+        )
+        self.parameters = NodeParameters(self.node)
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer_clock = self._ros_clock if self._simulated else self._steady_clock
-        self.faults = Faults()
-        self._lock = threading.RLock()
-        self._publishers: Dict[str, Tuple[Any, Any]] = {}
-        self._subscriptions: List[Subscription] = []
         self._channels: Dict[Tuple[str, Any, bool], _Channel] = {}
-        self._timers: List[_Timer] = []
         self._qos_timer: Optional[Any] = None
-        self._hints = Hints(PublisherLookup(self.node, self._own_topics, self._qos_of).look_up, time.monotonic)
         self._waiting_for_clock: Deque[Callable[[], None]] = collections.deque(maxlen=_MOST_WAITING_FOR_CLOCK)
-        self._closed = False
         self._jumps = self._ros_clock.create_jump_callback(
             JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)),
             post_callback=self._on_time_jump,
@@ -82,21 +81,10 @@ class Ros2Middleware:
         """The parameter `executor` of this node."""
         return self.parameters.executor
 
-    def now_s(self) -> float:
-        return self._clock()
-
-    def waiting_for_clock(self) -> bool:
-        return self._simulated and self._clock() == 0.0
-
-    def steady_s(self) -> float:
-        return time.monotonic()
-
     def given_parameters(self) -> Mapping[str, Any]:
         return self.parameters.given()
 
-    def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
-    ) -> None:
+    def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         def apply(proposed: Mapping[str, Any]) -> str:
             with self._lock:
                 return on_change(proposed)
@@ -116,13 +104,6 @@ class Ros2Middleware:
             self._publishers[resolved] = publisher, cls
         return resolved
 
-    def publish(self, topic: str, message: Message) -> None:
-        publisher, cls = self._advertised(topic)
-        native = messages.to_native(cls, message)
-        if messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
-            native.header.stamp = self._ros_clock.now().to_msg()
-        publisher.publish(native)
-
     def has_listeners(self, topic: str) -> bool:
         publisher, _ = self._advertised(topic)
         return bool(publisher.get_subscription_count())
@@ -137,21 +118,14 @@ class Ros2Middleware:
         latched: bool = False,
     ) -> Subscription:
         subscription = Subscription(self._resolve(topic), _native_name(topic), callback, field, latched)
-        type_name = type_name or self._type_of(subscription.topic)
         with self._lock:
+            type_name = type_name or self._type_of(subscription.topic)
             if type_name:
                 self._start(subscription, type_name)
             else:
                 subscription.is_waiting = True
             self._keep(subscription)
         return subscription
-
-    def unsubscribe(self, subscription: Any) -> None:
-        with self._lock:
-            if subscription in self._subscriptions:
-                self._subscriptions.remove(subscription)
-                subscription.active = False
-                self._stop(subscription)
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         with self._lock:
@@ -174,45 +148,14 @@ class Ros2Middleware:
         self.node.create_service(cls, _native_name(service), answer)
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> _Timer:
-        timer = _Timer(self.node, steady, self._forget_timer)
-        lock, clock, log_failure = self._lock, self._clock, self._log_failure
-
-        def call() -> None:
-            with lock:
-                if timer.active:
-                    try:
-                        callback(clock())
-                    except Exception as error:
-                        log_failure(error)
-
         with self._lock:
-            timer.bind(
-                self.node.create_timer(period_s, call, clock=self._steady_clock if steady else self._timer_clock)
-            )
+            timer = _Timer(self, period_s, callback, steady=steady or not self._simulated)
             self._timers.append(timer)
         return timer
 
-    def exclusively(self, function: Callable[[], Result]) -> Result:
-        with self._lock:
-            return function()
-
     def log(self, severity: Severity, text: str) -> None:
-        if not self.node.context.ok():
-            return  # rcl would print that it cannot publish the line
-        self.faults.guard("log", self._write_log_line, severity, text)
-
-    def _write_log_line(self, severity: Severity, text: str) -> None:
-        # One line each: rclpy remembers the severity of each calling line.
-        if severity >= Severity.FATAL:
-            self._logger.fatal(text)
-        elif severity >= Severity.ERROR:
-            self._logger.error(text)
-        elif severity >= Severity.WARN:
-            self._logger.warning(text)
-        elif severity >= Severity.INFO:
-            self._logger.info(text)
-        else:
-            self._logger.debug(text)
+        if self.node.context.ok():  # otherwise rcl would print that it cannot publish the line
+            self.faults.guard("log", _LOG[severity], self._logger, text)
 
     def close(self) -> None:
         with self._lock:
@@ -231,11 +174,6 @@ class Ros2Middleware:
             if self.node.executor is not None:
                 self.node.executor.remove_node(self.node)
             self.node.destroy_node()
-
-    def _forget_timer(self, timer: _Timer) -> None:
-        with self._lock:
-            if timer in self._timers:
-                self._timers.remove(timer)
 
     def _ros_time_s(self) -> float:
         nanoseconds: int = self._ros_clock.now().nanoseconds
@@ -258,12 +196,8 @@ class Ros2Middleware:
                 for deliver in waiting:
                     deliver()
 
-    def _advertised(self, topic: str) -> Tuple[Any, Any]:
-        """Returns the publisher of a topic and its class."""
-        resolved = self._resolve(topic)
-        if resolved not in self._publishers:
-            raise MessageError(f"{self.name} has not advertised {resolved}")
-        return self._publishers[resolved]
+    def _stamp(self) -> Any:
+        return self._ros_clock.now().to_msg()
 
     def _own_topics(self) -> Set[str]:
         return {*self._publishers, *(subscription.topic for subscription in self._subscriptions)}
@@ -296,10 +230,10 @@ class Ros2Middleware:
 
     def _join(self, subscription: Subscription, cls: Any, *, is_raw: bool) -> None:
         key = subscription.topic, cls, is_raw
-        channel = self._channels.get(key) or self._open(
-            _Channel(key, subscription.native_name, subscription.is_latched)
-        )
-        self._channels[key] = channel
+        channel = self._channels.get(key)
+        if channel is None:
+            channel = self._channels[key] = _Channel(key, subscription.native_name, subscription.is_latched)
+            self._open(channel)
         channel.readers = (*channel.readers, subscription)
         subscription.channel = channel
 
@@ -310,7 +244,8 @@ class Ros2Middleware:
                 _QOS_CHECK_PERIOD_S, self._check_publishers, clock=self._steady_clock
             )
 
-    def _stop(self, subscription: Subscription) -> None:
+    def _end(self, subscription: Subscription) -> None:
+        subscription.active = False
         channel = subscription.channel
         if channel is not None:
             subscription.channel = None
@@ -319,10 +254,9 @@ class Ros2Middleware:
                 del self._channels[channel.key]
                 self.node.destroy_subscription(channel.native)
 
-    def _open(self, channel: _Channel) -> _Channel:
+    def _open(self, channel: _Channel) -> None:
         """Creates rclpy's subscription: reliable, unless there is a best-effort publisher already."""
-        lock, log_failure = self._lock, self._log_failure
-        clock, simulated = self._clock, self._simulated
+        lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
 
         def deliver(native: Any) -> None:
             with lock:
@@ -354,7 +288,6 @@ class Ros2Middleware:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=is_raw,
         )
-        return channel
 
     def _type_of(self, topic: str) -> str:
         """Returns the type of a topic, empty if it is unknown."""
@@ -374,8 +307,13 @@ class Ros2Middleware:
         """
         with self._lock:
             for subscription in self._subscriptions:
-                if subscription.is_waiting:
-                    self._start_if_type_is_known(subscription)
+                type_name = self._type_of(subscription.topic) if subscription.is_waiting else ""
+                if type_name:
+                    subscription.is_waiting = False
+                    try:
+                        self._start(subscription, type_name)
+                    except ConfigError as error:
+                        self.log(Severity.ERROR, str(error))
             for channel in self._channels.values():
                 if not channel.is_best_effort:
                     topic, _, _ = channel.key
@@ -384,84 +322,64 @@ class Ros2Middleware:
                         self.node.destroy_subscription(channel.native)
                         self._open(channel)
 
-    def _start_if_type_is_known(self, subscription: Subscription) -> None:
-        type_name = self._type_of(subscription.topic)
-        if type_name:
-            subscription.is_waiting = False
-            try:
-                self._start(subscription, type_name)
-            except ConfigError as error:
-                self.log(Severity.ERROR, str(error))
 
-    def _log_failure(self, error: Exception) -> str:
-        text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
-        self.log(Severity.ERROR, text)
-        return text
+def _arrival(native: Any) -> float:
+    return 1.0
 
 
+@dataclass(eq=False)
 class Subscription:
     """A subscription of the port; several may share one subscription of rclpy."""
 
-    def __init__(
-        self,
-        topic: str,
-        native_name: str,
-        callback: Callable[[Any, float], None],
-        field: Optional[str],
-        latched: bool = False,
-    ) -> None:
-        """Does not receive yet."""
-        self.topic = topic
-        self.native_name = native_name
-        self.callback = callback
-        self.field = field
-        self.is_latched = latched
-        self.get: Callable[[Any], Any] = _arrival
-        self.active = True
-        self.is_waiting = False
-        """Whether the type of the topic is not known yet."""
-        self.channel: Optional[_Channel] = None
+    topic: str
+    native_name: str
+    callback: Callable[[Any, float], None]
+    field: Optional[str]
+    is_latched: bool = False
+    get: Callable[[Any], Any] = _arrival
+    active: bool = True
+    is_waiting: bool = False
+    """Whether the type of the topic is not known yet."""
+    channel: Optional[_Channel] = None
 
 
+@dataclass(eq=False)
 class _Channel:
     """A subscription of rclpy, replaced when the QoS changes, and its readers."""
 
-    def __init__(self, key: Tuple[str, Any, bool], native_name: str, is_latched: bool) -> None:
-        self.is_latched = is_latched
-        self.key = key
-        """Topic, class of its messages, whether they are delivered serialized."""
-        self.native_name = native_name
-        self.native: Any = None
-        self.is_best_effort = False
-        self.readers: Tuple[Subscription, ...] = ()
+    key: Tuple[str, Any, bool]
+    """Topic, class of its messages, whether they are delivered serialized."""
+    native_name: str
+    is_latched: bool
+    native: Any = None
+    is_best_effort: bool = False
+    readers: Tuple[Subscription, ...] = ()
 
 
 class _Timer:
     """A timer of rclpy. It may still call back when it was cancelled: `active` says whether to."""
 
-    def __init__(self, node: Node, steady: bool, on_cancel: Callable[[_Timer], None]) -> None:
+    def __init__(self, node: Ros2Middleware, period_s: float, callback: Callable[[float], None], steady: bool) -> None:
         self.active = True
         self._node = node
+        self._callback = callback
         self._steady = steady
-        self._on_cancel = on_cancel
-        self._native: Any = None
-
-    def bind(self, native: Any) -> None:
-        self._native = native
+        clock = node._steady_clock if steady else node._ros_clock
+        self._native = node.node.create_timer(period_s, self._call, clock=clock)
 
     def restart(self) -> None:
         if self.active and not self._steady:
             self._native.reset()
 
     def cancel(self) -> None:
-        if self.active:
-            self.active = False
-            self._on_cancel(self)
-            self._node.destroy_timer(self._native)
+        with self._node._lock:
+            if self.active:
+                self.active = False
+                self._node._timers.remove(self)
+                self._node.node.destroy_timer(self._native)
 
-
-def _arrival(native: Any) -> float:
-    return 1.0
+    def _call(self) -> None:
+        self._node._call_timer(self, self._callback)
 
 
 def _native_name(name: str) -> str:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import difflib
-from typing import Any, Callable, Dict, List, Mapping, Sequence
+from typing import Any, Dict, List, Mapping, Sequence
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 
 from robot_health_monitor.core.config import NODE_PARAMETERS
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.parameters import Parameter, unflatten
+from robot_health_monitor.runtime.native_node import Log, OnChange, apply_change
 
 EXECUTOR, USE_SIM_TIME = (
     next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")
@@ -65,8 +64,8 @@ class NodeParameters:
         self._own = {name: given[name] for name in _START_ONLY if name in given}
         self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
         self._declared: Dict[str, Parameter] = {}
-        self._apply: Callable[[Mapping[str, Any]], str]
-        self._log: Callable[[Severity, str], None]
+        self._apply: OnChange
+        self._log: Log
 
     @property
     def executor(self) -> str:
@@ -84,20 +83,10 @@ class NodeParameters:
                 parameter.read(self._own[parameter.name], (parameter.name,))
         return unflatten(self._given)
 
-    def declare(
-        self,
-        parameters: Sequence[Parameter],
-        apply: Callable[[Mapping[str, Any]], str],
-        log: Callable[[Severity, str], None],
-    ) -> None:
-        """Declares parameters; `use_sim_time` and `executor` cannot change from now on.
+    def declare(self, parameters: Sequence[Parameter], apply: OnChange, log: Log) -> None:
+        """Declares parameters by their dotted paths; `use_sim_time` and `executor` cannot change from now on.
 
         Types are dynamic, so that a bound may be set to the whole number 30, as in the file.
-
-        Args:
-            parameters: names are dotted paths.
-            apply: applies a configuration; returns what changed, or raises to refuse it.
-            log: the log of the node.
         """
         self._declared = {parameter.name: parameter for parameter in parameters}
         for parameter in self._declared.values():
@@ -135,21 +124,15 @@ class NodeParameters:
         proposed = {name: value for name, value in proposed.items() if value is not None}
         if proposed == self._given:
             return SetParametersResult(successful=True)
-        try:
-            changed = self._apply(unflatten(proposed))
-        except ConfigError as error:
-            reason = str(error)
-        except Exception as error:
-            reason = " ".join(f"{type(error).__name__} in a callback: {error}".split())
-            self._log(Severity.ERROR, reason)
-        else:
+
+        def apply() -> str:
+            changes = self._apply(unflatten(proposed))
             self._set_log_level(proposed)
             self._given = proposed
-            if changed != NOTHING_CHANGED:
-                self._log(Severity.INFO, f"parameters changed: {changed}")
-            return SetParametersResult(successful=True)
-        self._log(Severity.WARN, f"the old parameters stay in force: {reason}")
-        return SetParametersResult(successful=False, reason=reason)
+            return changes
+
+        accepted, text = apply_change(apply, self._log)
+        return SetParametersResult(successful=accepted, reason="" if accepted else text)
 
     def _declare_deleted(self, changes: Sequence[Any]) -> None:
         """Declares a parameter again that `ros2 param delete` has removed, so that it can be set again."""

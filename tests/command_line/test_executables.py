@@ -13,7 +13,8 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.executables import FAILED, SUCCESS, UNUSABLE, run
+from robot_health_monitor.executables import run
+from robot_health_monitor.exit_codes import ExitCode
 from robot_health_monitor.ops.history.reader import HistoryReader
 
 Parameters = Dict[str, Dict[str, Any]]
@@ -76,7 +77,7 @@ def start(executable: str, process: LocalProcess) -> int:
 )
 def test_an_executable_starts_its_nodes_and_closes_them(executable: str, nodes: List[str]) -> None:
     process = LocalProcess({})
-    assert start(executable, process) == SUCCESS
+    assert start(executable, process) == ExitCode.SUCCESS
     assert [middleware.name for middleware in process.middlewares] == nodes
     assert process.closed and process.bus.nodes == []
 
@@ -94,13 +95,13 @@ NO_SENSORS = {"sensors": "none"}
 )
 def test_without_sensors_a_composed_process_averages_only_configured_inputs(inputs: Any, nodes: List[str]) -> None:
     process = LocalProcess({"alert_system": NO_SENSORS, "aggregator": {**NO_SENSORS, **inputs}})
-    assert start("health_monitor", process) == SUCCESS
+    assert start("health_monitor", process) == ExitCode.SUCCESS
     assert [middleware.name for middleware in process.middlewares] == nodes
 
 
 def test_without_sensors_and_inputs_aggregator_ends_at_once_with_code_0() -> None:
     process = LocalProcess({"aggregator": NO_SENSORS})
-    assert start("aggregator", process) == SUCCESS
+    assert start("aggregator", process) == ExitCode.SUCCESS
     assert [line.text for line in process.bus.log_lines] == [
         "aggregator is not started: sensors is none, and no inputs are configured"
     ]
@@ -120,13 +121,13 @@ def test_a_launch_file_that_would_start_it_again_makes_it_wait_for_a_signal(monk
         interrupts.wait_until = wait_until
         return process
 
-    assert run("aggregator", open_process, ros="ROS") == SUCCESS
+    assert run("aggregator", open_process, ros="ROS") == ExitCode.SUCCESS
     assert waited == [False] and process.closed
 
 
 def test_a_configuration_that_cannot_be_used_is_one_line_and_code_2(capfd: pytest.CaptureFixture[str]) -> None:
     process = LocalProcess({"aggregator": {"publish_rate": "fast"}})
-    assert start("aggregator", process) == UNUSABLE
+    assert start("aggregator", process) == ExitCode.USAGE
     written = capfd.readouterr().err
     assert written.startswith("aggregator: /aggregator.publish_rate: expected a number")
     assert written.count("\n") == 1 and process.closed
@@ -139,7 +140,7 @@ def test_a_node_that_refuses_its_parameters_starts_with_the_last_good_ones(execu
     good = {"ops": str(ops), "signals": {"fan": {"warn_below": 900.0}}}
     bad = {"ops": str(ops), "signals": {"fan": {"warn_below": "low", "field": "speed"}}}
     process = LocalProcess({"alert_system": bad}, last_good={"alert_system": good})
-    assert start(executable, process) == SUCCESS
+    assert start(executable, process) == ExitCode.SUCCESS
     assert process.middlewares[0].given_parameters() == good
     fault = process.middlewares[0].faults.current()["parameters"]
     assert fault.level is Level.ERROR
@@ -152,19 +153,19 @@ def test_a_node_that_refuses_its_parameters_starts_with_the_last_good_ones(execu
 
 def test_the_other_nodes_log_that_they_started_with_the_last_good_parameters() -> None:
     process = LocalProcess({"aggregator": {"publish_rate": 0.0}}, last_good={"aggregator": {"publish_rate": 2.0}})
-    assert start("aggregator", process) == SUCCESS
+    assert start("aggregator", process) == ExitCode.SUCCESS
     (error,) = [line.text for line in process.bus.log_lines if line.severity >= Severity.ERROR]
     assert error.startswith("parameters: started with the last good ones: /aggregator.publish_rate: expected a number")
 
 
 def test_last_good_parameters_that_are_refused_too_end_it_with_code_2(capfd: pytest.CaptureFixture[str]) -> None:
     process = LocalProcess({"aggregator": {"publish_rate": 0.0}}, last_good={"aggregator": {"publish_rate": 1e9}})
-    assert start("aggregator", process) == UNUSABLE
+    assert start("aggregator", process) == ExitCode.USAGE
     assert "got 1000000000.0" in capfd.readouterr().err
 
 
 def test_a_process_that_failed_says_why_and_ends_with_code_3(capfd: pytest.CaptureFixture[str]) -> None:
-    assert start("aggregator", LocalProcess({}, failure="the master was restarted")) == FAILED
+    assert start("aggregator", LocalProcess({}, failure="the master was restarted")) == ExitCode.FAILED
     assert capfd.readouterr().err.splitlines()[-1] == "aggregator: the master was restarted"
 
 
@@ -178,8 +179,8 @@ def fail_with(error: BaseException) -> Callable[..., Any]:
 @pytest.mark.parametrize(
     ("error", "code", "line"),
     [
-        (ModuleNotFoundError("no", name="rclpy"), UNUSABLE, "no Python module rclpy"),
-        (KeyError("surprise"), FAILED, "internal error: KeyError: 'surprise'"),
+        (ModuleNotFoundError("no", name="rclpy"), ExitCode.USAGE, "no Python module rclpy"),
+        (KeyError("surprise"), ExitCode.FAILED, "internal error: KeyError: 'surprise'"),
     ],
 )
 def test_what_goes_wrong_at_the_start_is_one_line(
@@ -191,13 +192,13 @@ def test_what_goes_wrong_at_the_start_is_one_line(
 
 
 def test_an_interrupt_at_the_start_is_a_clean_end() -> None:
-    assert run("alert_system", fail_with(KeyboardInterrupt()), ros="ROS 2") == SUCCESS
+    assert run("alert_system", fail_with(KeyboardInterrupt()), ros="ROS 2") == ExitCode.SUCCESS
 
 
 def test_a_ros_that_stopped_answering_is_code_3(capfd: pytest.CaptureFixture[str]) -> None:
     process = LocalProcess({})
     process.start = fail_at_start  # type: ignore[method-assign]
-    assert start("alert_system", process) == FAILED
+    assert start("alert_system", process) == ExitCode.FAILED
     assert capfd.readouterr().err == "alert_system: the ROS master does not answer\n"
 
 
@@ -207,7 +208,7 @@ def fail_at_start() -> None:
 
 def test_a_rosbridge_server_that_cannot_start_stops_nothing_else() -> None:
     process = LocalProcess({"alert_system": {"rosbridge_port": 1, "rosbridge_address": "192.0.2.1"}})
-    assert start("alert_system", process) == SUCCESS
+    assert start("alert_system", process) == ExitCode.SUCCESS
     assert "server" in process.middlewares[0].faults.current()
 
 
@@ -219,7 +220,7 @@ def test_systemd_receives_the_start_signs_of_life_and_the_end(executable: str, t
         systemd.setblocking(False)
         monkeypatch.setenv("NOTIFY_SOCKET", address)
         monkeypatch.setenv("WATCHDOG_USEC", "1000000")
-        assert start(executable, LocalProcess({})) == SUCCESS
+        assert start(executable, LocalProcess({})) == ExitCode.SUCCESS
         received = []
         with contextlib.suppress(BlockingIOError):
             while True:
@@ -233,11 +234,11 @@ def test_the_ops_yaml_of_the_parameter_gives_alert_system_a_history(tmp_path: Pa
     file.write_text("history: {file: history.db}\n")
     given = {"robot_name": "r3", "ops": str(file), "signals": {"temperature": {"startup_grace_s": 1.0}}}
     process = LocalProcess({"alert_system": given, "battery_sensor": {"ops": str(file)}})
-    assert start("alert_system", process) == SUCCESS
+    assert start("alert_system", process) == ExitCode.SUCCESS
     with HistoryReader(tmp_path / "history.db") as reader:
         assert [(stored.robot, stored.to_level) for stored in reader.transitions()] == [("r3", Level.STALE)]
     again = LocalProcess({"alert_system": given})
-    assert start("alert_system", again) == SUCCESS
+    assert start("alert_system", again) == ExitCode.SUCCESS
     with HistoryReader(tmp_path / "history.db") as reader:
         assert len(list(reader.transitions())) == 1  # still stale: nothing new
 
@@ -246,7 +247,7 @@ def test_a_wrong_ops_yaml_ends_the_node_before_it_subscribes(tmp_path: Path, cap
     file = tmp_path / "ops.yaml"
     file.write_text("history: {file: a.db, keep_gb: 1}\nnotfy: {}\n")
     process = LocalProcess({"alert_system": {"ops": str(file)}})
-    assert start("alert_system", process) == UNUSABLE
+    assert start("alert_system", process) == ExitCode.USAGE
     assert capfd.readouterr().err.splitlines() == [
         f"alert_system: {file}:1: history.keep_gb: unknown key; did you mean keep_mb? expected one of file, keep_days, "
         "keep_mb",
@@ -257,7 +258,7 @@ def test_a_wrong_ops_yaml_ends_the_node_before_it_subscribes(tmp_path: Path, cap
 
 def test_the_other_nodes_do_not_read_the_ops_yaml() -> None:
     process = LocalProcess({"battery_sensor": {"ops": "/nowhere/ops.yaml"}})
-    assert start("battery_sensor", process) == SUCCESS
+    assert start("battery_sensor", process) == ExitCode.SUCCESS
 
 
 def test_the_server_of_an_ops_yaml_is_started(tmp_path: Path) -> None:
@@ -265,5 +266,5 @@ def test_the_server_of_an_ops_yaml_is_started(tmp_path: Path) -> None:
     file = tmp_path / "ops.yaml"
     file.write_text("server: {port: 0}\n")
     process = LocalProcess({"alert_system": {"ops": str(file)}})
-    assert start("alert_system", process) == SUCCESS
+    assert start("alert_system", process) == ExitCode.SUCCESS
     assert any("rosbridge: serving on ws://127.0.0.1:" in line.text for line in process.bus.log_lines)

@@ -1,0 +1,142 @@
+"""What the adapters over rospy and rclpy share: a node whose messages are objects of generated classes.
+
+`core/mapping_node.py` has what the other adapters share, whose messages are mappings.
+"""
+
+from __future__ import annotations
+
+import abc
+import threading
+import time
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+
+from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, Result, Severity
+from robot_health_monitor.core.missing_samples import Answer, Hints
+from robot_health_monitor.core.native_messages import NativeMessages
+
+__all__ = ["Log", "NativeNode", "OnChange", "apply_change", "log_failure"]
+
+Log = Callable[[Severity, str], None]
+OnChange = Callable[[Mapping[str, Any]], str]
+"""Applies a whole configuration; returns what changed, or raises to refuse it. See `Middleware.declare_parameters`."""
+
+
+class NativeNode(abc.ABC):
+    """One node; the base of classes that implement `core.middleware.Middleware`."""
+
+    def __init__(
+        self,
+        name: str,
+        messages: NativeMessages,
+        look_up: Callable[[str, str, Answer], None],
+        simulated_s: Optional[Callable[[], float]],
+    ) -> None:
+        """Connects nothing.
+
+        Args:
+            name: the fully qualified name.
+            messages: converts its messages.
+            look_up: as for `Hints`.
+            simulated_s: the time under `use_sim_time`, in s; None: time is not simulated.
+        """
+        self.name = name
+        self.faults = Faults()
+        self._messages = messages
+        self._simulated = simulated_s is not None
+        self._clock = simulated_s or time.monotonic
+        self._lock = threading.RLock()
+        self._closed = False
+        self._publishers: Dict[str, Tuple[Any, Any]] = {}
+        """Publisher and class of its messages, by resolved topic."""
+        self._subscriptions: List[Any] = []
+        self._timers: List[Any] = []
+        self._hints = Hints(look_up, time.monotonic)
+
+    @abc.abstractmethod
+    def log(self, severity: Severity, text: str) -> None: ...
+
+    @abc.abstractmethod
+    def _resolve(self, name: str) -> str:
+        """Returns the absolute name."""
+
+    @abc.abstractmethod
+    def _end(self, subscription: Any) -> None:
+        """Ends a subscription."""
+
+    @abc.abstractmethod
+    def _stamp(self) -> Any:
+        """Returns the present ROS time as messages have it."""
+
+    def now_s(self) -> float:
+        return self._clock()
+
+    def waiting_for_clock(self) -> bool:
+        return self._simulated and self._clock() == 0.0
+
+    def steady_s(self) -> float:
+        return time.monotonic()
+
+    def publish(self, topic: str, message: Message) -> None:
+        publisher, cls = self._advertised(topic)
+        native = self._messages.to_native(cls, message)
+        if self._messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
+            native.header.stamp = self._stamp()
+        publisher.publish(native)
+
+    def unsubscribe(self, subscription: Any) -> None:
+        with self._lock:
+            if subscription in self._subscriptions:
+                self._subscriptions.remove(subscription)
+                self._end(subscription)
+
+    def exclusively(self, function: Callable[[], Result]) -> Result:
+        with self._lock:
+            return function()
+
+    def _advertised(self, topic: str) -> Tuple[Any, Any]:
+        """Returns the publisher of a topic and its class."""
+        resolved = self._resolve(topic)
+        if resolved not in self._publishers:
+            raise MessageError(f"{self.name} has not advertised {resolved}")
+        return self._publishers[resolved]
+
+    def _call_timer(self, timer: Any, callback: Callable[[float], None]) -> None:
+        with self._lock:
+            if timer.active:
+                try:
+                    callback(self._clock())
+                except Exception as error:
+                    self._log_failure(error)
+
+    def _log_failure(self, error: Exception) -> str:
+        return log_failure(self.log, error)
+
+
+def log_failure(log: Log, error: Exception) -> str:
+    """Logs an exception of a callback as one line, which it returns."""
+    text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
+    log(Severity.ERROR, text)
+    return text
+
+
+def apply_change(apply: Callable[[], str], log: Log) -> Tuple[bool, str]:
+    """Applies new parameters and logs the outcome; returns whether they are accepted, and what changed or why not.
+
+    Args:
+        apply: applies them and returns what changed; raises to refuse them.
+        log: the log of the node.
+    """
+    try:
+        changes = apply()
+    except (ConfigError, ServiceError) as error:
+        reason = str(error)
+    except Exception as error:
+        reason = log_failure(log, error)
+    else:
+        if changes != NOTHING_CHANGED:
+            log(Severity.INFO, f"parameters changed: {changes}")
+        return True, changes
+    log(Severity.WARN, f"the old parameters stay in force: {reason}")
+    return False, reason
