@@ -21,9 +21,8 @@ from .fleet_configuration import FleetReader, Options, read_addresses
 from .installed_files import find_installed
 from .live_session import choose_output, run_session
 from .operations import Operations, open_operations
-from .ops_reload import OpsReload
 from .output.events import Events
-from .reloading import Reloads
+from .reloading import OpsReload, Reloads
 from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
 
 if TYPE_CHECKING:
@@ -113,14 +112,14 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         )
         _attach(operations, fleet)
         reloads = Reloads(fleet.log)
-        reloads.add(fleet)
+        reloads.add(fleet.reload)
 
         @asynccontextmanager
         async def work() -> AsyncIterator[Awaitable[None]]:
             server = None
             if settings is not None:
                 server = await serve(fleet, settings, operations, required=arguments.port is not None)
-            reloads.add(OpsReload(arguments.ops, operations, server, settings, read_settings))
+            reloads.add(OpsReload(arguments.ops, operations, server, settings, read_settings).reload)
             try:
                 yield fleet.run()
             finally:

@@ -137,7 +137,7 @@ class EmbeddedMonitor:
             await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
 
     async def reload(self) -> str:
-        """Reads the configuration file again; see `Reloadable`. A node that rejects it logs that, and keeps its values.
+        """Reads the configuration file again; see `Reload`. A node that rejects it logs that, and keeps its values.
 
         Raises:
             ConfigError: the file cannot be used; nothing has changed.

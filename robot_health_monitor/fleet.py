@@ -158,7 +158,7 @@ class Fleet:
             await asyncio.wait(tasks)
 
     async def reload(self) -> str:
-        """Reads the configuration again and applies what differs; see `Reloadable`.
+        """Reads the configuration again and applies what differs; see `Reload`.
 
         Raises:
             ConfigError: it cannot be used; nothing has changed.

@@ -6,46 +6,46 @@ Each part by itself: a file that is broken keeps only what it configures from ch
 from __future__ import annotations
 
 import asyncio
-from typing import Callable, List, Optional, Protocol
+from functools import partial
+from typing import TYPE_CHECKING, Awaitable, Callable, List, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
+from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions, read_ops
+from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
-__all__ = ["Reloadable", "Reloads"]
+from .operations import Operations
+from .serving import ServerSettings
+
+if TYPE_CHECKING:
+    from robot_health_monitor.rosbridge.server import Server
+
+__all__ = ["OpsReload", "Reload", "Reloads"]
+
+Reload = Callable[[], Awaitable[str]]
+"""Reads the configuration of a part again and applies what differs; returns what changed, in one line.
+
+Or `NOTHING_CHANGED`; empty: it has been logged. Raises ConfigError if it cannot be used: the old one stays in force.
+"""
+ReadSettings = Callable[[Optional[ServerOptions]], Optional[ServerSettings]]
+"""Returns the settings of the server for the section `server` of an ops.yaml; reads the token. Raises ConfigError."""
 
 _TIMEOUT_S = 15.0
 """Longest time for one part: a file may be on a server that does not answer, or a pipe that nothing is written to."""
-
-
-class Reloadable(Protocol):
-    """A part of the process whose configuration can be read again."""
-
-    async def reload(self) -> str:
-        """Reads the configuration again and applies what differs.
-
-        Returns:
-            What changed, in one line; `NOTHING_CHANGED`; empty: it has been logged.
-
-        Raises:
-            ConfigError: the configuration cannot be used; the old one stays in force.
-        """
 
 
 class Reloads:
     """Reloads the parts of a process, one after the other, whenever it is requested."""
 
     def __init__(self, log: Callable[[Severity, str], object]) -> None:
-        """Starts without parts.
-
-        Args:
-            log: writes a line.
-        """
+        """Starts without parts; `log` writes a line."""
         self._log = log
-        self._parts: List[Reloadable] = []
+        self._parts: List[Reload] = []
         self._wake: Optional[asyncio.Event] = None
 
-    def add(self, part: Reloadable) -> None:
+    def add(self, part: Reload) -> None:
         """Adds a part. Call in the loop or before it runs."""
         self._parts.append(part)
 
@@ -65,8 +65,8 @@ class Reloads:
     async def _reload(self) -> None:
         texts: List[str] = []
         failed = False
-        for part in tuple(self._parts):
-            task = asyncio.ensure_future(part.reload())
+        for reload in tuple(self._parts):
+            task = asyncio.ensure_future(reload())
             try:
                 await asyncio.wait({task}, timeout=_TIMEOUT_S)
                 if not task.done():
@@ -86,3 +86,56 @@ class Reloads:
             self._log(Severity.INFO, f"reloaded: {'; '.join(changes)}")
         elif NOTHING_CHANGED in texts and not failed:
             self._log(Severity.INFO, f"reloaded: {NOTHING_CHANGED}")
+
+
+class OpsReload:
+    """Reads ops.yaml and the server's token again: a revoked token is refused at once, new targets are notified."""
+
+    def __init__(
+        self,
+        file: str,
+        operations: Operations,
+        server: Optional[Server],
+        settings: Optional[ServerSettings],
+        read_settings: ReadSettings,
+    ) -> None:
+        """Reads nothing yet.
+
+        Args:
+            file: path of the ops.yaml; empty: none.
+            operations: what it configures.
+            server: the server; None: there is none.
+            settings: those that are in force.
+            read_settings: reads those of the server.
+        """
+        self._file = file
+        self._operations = operations
+        self._server = server
+        self._settings = settings
+        self._read_settings = read_settings
+
+    async def reload(self) -> str:
+        """Reads both files, then applies what differs; see `Reload`. If one cannot be used, nothing has changed."""
+        config, settings = await run_in_daemon_thread(self._read)
+        texts = self._use_settings(settings)
+        texts += await run_in_daemon_thread(partial(self._operations.use, config))
+        return "; ".join(texts) or NOTHING_CHANGED
+
+    def _read(self) -> Tuple[OpsConfig, Optional[ServerSettings]]:
+        config = read_ops(read_yaml(self._file)) if self._file else self._operations.config
+        return config, self._read_settings(config.server)
+
+    def _use_settings(self, new: Optional[ServerSettings]) -> List[str]:
+        old = self._settings
+        if old is None or new is None or self._server is None:
+            self._settings = new
+            return [] if old == new else ["server: takes effect after a restart"]
+        texts = []
+        if new.token != old.token:
+            self._server.use_token(new.token)
+            texts.append("server: the token changed, every client has to present the new one")
+        self._settings = new
+        others = [name for name in new._fields if name != "token" and getattr(new, name) != getattr(old, name)]
+        if others:
+            texts.append(f"server: {', '.join(others)} takes effect after a restart")
+        return texts

@@ -20,9 +20,8 @@ from .exit_codes import ExitCode
 from .installed_files import find_installed
 from .live_session import choose_output, run_session
 from .operations import configured_ops, open_operations
-from .ops_reload import OpsReload
 from .output.events import Events
-from .reloading import Reloads
+from .reloading import OpsReload, Reloads
 from .serving import ServerSettings, serve, server_settings, stop_serving
 
 
@@ -101,12 +100,12 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
             raise
 
         reloads = Reloads(monitor.log)
-        reloads.add(monitor)
+        reloads.add(monitor.reload)
 
         @asynccontextmanager
         async def work() -> AsyncIterator[Awaitable[None]]:
             server = await serve(monitor, settings, operations, required=arguments.port is not None)
-            reloads.add(OpsReload(ops_file, operations, server, settings, read_settings))
+            reloads.add(OpsReload(ops_file, operations, server, settings, read_settings).reload)
             try:
                 yield monitor.run()
             finally:

@@ -100,7 +100,7 @@ class Reloadable:
             lambda added, removed: self.changes.append(([r.name for r in added], [r.name for r in removed]))
         )
         self.reloads = Reloads(self.fleet.log)
-        self.reloads.add(self.fleet)
+        self.reloads.add(self.fleet.reload)
         tasks = {asyncio.ensure_future(self.fleet.run()), asyncio.ensure_future(self.reloads.run())}
         try:
             yield
