@@ -1,18 +1,103 @@
-"""`robot-health test`: runs the unit tests of thresholds files."""
+"""`robot-health test`: unit tests of a thresholds.yaml: series of samples in, expected alerts out, in virtual time.
+
+Sample n of every series comes at n times `interval_s`. Between them the monitor ticks every second, as alert_system
+does; a tick at the time of a sample comes after it. A test ends with its longest series.
+
+Series are in the notation of `promtool test rules`, a list of items, separated by spaces:
+
+=============  =================================================================
+item           samples
+=============  =================================================================
+`25`           one sample of 25; also `nan`, `inf`, `-inf`
+`25x9`         ten samples of 25: a value and nine repetitions
+`15-0.5x20`    21 samples: 15, 14.5, 14, ... 5
+`20+2x3`       four samples: 20, 22, 24, 26
+`_`            one missing sample
+`_x3`          three missing samples
+=============  =================================================================
+
+As in promtool, `x9` after a value adds nine samples to it, and `_x3` is three missing samples, not four.
+Source: https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/#series
+"""
 
 from __future__ import annotations
 
 import argparse
+import os
+import re
 import sys
-from typing import List, Sequence
+from dataclasses import replace
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
 
-from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import count_text, printable
+from robot_health_monitor.core.config import MonitorConfig, load_config
+from robot_health_monitor.core.errors import ConfigError, Path, Problems
+from robot_health_monitor.core.formatting import count_text, number_text, printable
+from robot_health_monitor.core.model import Level, Sample, Transition
+from robot_health_monitor.core.monitor import Monitor
+from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
+from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping
+from robot_health_monitor.core.signal_config import LINK
+from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .arguments import Parser
 from .exit_codes import ExitCode
-from .threshold_tests import Difference, compare, read_tests, run_test
+
+TIME_TOLERANCE_S = 1e-6
+"""Two times closer than this are the same: `3 * 0.1` is not 0.3."""
+LONGEST_TEST_S = 1e6
+MOST_SAMPLES = 1_000_000
+"""Longest series."""
+
+_FILE_PARAMETERS = (Parameter("thresholds", str, None, "path of a thresholds.yaml, relative to this file"),)
+_TEST_PARAMETERS = (
+    Parameter("name", str, None, "what the test shows"),
+    Parameter("interval_s", float, 1.0, "time between the samples of a series, in s", 0.0001, LONGEST_TEST_S),
+)
+_ALERT_PARAMETERS = (
+    Parameter("at_s", float, None, "time since the first sample, in s", 0.0),
+    Parameter("signal", str, None, "name of the signal"),
+    Parameter("level", str, None, "the new level", choices=tuple(level.name for level in Level)),
+)
+_NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?"
+_VALUE = re.compile(rf"(?P<value>[+-]?(?:{_NUMBER}|nan|inf))(?:(?P<step>[+-]{_NUMBER})?x(?P<times>\d+))?\Z", re.I)
+_MISSING = re.compile(r"_(?:x(?P<times>\d+))?\Z")
+
+
+class Alert(NamedTuple):
+    """A transition that a test expects, or that occurred."""
+
+    at_s: float
+    """Time since the first sample, in s."""
+    signal: str
+    """Name of the signal."""
+    level: Level
+    """The new level."""
+    text: str = ""
+    """The alert line; empty for an expected alert."""
+
+    def __str__(self) -> str:
+        return f"at_s: {number_text(self.at_s)}, signal: {self.signal}, level: {self.level.name}"
+
+
+class ThresholdTest(NamedTuple):
+    """One test."""
+
+    name: str
+    interval_s: float
+    """Time between the samples of a series, in s."""
+    series: Mapping[str, Sequence[Optional[float]]]
+    """Samples by signal, as in its messages: before `scale`. None: missing."""
+    expected: Sequence[Alert]
+    """Every alert, in the order of their times."""
+
+
+class Difference(NamedTuple):
+    """One line of the comparison of expected and actual alerts."""
+
+    mark: str
+    """`-`: expected, did not occur; `+`: occurred, not expected; a space: as expected."""
+    alert: Alert
 
 
 def add_arguments(parser: Parser) -> None:
@@ -41,27 +126,216 @@ def _run_file(file: str) -> ExitCode:
             sys.stderr.write(f"{printable(each)}\n")
         return ExitCode.USAGE
     failed = 0
+    lines: List[str] = []
     for test in tests:
         differences = compare(test.expected, run_test(config, test))
         if any(difference.mark != " " for difference in differences):
             failed += 1
-            _write([f"{file}: FAILED: {test.name}", *_diff(differences)])
-    if failed:
-        _write([f"{file}: {failed} of {count_text(len(tests), 'test')} failed"])
-        return ExitCode.ALERTS
-    _write([f"{file}: OK: {count_text(len(tests), 'test')}"])
-    return ExitCode.SUCCESS
+            lines += [f"{file}: FAILED: {test.name}", *_diff(differences)]
+    tests_text = count_text(len(tests), "test")
+    lines.append(f"{file}: {failed} of {tests_text} failed" if failed else f"{file}: OK: {tests_text}")
+    sys.stdout.write("".join(f"{printable(line)}\n" for line in lines))
+    return ExitCode.ALERTS if failed else ExitCode.SUCCESS
 
 
-def _diff(differences: Sequence[Difference]) -> List[str]:
+def _diff(differences: Sequence[Difference]) -> Iterator[str]:
+    yield "  - expected, did not occur"
+    yield "  + occurred, not expected"
     width = max(len(str(difference.alert)) for difference in differences)
-    lines = ["  - expected, did not occur", "  + occurred, not expected"]
     for mark, alert in differences:
-        comment = f"{alert!s:<{width}}  # {alert.text}" if alert.text else str(alert)
-        lines.append(f"  {mark} {comment}")
-    return lines
+        yield f"  {mark} {alert!s:<{width}}  # {alert.text}" if alert.text else f"  {mark} {alert}"
 
 
-def _write(lines: Sequence[str]) -> None:
-    for line in lines:
-        sys.stdout.write(f"{printable(line)}\n")
+def read_tests(file: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
+    """Reads a file of tests and the thresholds that it names.
+
+    Raises:
+        ConfigError: one of the files cannot be used; `others` are further mistakes.
+    """
+    read = read_yaml(file)
+    problems = Problems()
+    config = MonitorConfig({})
+    tests: Dict[str, ThresholdTest] = {}
+    try:
+        with problems:
+            thresholds = read_parameters(read.tree, _FILE_PARAMETERS, sections=("tests",))["thresholds"]
+            if not thresholds:
+                _raise_missing("the path of a thresholds.yaml, relative to this file", ("thresholds",))
+            config = load_config(os.path.join(os.path.dirname(file), thresholds))
+        with problems:
+            found = _list(read.tree, "tests", "a list of tests", ())
+            if not found:
+                raise ConfigError("expected at least one test, got none", ("tests",))
+            for number, each in enumerate(found):
+                path = ("tests", str(number))
+                with problems:
+                    test = _read_test(each, path, config)
+                    if test.name in tests:
+                        raise ConfigError("another test of this file has the same name", (*path, "name"))
+                    tests[test.name] = test
+        problems.raise_if_any()
+    except ConfigError as error:
+        raise read.locate(error) from None
+    return config, list(tests.values())
+
+
+def _read_test(found: object, path: Path, config: MonitorConfig) -> ThresholdTest:
+    tree = require_mapping(found, path)
+    problems = Problems()
+    values: Dict[str, Any] = {"name": "", "interval_s": 1.0}
+    with problems:
+        values = read_parameters(tree, _TEST_PARAMETERS, path, ("input", "alerts"))
+        if values["name"] is None:
+            _raise_missing("what the test shows", (*path, "name"))
+    series: Dict[str, List[Optional[float]]] = {}
+    with problems:
+        series = _read_series(tree, (*path, "input"), values["interval_s"], config)
+    expected: List[Alert] = []
+    with problems:
+        for number, alert in enumerate(_list(tree, "alerts", "a list of alerts, [] for none", path)):
+            with problems:
+                expected.append(_read_alert(alert, (*path, "alerts", str(number)), series))
+    problems.raise_if_any()
+    return ThresholdTest(values["name"], values["interval_s"], series, sorted(expected, key=lambda each: each.at_s))
+
+
+def _read_series(
+    tree: Mapping[str, Any], path: Path, interval_s: float, config: MonitorConfig
+) -> Dict[str, List[Optional[float]]]:
+    if "input" not in tree:
+        _raise_missing("a series per signal", path)
+    found = require_mapping(tree["input"], path)
+    if not found:
+        raise ConfigError("expected a series for at least one signal, got none", path)
+    problems = Problems()
+    series: Dict[str, List[Optional[float]]] = {}
+    text = Parameter("input", str, None, "")
+    for name, value in found.items():
+        with problems:
+            if config.signals and name not in (*config.signals, LINK):
+                known = ", ".join([*list(config.signals)[:20], LINK])
+                raise ConfigError(f"expected a signal of the thresholds ({known})", (*path, name))
+            if isinstance(value, str):
+                value = " ".join(value.split())  # may have several lines, such as YAML's `|`
+            elif isinstance(value, (int, float)) and not isinstance(value, bool):
+                value = repr(value)  # one sample, such as `25`
+            series[name] = parse_series(text.read(value, (*path, name)), (*path, name))
+            if (len(series[name]) - 1) * interval_s > LONGEST_TEST_S:
+                raise ConfigError(f"expected at most {number_text(LONGEST_TEST_S)} s", (*path, name))
+    problems.raise_if_any()
+    return series
+
+
+def parse_series(text: str, path: Path = ()) -> List[Optional[float]]:
+    """Returns the samples of a series; None for a missing one. `path` is its place in a file, for errors.
+
+    Raises:
+        ConfigError: it is not in the notation, is empty, or is longer than `MOST_SAMPLES`.
+    """
+    samples: List[Optional[float]] = []
+    for item in text.split():
+        missing, value = _MISSING.match(item), _VALUE.match(item)
+        if missing:
+            samples.extend([None] * _times(missing["times"] or "1", samples, path))
+        elif value:
+            start, step = float(value["value"]), float(value["step"] or 0.0)
+            times = _times(value["times"] or "0", samples, path)
+            # Not by adding up: 20.5-0.1x5 must end at 20 exactly.
+            samples.extend(start + step * count if step else start for count in range(times + 1))
+        else:
+            raise ConfigError(f"expected a series such as '25x9 15-0.5x20 _x3 nan', got {describe(item)} in it", path)
+    if not samples:
+        raise ConfigError("expected a series such as '25x9 15-0.5x20 _x3 nan', got no samples", path)
+    return samples
+
+
+def _times(digits: str, samples: List[Optional[float]], path: Path) -> int:
+    # A number of a million digits would take Python minutes.
+    times = int(digits) if len(digits) < 10 else MOST_SAMPLES
+    if len(samples) + times + 1 > MOST_SAMPLES:
+        raise ConfigError(f"expected at most {MOST_SAMPLES} samples in a series", path)
+    return times
+
+
+def _read_alert(found: object, path: Path, series: Mapping[str, Any]) -> Alert:
+    values = read_parameters(require_mapping(found, path), _ALERT_PARAMETERS, path)
+    problems = Problems()
+    for parameter in _ALERT_PARAMETERS:
+        with problems:
+            if values[parameter.name] is None:
+                _raise_missing(parameter.description, (*path, parameter.name))
+    if values["signal"] is not None and series and values["signal"] not in series:
+        problem = f"expected a signal of `input` ({', '.join(list(series)[:20])}), got {describe(values['signal'])}"
+        problems.add(ConfigError(problem, (*path, "signal")))
+    problems.raise_if_any()
+    return Alert(values["at_s"], values["signal"], Level[values["level"]])
+
+
+def _list(tree: Mapping[str, Any], key: str, expected: str, path: Path) -> List[Any]:
+    if key not in tree:
+        _raise_missing(expected, (*path, key))
+    if not isinstance(tree[key], list):
+        raise ConfigError(f"expected {expected}, got {describe(tree[key])}", (*path, key))
+    found: List[Any] = tree[key]
+    return found
+
+
+def _raise_missing(expected: str, path: Path) -> NoReturn:
+    raise ConfigError(f"is missing; expected {expected}", path)
+
+
+def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
+    """Returns the alerts that a test's samples raise, in the order in which they occur.
+
+    Signals without a series are not judged. Repeated announcements (`repeat_s`) are no transitions.
+    """
+    signals = {name: signal for name, signal in config.signals.items() if name in test.series}
+    monitor = Monitor(replace(config, signals=signals))
+    monitor.tick(0.0)
+    transitions: List[Transition] = []
+    for now_s, samples in _steps(test):
+        for name, value in samples:
+            transitions += monitor.observe(Sample(name, value, now_s))
+        if not samples:
+            transitions += monitor.tick(now_s)
+    return [Alert(each.now_s, each.signal, each.to_level, each.text) for each in transitions if not each.repeat]
+
+
+def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]]]:
+    """Yields each time with its samples; without samples it is a tick."""
+    ticks = 1
+    length = max(map(len, test.series.values()))
+    for number in range(length):
+        now_s = number * test.interval_s
+        while ticks * TICK_PERIOD_S < now_s - TIME_TOLERANCE_S:
+            yield ticks * TICK_PERIOD_S, []
+            ticks += 1
+        samples = [(name, series[number]) for name, series in test.series.items() if number < len(series)]
+        present = [(name, value) for name, value in samples if value is not None]
+        if present:
+            yield now_s, present
+        if ticks * TICK_PERIOD_S <= now_s + TIME_TOLERANCE_S:
+            yield max(now_s, ticks * TICK_PERIOD_S), []
+            ticks += 1
+
+
+def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Difference]:
+    """Compares alerts; those of one instant in any order.
+
+    Returns:
+        Every alert in the order of the times, marked; all marks are spaces if nothing differs.
+    """
+    missing = list(expected)
+    result: List[Difference] = []
+    for alert in actual:
+        match = next((each for each in missing if _same(each, alert)), None)
+        if match is not None:
+            missing.remove(match)
+        result.append(Difference("+" if match is None else " ", alert))
+    result.extend(Difference("-", alert) for alert in missing)
+    return sorted(result, key=lambda each: (each.alert.at_s, "- +".index(each.mark)))
+
+
+def _same(expected: Alert, actual: Alert) -> bool:
+    is_at = abs(expected.at_s - actual.at_s) <= TIME_TOLERANCE_S
+    return is_at and (expected.signal, expected.level) == (actual.signal, actual.level)
