@@ -75,23 +75,15 @@ class PlottedSignal:
         self.envelope.add(times_s, values)
         self.envelope.add_bad(bad_times_s)
 
-    def add_transition(self, wall_s: float, transition: Transition) -> None:
-        """Adds a change of the announced level.
-
-        Args:
-            wall_s: its time, in s since 1970.
-            transition: the change.
-        """
-        self._add_level(wall_s, transition.to_level.name)
-
     def add_gap(self, begin_s: float, end_s: float) -> None:
         """Adds a time that is not recorded, in s since 1970; samples before it must have been added."""
         if self.levels or self._first_s < begin_s:
             level = self.levels[-1][1] if self.levels else Level.OK.name
-            self._add_level(begin_s, "")
-            self._add_level(end_s, level)
+            self.add_level(begin_s, "")
+            self.add_level(end_s, level)
 
-    def _add_level(self, wall_s: float, level: str) -> None:
+    def add_level(self, wall_s: float, level: str) -> None:
+        """Adds a change of the announced level, at a time in s since 1970."""
         if len(self.levels) < MOST_LEVELS:
             self.levels.append((wall_s, level))
         elif self.levels[-1][1]:

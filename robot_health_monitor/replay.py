@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import time
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError, Path
 from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
@@ -15,7 +16,7 @@ from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.ops.report import MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render
+from robot_health_monitor.ops.report import MARK, MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render
 from robot_health_monitor.recordings.judging import Differences, Judge, JudgedEvent, SignalSummary
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
@@ -23,10 +24,11 @@ from robot_health_monitor.runtime.times import local_time
 
 from .embedded import sections_of_nodes
 from .installed_files import find_installed
-from .replay_output import ReplayOutput
-from .replay_table import header, row, sentence, worst_first
-from .report_file import ReportFile
+from .output.lines import OutputError
+from .replay_output import ReplayOutput, header, row, sentence, worst_first
 
+_MARKED_BYTES = 1000
+"""Bytes at the start of a report that contain `MARK`."""
 _LEAST_SEVERITY = {"warn": Level.WARN.severity, "error": Level.ERROR.severity}
 
 
@@ -60,10 +62,91 @@ class _Configuration(NamedTuple):
 
     def locate(self, error: ConfigError) -> ConfigError:
         """Returns an error of the node with file and line."""
-        located = [ConfigError(each.problem, (*self.path, *each.path), each.file, each.line) for each in error.all]
-        first, *others = located
-        first.others = tuple(others)
-        return first if self.file is None else self.file.locate(first)
+        return error if self.file is None else self.file.locate(error.below(self.path))
+
+
+class ReportFile:
+    """Where to write a report.
+
+    A slip of the keyboard must not replace a recording by a page. So a report never replaces one of its inputs, and it
+    replaces a file that is not a report only if that was asked for.
+    """
+
+    def __init__(self, path: str, inputs: Iterable[str], force: bool) -> None:
+        """Checks the path before a long replay.
+
+        Args:
+            path: the file; a link is followed.
+            inputs: files and folders that the command reads.
+            force: replace a file that is not a report, too.
+
+        Raises:
+            ConfigError: the file could not be written, or must not be replaced.
+        """
+        self._shown = path
+        self._path = os.path.realpath(path)
+        self._inputs = list(inputs)
+        self._force = force
+        self._check()
+
+    def write(self, page: str) -> None:
+        """Writes the page as a whole or not at all.
+
+        Raises:
+            ConfigError: the file has appeared in the meantime, and must not be replaced.
+            OutputError: the file cannot be written.
+        """
+        self._check()
+        part = f"{self._path}.{os.getpid()}.part"
+        try:
+            with open(part, "x", encoding="utf-8") as stream:
+                try:
+                    stream.write(page)
+                    stream.flush()
+                    os.replace(part, self._path)
+                except BaseException:
+                    os.unlink(part)
+                    raise
+        except OSError as error:
+            raise OutputError(f"{self._shown}: cannot be written: {error.strerror or error}") from None
+
+    def _check(self) -> None:
+        problem = self._problem()
+        if problem:
+            raise ConfigError(f"--report: {problem}", file=self._shown)
+
+    def _problem(self) -> str:
+        folder = os.path.dirname(self._path)
+        if not os.path.isdir(folder):
+            return "there is no such folder"
+        if not os.access(folder, os.W_OK):
+            return "the folder cannot be written"
+        if not os.path.lexists(self._path):
+            return ""
+        if not os.path.isfile(self._path):
+            return "is not a file"
+        if any(os.path.samefile(self._path, each) for each in _files(self._inputs)):
+            return "is one of the files that this command reads"
+        if not self._force and not _is_report(self._path):
+            return "exists and is not a report of robot-health; --force replaces it"
+        return ""
+
+
+def _files(paths: Iterable[str]) -> Iterator[str]:
+    """Yields the files of files and folders, as far as they exist."""
+    for path in paths:
+        names = [path]
+        if os.path.isdir(path) and os.access(path, os.R_OK):
+            names = [os.path.join(path, name) for name in os.listdir(path)]
+        yield from filter(os.path.exists, names)
+
+
+def _is_report(path: str) -> bool:
+    try:
+        with open(path, "rb") as stream:
+            return MARK.encode("ascii") in stream.read(_MARKED_BYTES)
+    except OSError:
+        return False
 
 
 class _Replay:
@@ -91,6 +174,7 @@ class _Replay:
         )
         self._start_s = self._player.wall_s
         self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
+        """By configuration and signal; only for a report."""
         self._shown: List[ReportedAlert] = []
         self._transitions = 0
         self._alerts = 0
@@ -106,14 +190,16 @@ class _Replay:
             except ConfigError as error:
                 raise configuration.locate(error) from None
         self._require_recorded()
-        self._prepare_plots()
+        if report_file:
+            self._prepare_plots()
 
     def run(self) -> bool:
         with self._output as output:
             self._judge.run(self._on_progress)
             if self._differences is not None:
                 self._differences.flush()
-            self._raise_error()
+            if self._error is not None:
+                raise self._error
         self._require_judged()
         summaries = self._summaries()
         missing = {summary.config.name: summary.missing for summary in summaries if summary.missing}
@@ -124,10 +210,14 @@ class _Replay:
         for problem in problems:
             output.warn(f"WARN: {problem}")
         head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
-        verdict = self._verdict() + (f"; {count_text(len(missing), 'signal')} not judged" if missing else "")
+        # Among differences OK counts: an alert may end at another time.
+        number, noun = (self._transitions, "difference") if self._several else (self._alerts, "alert")
+        verdict = count_text(number, noun) if number else f"no {noun}s"
+        if missing:
+            verdict += f"; {count_text(len(missing), 'signal')} not judged"
         output.table(head, rows, verdict)
         if self._report_file is not None:
-            self._write_report(self._report_file, summaries, verdict, problems)
+            self._report_file.write(self._page(summaries, verdict, problems))
         if self._arguments.fail_on == "never":
             return False
         if missing and not self._arguments.allow_missing:
@@ -154,22 +244,23 @@ class _Replay:
 
     # While the recordings are played. An outlet must not raise: errors wait for the next progress.
 
-    def _on_event(self, judged: JudgedEvent) -> None:
+    @contextlib.contextmanager
+    def _later(self) -> Iterator[None]:
         try:
-            if not isinstance(judged.event, Transition):
-                if judged.file == self._configurations[0].name:
-                    event = judged.event
-                    self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
-                return
-            plot = self._plots.get((judged.file, judged.event.signal))
-            if plot is not None:
-                plot.add_transition(judged.wall_s, judged.event)
-            if self._differences is not None:
-                self._differences.add(judged)
-            else:
-                self._show(judged)
+            yield
         except OSError as error:
             self._error = self._error or error
+
+    def _on_event(self, judged: JudgedEvent) -> None:
+        event = judged.event
+        with self._later():
+            if isinstance(event, Transition):
+                plot = self._plots.get((judged.file, event.signal))
+                if plot is not None:
+                    plot.add_level(judged.wall_s, event.to_level.name)
+                (self._differences.add if self._differences else self._show)(judged)
+            elif judged.file == self._configurations[0].name:
+                self._output.log(judged.wall_s, LogLine(event.now_s, "alert_system", event.severity, event.text))
 
     def _show(self, judged: JudgedEvent) -> None:
         transition = judged.event
@@ -183,28 +274,22 @@ class _Replay:
         self._output.transition(judged.wall_s, transition, file)
 
     def _on_log(self, line: LogLine) -> None:
-        try:
-            if line.severity >= Severity.WARN:
+        if line.severity >= Severity.WARN:
+            with self._later():
                 self._output.log(self._player.wall_s, line)
-        except OSError as error:
-            self._error = self._error or error
 
     def _on_progress(self, fraction: float) -> None:
-        self._raise_error()
-        self._output.progress(fraction)
-
-    def _raise_error(self) -> None:
         if self._error is not None:
             raise self._error
+        self._output.progress(fraction)
 
     # The report
 
     def _prepare_plots(self) -> None:
-        summaries = [summary for summary in self._summaries() if summary.recorded] if self._report_file else []
-        span_s = self._player.end_s - self._start_s
+        summaries = [summary for summary in self._judge.summaries if summary.recorded]
+        span_s, buckets = self._player.end_s - self._start_s, buckets_of(len(summaries))
         for summary in summaries:
             file = summary.file if self._several else ""
-            buckets = buckets_of(len(summaries))
             plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
             self._plots[summary.file, summary.config.name] = plot
 
@@ -215,20 +300,18 @@ class _Replay:
     def _plot(self, file: str, config: SignalConfig, times_s: Any, values: Any, bad_times_s: Any) -> None:
         self._plots[file, config.name].add_samples(times_s, values, bad_times_s)
 
-    def _write_report(
-        self, file: ReportFile, summaries: List[SignalSummary], verdict: str, problems: List[str]
-    ) -> None:
+    def _page(self, summaries: List[SignalSummary], verdict: str, problems: List[str]) -> str:
         end_s = self._player.wall_s
         summaries = worst_first(summaries)
         plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
         period = f"{local_time(self._start_s)} to {local_time(end_s)} ({duration_text(end_s - self._start_s)})"
-        period += f", times in UTC{_utc_offset(self._start_s)}"
-        page = render(
+        offset = local_time(self._start_s, "%z")
+        return render(
             Report(
                 title=f"Replay of {names}",
                 facts=[
-                    period,
+                    f"{period}, times in UTC{offset[:3]}:{offset[3:]}",
                     f"judged by {' and '.join(each.name for each in self._configurations)}; "
                     f"robot-health {package_version()}",
                 ],
@@ -245,14 +328,8 @@ class _Replay:
                 all_alerts=self._transitions,
             )
         )
-        file.write(page)
 
-    # The end
-
-    def _verdict(self) -> str:
-        if self._several:
-            return _count(self._transitions, "difference")  # OK included: an alert may end at another time
-        return _count(self._alerts, "alert")
+    # Whether there was something to judge
 
     def _require_recorded(self) -> None:
         """Raises ConfigError if no signal of a configuration is recorded."""
@@ -300,12 +377,3 @@ def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:
     # The host that replays is not the robot.
     parameters = {**section.tree, "robot_name": section.tree.get("robot_name") or robot}
     return _Configuration(name, file, section.path, parameters)
-
-
-def _utc_offset(wall_s: float) -> str:
-    text = local_time(wall_s, "%z")
-    return f"{text[:3]}:{text[3:]}"
-
-
-def _count(number: int, noun: str) -> str:
-    return count_text(number, noun) if number else f"no {noun}s"

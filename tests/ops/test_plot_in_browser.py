@@ -194,7 +194,7 @@ def test_the_report_draws_its_plots_under_its_own_policy(tmp_path: Path, width: 
     transition = Transition(
         "battery", Level.OK, Level.WARN, 19.9, "last", 20.0, 80.0, 0.0, "robot", "0" * 16, "battery WARN", status
     )
-    plotted.add_transition(START_S + 80.0, transition)
+    plotted.add_level(START_S + 80.0, transition.to_level.name)
     page = tmp_path / "report.html"
     alerts = [ReportedAlert(START_S + 80.0, "", transition)]
     report = Report(

@@ -64,7 +64,7 @@ def data_of(page: str) -> Dict[str, Any]:
 
 def test_a_signal_has_its_samples_bounds_and_levels() -> None:
     plotted = battery(hysteresis=2.0, error_below=10.0)
-    plotted.add_transition(START_S + 6.0, transition())
+    plotted.add_level(START_S + 6.0, transition().to_level.name)
     (signal,) = data_of(render(report([plotted])))["signals"]
     assert (signal["name"], signal["unit"], signal["start"]) == ("battery", "%", START_S)
     assert signal["low"] == signal["high"] == [30.0, 28.0, 26.0, 24.0, 22.0, 20.0, 18.0, 16.0, 14.0, 12.0]
@@ -81,7 +81,7 @@ def test_a_signal_is_ok_from_its_first_sample_whichever_chunk_comes_first() -> N
     plotted = PlottedSignal(read_signal("battery", {"statistic": "mean"}), "", START_S, 9.0, 16)
     plotted.add_samples(np.empty(0), np.empty(0), np.array([START_S + 5.0]))  # bad samples
     plotted.add_samples(START_S + np.arange(10.0), np.arange(10.0), np.empty(0))
-    plotted.add_transition(START_S + 3.0, transition())
+    plotted.add_level(START_S + 3.0, transition().to_level.name)
     assert plotted.shown_levels == [(START_S, "OK"), (START_S + 3.0, "WARN")]
 
 
@@ -90,7 +90,7 @@ def test_the_level_of_a_time_that_is_not_recorded_is_unknown() -> None:
     plotted.add_gap(START_S - 20.0, START_S - 10.0)
     plotted.add_samples(np.array([START_S]), np.array([1.0]), np.empty(0))
     plotted.add_gap(START_S + 10.0, START_S + 20.0)
-    plotted.add_transition(START_S + 25.0, transition())
+    plotted.add_level(START_S + 25.0, transition().to_level.name)
     plotted.add_gap(START_S + 30.0, START_S + 40.0)
     levels = [(0.0, "OK"), (10.0, ""), (20.0, "OK"), (25.0, "WARN"), (30.0, ""), (40.0, "WARN")]
     assert plotted.shown_levels == [(START_S + at_s, level) for at_s, level in levels]
@@ -220,7 +220,7 @@ def test_many_signals_share_the_points() -> None:
 def test_the_number_of_levels_is_bounded_and_the_rest_unknown() -> None:
     plotted = battery()
     for place in range(MOST_LEVELS + 10):
-        plotted.add_transition(START_S + place, transition(Level.OK if place % 2 else Level.WARN))
+        plotted.add_level(START_S + place, transition(Level.OK if place % 2 else Level.WARN).to_level.name)
     assert len(plotted.shown_levels) == MOST_LEVELS + 1
     assert plotted.shown_levels[-1] == (START_S + MOST_LEVELS, "")
 

@@ -12,7 +12,7 @@ from harness.recorded import values, write_bag, write_folder
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.output.lines import OutputError
-from robot_health_monitor.report_file import ReportFile
+from robot_health_monitor.replay import ReportFile
 
 THRESHOLDS = "alert_system: {ros__parameters: {signals: {battery: {warn_below: 20.0}}}}\n"
 
