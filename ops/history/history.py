@@ -123,7 +123,7 @@ class History:
         def insert(connection: sqlite3.Connection) -> None:
             number = connection.execute(INSERT_TRANSITION, row).lastrowid or 0
             connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
-            self._storage.note_transition(number, row[1], row[2])
+            self._storage.note_transition(number, row[1], row[2], row[4], row[13])
             self._storage.write_states(robot, {transition.signal: state})
             for hook in self._on_record:
                 self._run_hook(hook, connection, number, transition, wall_s)

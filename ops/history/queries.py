@@ -21,11 +21,6 @@ from .rows import (
 )
 from .schema import INDEX_STEP, INDEXED
 
-LATEST_CHANGE = """
-SELECT id, to_level FROM transitions WHERE robot = ? AND signal = ? AND repeated = 0 ORDER BY id DESC LIMIT 1
-"""
-"""The latest change of a signal's level. If it is not to OK, it began an alert that is still open."""
-
 _PAGE = 500
 _ROUNDING_S = 0.001  # of the times of samples
 _NEWEST = "SELECT max(id) FROM transitions GROUP BY robot, signal"
@@ -131,16 +126,18 @@ def read_states(connection: sqlite3.Connection, robot: str) -> Dict[str, Any]:
     One that is not a JSON object is the level that was announced last; None if that is unknown, too.
     """
     states: Dict[str, Any] = {}
-    rows = connection.execute("SELECT signal, state FROM signal_states WHERE robot = ?", (robot,)).fetchall()
-    for signal, state in rows:
+    damaged = []
+    for signal, state in connection.execute("SELECT signal, state FROM signal_states WHERE robot = ?", (robot,)):
         if is_json_object(state) and is_text(signal):
             states[signal] = json.loads(state)
-            continue
-        skip(connection, "signal_states", signal)
-        found = connection.execute(LATEST_CHANGE, (robot, signal)).fetchone()
-        if is_text(signal):
-            is_known = found is not None and is_level(found[1])
-            states[signal] = {"announced": {"level": Level(found[1]).name}} if is_known else None
+        else:
+            skip(connection, "signal_states", signal)
+            damaged.append(signal)
+    if damaged:
+        query = "SELECT signal, to_level, max(id) FROM transitions WHERE robot = ? AND repeated = 0 GROUP BY signal"
+        levels = {name: level for name, level, _ in connection.execute(query, (robot,)) if is_level(level)}
+        for signal in filter(is_text, damaged):
+            states[signal] = {"announced": {"level": Level(levels[signal]).name}} if signal in levels else None
     return states
 
 
@@ -149,22 +146,20 @@ def evidence(connection: sqlite3.Connection, transition_id: int) -> Sequence[Tup
 
     Samples that earlier transitions of the signal have, too, are stored with the earliest only.
     """
-    query = "SELECT robot, signal FROM transitions WHERE id = ?"
-    signal = connection.execute(query, (transition_id,)).fetchone()
-    if signal is None:
+    query = "SELECT robot, signal, samples FROM transitions JOIN evidence ON transition_id = id WHERE"
+    latest = connection.execute(f"{query} id = ?", (transition_id,)).fetchone()
+    window = None if latest is None else unpack_samples(latest[2])
+    if window is None:
         return []
-    query = (
-        "SELECT samples FROM transitions JOIN evidence ON transition_id = id "
-        "WHERE robot = ? AND signal = ? AND id <= ? ORDER BY id DESC LIMIT ?"
-    )
-    rows = connection.execute(query, (*signal, transition_id, MAX_EVIDENCE))
+    first_s = window.first_s
+    first, _ = number_range(connection, first_s - _ROUNDING_S)  # the window's samples were not stored before its begin
+    query = f"{query} id BETWEEN ? AND ? AND robot = ? AND signal = ? ORDER BY id DESC LIMIT ?"
+    rows = connection.execute(query, (first, transition_id, *latest[:2], MAX_EVIDENCE))
     found: List[Tuple[float, float]] = []
-    first_s = None
-    for (packed,) in rows:
+    for _, _, packed in rows:
         part = unpack_samples(packed)
         if part is None:
             break
-        first_s = part.first_s if first_s is None else first_s
         end_s = found[0][0] if found else math.inf
         found[:0] = [sample for sample in part.samples if first_s - _ROUNDING_S <= sample[0] < end_s]
         if part.is_complete or (part.samples and part.samples[0][0] <= first_s):

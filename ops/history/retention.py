@@ -7,28 +7,19 @@ have most of them go: one noisy signal does not displace the alerts of all other
 from __future__ import annotations
 
 import sqlite3
+from dataclasses import dataclass
+from itertools import islice
 from typing import Dict, List, Optional, Tuple
 
-from .queries import LATEST_CHANGE
 from .schema import INDEX_STEP, INDEXED
 
 _MAX_ROWS = 200  # per call and table
 _MAX_CHOSEN = 5000  # at a time
 _MAX_PAGES = 1000  # given back to the file system per call
-_NEARLY = 2 / 3
+_NEARLY = 1 / 2
 _UNUSED_BYTES = 256_000  # unused pages that are kept for the next entries
 _TRUSTED_STEP_S = 3600.0
 _DISTRUST_S = 86_400.0
-
-_OLD = """
-SELECT id, robot, signal FROM transitions AS old
-WHERE id < :before_id AND wall_s < :before_s AND NOT (to_level <> 0 AND id = (
-    SELECT id FROM transitions
-    WHERE robot = old.robot AND signal = old.signal AND repeated = 0 ORDER BY id DESC LIMIT 1
-))
-ORDER BY id LIMIT :limit
-"""
-"""The oldest transitions without those that began an alert that is still open."""
 
 _OTHERS = (
     ("runs", "coalesce(stopped_s, alive_s) < :before_s", "id < :run_id", 1),
@@ -45,6 +36,15 @@ much space as one of them."""
 
 _Rows = List[Tuple[int, str, str]]
 """Transitions: id, robot, signal."""
+
+
+@dataclass
+class _Stored:
+    """The transitions of one signal."""
+
+    count: int = 0
+    open_id: int = -1
+    """Id of the transition that began the alert that is still open; -1: there is none."""
 
 
 class AgeClock:
@@ -87,7 +87,7 @@ class Retention:
     """Deletes entries of one database. The state of signals, open alerts, notifications and silences stay."""
 
     def __init__(self, connection: sqlite3.Connection, max_bytes: float) -> None:
-        """Starts; nothing is read before the database is too large.
+        """Counts what is stored.
 
         Args:
             connection: the one that stores the transitions.
@@ -95,14 +95,18 @@ class Retention:
         """
         self._connection = connection
         self._max_bytes = max_bytes
-        self._counts: Optional[Dict[Tuple[str, str], int]] = None
+        self._signals: Dict[Tuple[str, str], _Stored] = {}
         self._chosen: _Rows = []
         self._chosen_until = 0
+        for row in connection.execute("SELECT id, robot, signal, to_level, repeated FROM transitions ORDER BY id"):
+            self.note_transition(*row)
 
-    def note_transition(self, robot: str, signal: str) -> None:
-        """Counts a transition that is stored, by the names in its row."""
-        if self._counts is not None:
-            self._counts[robot, signal] = self._counts.get((robot, signal), 0) + 1
+    def note_transition(self, number: int, robot: str, signal: str, to_level: int, repeated: int) -> None:
+        """Counts a transition that is stored, by the values in its row."""
+        stored = self._signals.setdefault((robot, signal), _Stored())
+        stored.count += 1
+        if not repeated:
+            stored.open_id = number if to_level != 0 else -1
 
     def is_due(self) -> bool:
         """Returns whether the database is too large, or has unused space to give back."""
@@ -121,8 +125,9 @@ class Retention:
         """
         query = f"SELECT max(+id) FROM transitions WHERE {INDEXED} AND wall_s < ?"
         (indexed,) = self._connection.execute(query, (before_s,)).fetchone()
-        values = {"before_id": (indexed or 0) + INDEX_STEP, "before_s": before_s, "limit": _MAX_ROWS}
-        deleted = self._delete(self._connection.execute(_OLD, values).fetchall())
+        query = "SELECT id, robot, signal FROM transitions WHERE id < ? AND wall_s < ? ORDER BY id"
+        old = self._connection.execute(query, ((indexed or 0) + INDEX_STEP, before_s))
+        deleted = self._delete([*islice((row for row in old if not self._is_open(*row)), _MAX_ROWS)])
         if deleted:
             self._chosen = []
         for table, is_old, is_past, _ in _OTHERS:
@@ -162,22 +167,17 @@ class Retention:
         Signals that have nearly as many as the largest count as equal, and lose their entries by age. Then neighbours
         are deleted together, and share the pages that have to be written.
         """
-        counts = dict(self._counted())
+        counts = {names: stored.count for names, stored in self._signals.items()}
         wanted = min(max(sum(counts.values()) // 20, _MAX_ROWS), _MAX_CHOSEN)
         least = _NEARLY * max(counts.values(), default=0)
-        open_ids: Dict[Tuple[str, str], int] = {}
         query = "SELECT id, robot, signal FROM transitions WHERE id > ? ORDER BY id LIMIT ?"
         chosen: _Rows = []
         while len(chosen) < wanted:
             rows = self._connection.execute(query, (self._chosen_until, _MAX_ROWS)).fetchall()
-            for number, *names in rows:
-                signal = (names[0], names[1])
-                if counts.get(signal, 0) >= least:
-                    if signal not in open_ids:
-                        open_ids[signal] = self._open_id(*signal)
-                    if number != open_ids[signal]:
-                        counts[signal] -= 1
-                        chosen.append((number, *signal))
+            for number, robot, signal in rows:
+                if counts.get((robot, signal), 0) >= least and not self._is_open(number, robot, signal):
+                    counts[robot, signal] -= 1
+                    chosen.append((number, robot, signal))
             self._chosen_until = rows[-1][0] if rows else 0
             if not rows:
                 break
@@ -185,34 +185,24 @@ class Retention:
 
     def _delete_most_frequent_others(self, run_id: int) -> int:
         """Deletes rows of the other tables that have more of them than any signal has transitions."""
-        most = max(self._counted().values(), default=0)
+        most = max((stored.count for stored in self._signals.values()), default=0)
         deleted = 0
         for table, _, is_past, weight in _OTHERS:
             if weight * self._connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0] > most:
                 deleted += self._delete_others(table, is_past, run_id, 0.0)
         return deleted
 
-    def _counted(self) -> Dict[Tuple[str, str], int]:
-        if self._counts is None:
-            query = "SELECT robot, signal, count(*) FROM transitions GROUP BY robot, signal"
-            self._counts = {(robot, signal): count for robot, signal, count in self._connection.execute(query)}
-        return self._counts
-
-    def _open_id(self, robot: str, signal: str) -> int:
-        """Returns the id of the transition that began the open alert of a signal; -1: it has none."""
-        row = self._connection.execute(LATEST_CHANGE, (robot, signal)).fetchone()
-        return row[0] if row is not None and row[1] != 0 else -1
+    def _is_open(self, number: int, robot: str, signal: str) -> bool:
+        """Returns whether a transition began the alert of its signal that is still open."""
+        stored = self._signals.get((robot, signal))
+        return stored is not None and stored.open_id == number
 
     def _delete(self, rows: _Rows) -> int:
         ids = [(number,) for number, _, _ in rows]
         self._connection.executemany("DELETE FROM evidence WHERE transition_id = ?", ids)
         self._connection.executemany("DELETE FROM transitions WHERE id = ?", ids)
-        counts = self._counts
-        if counts is not None:
-            for _, robot, signal in rows:
-                counts[robot, signal] = counts.get((robot, signal), 0) - 1
-                if counts[robot, signal] <= 0:
-                    del counts[robot, signal]
+        for _, robot, signal in rows:
+            self._signals.setdefault((robot, signal), _Stored()).count -= 1
         return len(rows)
 
     def _delete_others(self, table: str, condition: str, run_id: int, before_s: float) -> int:

@@ -14,13 +14,15 @@ from robot_health_monitor.core.errors import ConfigError
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 """Version of the tables, in the SQLite header (`PRAGMA user_version`)."""
 
 INDEX_STEP = 16
 INDEXED = f"id % {INDEX_STEP} = 0"
 """The transitions that are in the index by time: each one takes a page that an alert has to write."""
 
+# There is no index by robot and signal: each alert would write a page of it at another place of the disk, and so would
+# each deleted one; together more than everything else.
 _TABLES = f"""
 -- Runs of the monitor. Between alive_s (or stopped_s) of one and started_s of the next is a gap.
 CREATE TABLE runs (
@@ -58,7 +60,6 @@ CREATE TABLE transitions (
     hint TEXT NOT NULL DEFAULT ''        -- why there were no samples
 );
 CREATE INDEX transitions_by_time ON transitions(wall_s) WHERE {INDEXED};
-CREATE INDEX transitions_by_signal ON transitions(robot, signal, id);
 -- The samples of the window at the time of a transition; see rows.py.
 CREATE TABLE evidence (
     transition_id INTEGER PRIMARY KEY REFERENCES transitions(id),
@@ -166,7 +167,15 @@ def _add_hints(connection: sqlite3.Connection) -> None:
     connection.execute("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''")
 
 
-_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {1: _note_ends_of_silences, 2: _add_hints}
+def _drop_index_by_signal(connection: sqlite3.Connection) -> None:
+    connection.execute("DROP INDEX IF EXISTS transitions_by_signal")
+
+
+_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {
+    1: _note_ends_of_silences,
+    2: _add_hints,
+    3: _drop_index_by_signal,
+}
 """By version: migrates a file from this version to the next one, inside a transaction."""
 
 

@@ -122,6 +122,8 @@ class Storage:
         Returns:
             Whether another database is in use now: repeat the transaction.
         """
+        if was_own:
+            self._retention = None  # it has counted what was rolled back
         if self._file is None or not (is_file_error(error) or (was_own and isinstance(error, sqlite3.Error))):
             return False
         file, self._file = self._file, None
@@ -139,10 +141,11 @@ class Storage:
         if self._file is not None:
             self._file.note_written()
 
-    def note_transition(self, number: int, robot: str, signal: str) -> None:
-        """Notes the number of the last transition, and the names in its row."""
+    def note_transition(self, number: int, robot: str, signal: str, to_level: int, repeated: int) -> None:
+        """Notes a transition that is stored: its number and the values in its row."""
         self._last_id = max(self._last_id, number)
-        self._used_retention.note_transition(robot, signal)
+        if self._retention is not None:
+            self._retention.note_transition(number, robot, signal, to_level, repeated)
 
     def write_states(self, robot: str, states: Dict[str, str]) -> None:
         """Stores the states of signals of a robot in JSON; `{}` deletes one. Inside a transaction."""

@@ -10,7 +10,7 @@ from harness.histories import opened, transition
 
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.history import queries, schema
-from robot_health_monitor.ops.history.rows import TRANSITION_COLUMNS, transition_row
+from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, TRANSITION_COLUMNS, transition_row
 from robot_health_monitor.ops.silences import read_silences
 
 
@@ -112,6 +112,22 @@ def test_alerts_of_version_2_are_kept_without_a_hint(tmp_path: Path) -> None:
     history = opened(path)
     (kept,) = history.run(lambda connection: list(queries.transitions(connection)))
     assert (kept.to_level, kept.hint) == (Level.STALE, "")
+    history.close()
+
+
+def test_alerts_of_version_3_are_kept_without_their_index(tmp_path: Path) -> None:
+    path = tmp_path / "history.db"
+    connection = sqlite3.connect(path, isolation_level=None)
+    schema.prepare(connection)
+    connection.execute("CREATE INDEX transitions_by_signal ON transitions(robot, signal, id)")
+    connection.execute(INSERT_TRANSITION, transition_row(transition(1, Level.WARN), 5.0))
+    connection.execute("PRAGMA user_version = 3")
+    connection.close()
+    history = opened(path)
+    assert [kept.wall_s for kept in history.run(lambda connection: list(queries.transitions(connection)))] == [5.0]
+    index = "SELECT count(*) FROM sqlite_master WHERE name = 'transitions_by_signal'"
+    assert history.run(lambda connection: connection.execute(index).fetchone()) == (0,)
+    assert history.run(lambda connection: connection.execute("PRAGMA user_version").fetchone()) == (4,)
     history.close()
 
 
