@@ -7,23 +7,22 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Callable, Counter, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from itertools import chain
+from typing import Any, Callable, Counter, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from robot_health_monitor.core.explanation import Judgement
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.version import package_version
 
-__all__ = ["METRICS_LIBRARY", "Family", "Metrics", "RobotMetrics", "SignalMetrics"]
+__all__ = ["METRICS_LIBRARY", "Family", "Metrics", "RobotMetrics"]
 
 METRICS_LIBRARY = "prometheus_client"
 _BY_SIGNAL = ("robot", "signal")
 
 _Series = Tuple[Tuple[Sequence[str], float], ...]
 """Values of the labels, and the value of the metric."""
-_Kept = Dict[Tuple[str, str], Tuple[_Series, bytes]]
-"""By part of the exposition and robot."""
 
 
 class Family(NamedTuple):
@@ -57,24 +56,13 @@ _LAST_TICK = Family(
 _BUILD_INFO = Family("robot_health_build_info", "Version of the monitor.", ("version",))
 
 
-class SignalMetrics(NamedTuple):
-    """The figures of one signal."""
-
-    name: str
-    level: Level
-    value: Optional[float]
-    """The value that the bounds apply to, the last one while none comes; None while it is undefined."""
-    valid: Optional[bool]
-    """Whether the latest sample is valid; None before the first."""
-    good_samples: int
-    bad_samples: int
-
-
 class RobotMetrics(NamedTuple):
     """The figures of one robot at one moment."""
 
     robot: str
-    signals: Sequence[SignalMetrics]
+    signals: Mapping[str, Judgement]
+    transitions: Mapping[str, Counter[Level]]
+    """The announced changes of each signal's level, by the new level."""
     link_up: Optional[bool]
     """None: it is not watched over a link."""
     tick_s: float
@@ -107,7 +95,8 @@ class Metrics:
         self._wall_time_s = wall_time_s
         self._lock = threading.Lock()
         self._transitions: Dict[Tuple[str, str], Counter[Level]] = {}
-        self._kept: _Kept = {}
+        self._kept: Dict[Tuple[object, str], Tuple[_Series, bytes]] = {}
+        """The latest lines of series that rarely change, by their function and robot."""
 
     def counter(self, robot: str) -> Callable[[Transition], None]:
         """Returns the function that counts a transition of a robot. It may be called in any thread."""
@@ -121,23 +110,11 @@ class Metrics:
 
     def read(self, alert_system: AlertSystem) -> RobotMetrics:
         """Reads a robot. May be called in any thread."""
-
-        def read(monitor: Monitor, now_s: float) -> Tuple[List[SignalMetrics], Optional[bool]]:
-            signals = [
-                SignalMetrics(
-                    name,
-                    judgement.level,
-                    judgement.judged,
-                    not judgement.is_bad if judgement.seen else None,
-                    judgement.good_samples,
-                    judgement.bad_samples,
-                )
-                for name, judgement in monitor.judgements(now_s).items()
-            ]
-            return signals, monitor.link_up
-
-        signals, link_up = alert_system.read(read)
-        return RobotMetrics(alert_system.robot, signals, link_up, self._wall_time_s() - alert_system.tick_age_s)
+        robot = alert_system.robot
+        signals, link_up = alert_system.read(lambda monitor, now_s: (monitor.judgements(now_s), monitor.link_up))
+        with self._lock:
+            transitions = {name: Counter(self._transitions.get((robot, name), ())) for name in signals}
+        return RobotMetrics(robot, signals, transitions, link_up, self._wall_time_s() - alert_system.tick_age_s)
 
     def render(self, robots: Sequence[RobotMetrics]) -> Tuple[bytes, str]:
         """Returns the exposition and its content type.
@@ -147,81 +124,64 @@ class Metrics:
         """
         from prometheus_client import CONTENT_TYPE_LATEST
 
-        before = self._kept
-        after: _Kept = {}
-
-        def kept(key: str, family: Family, series_of: Callable[[RobotMetrics], _Series]) -> bytes:
-            """Returns the lines of series that rarely change; those of a robot are kept while they do not."""
-            for robot in robots:
-                series = series_of(robot)
-                known = before.get((key, robot.robot))
-                if known is None or known[0] != series:
-                    known = series, _lines(family, series)
-                after[key, robot.robot] = known
-            return b"".join(after[key, robot.robot][1] for robot in robots)
-
-        parts = [
-            _header(_LEVEL),
-            kept("level", _LEVEL, _levels),
-            _header(_VALUE),
-            _lines(_VALUE, tuple(series for robot in robots for series in _values(robot))),
-            _header(_VALID),
-            kept("valid", _VALID, _valid),
-            _header(_SAMPLES),
-            _lines(_SAMPLES, tuple(series for robot in robots for series in _good_samples(robot))),
-            kept("bad", _SAMPLES, _bad_samples),
-            _header(_TRANSITIONS),
-            kept("transitions", _TRANSITIONS, self._count_transitions),
-            _header(_LINK_UP),
-            kept("link", _LINK_UP, _link_up),
-            _exposition(_WAITING, (((), float(self._notifications_waiting())),)),
-            _exposition(_FAULTS, (((), float(self._count_faults())),)),
-            _exposition(_LAST_TICK, (((), min((robot.tick_s for robot in robots), default=self._wall_time_s())),)),
+        before, after = self._kept, {}
+        parts = []
+        for family, *groups in _OF_ROBOTS:
+            parts.append(_exposition(family, ()))
+            for series_of, rarely_change in groups:
+                if not rarely_change:
+                    parts.append(_lines(family, tuple(chain.from_iterable(map(series_of, robots)))))
+                    continue
+                for robot in robots:
+                    key, series = (series_of, robot.robot), series_of(robot)
+                    known = before.get(key)
+                    after[key] = known if known and known[0] == series else (series, _lines(family, series))
+                    parts.append(after[key][1])
+        self._kept = after
+        oldest_tick_s = min((robot.tick_s for robot in robots), default=self._wall_time_s())
+        parts += [
+            _exposition(_WAITING, (((), self._notifications_waiting()),)),
+            _exposition(_FAULTS, (((), self._count_faults()),)),
+            _exposition(_LAST_TICK, (((), oldest_tick_s),)),
             _exposition(_BUILD_INFO, (((package_version(),), 1.0),)),
         ]
-        self._kept = after
         return b"".join(parts), CONTENT_TYPE_LATEST
 
-    def _count_transitions(self, robot: RobotMetrics) -> _Series:
-        """Returns the counters. All exist from the start: Prometheus sees no increase from nothing to 1."""
-        with self._lock:
-            return tuple(
-                ((robot.label, signal.name, level.name), float(count[level]))
-                for signal in robot.signals
-                for count in (self._transitions.get((robot.robot, signal.name), _NONE),)
-                for level in Level
-            )
+
+def _of_signals(value_of: Callable[[Judgement], Optional[float]], *labels: str) -> Callable[[RobotMetrics], _Series]:
+    """Returns the function for the series of a robot's signals; a signal whose value is None has none."""
+
+    def series_of(robot: RobotMetrics) -> _Series:
+        values = ((name, value_of(judgement)) for name, judgement in robot.signals.items())
+        return tuple(((robot.label, name, *labels), value) for name, value in values if value is not None)
+
+    return series_of
 
 
-def _levels(robot: RobotMetrics) -> _Series:
-    return tuple(((robot.label, signal.name), float(signal.level)) for signal in robot.signals)
-
-
-def _values(robot: RobotMetrics) -> _Series:
-    return tuple(((robot.label, signal.name), signal.value) for signal in robot.signals if signal.value is not None)
-
-
-def _valid(robot: RobotMetrics) -> _Series:
+def _transitions(robot: RobotMetrics) -> _Series:
+    """Returns the counters. All exist from the start: Prometheus sees no increase from nothing to 1."""
     return tuple(
-        ((robot.label, signal.name), float(signal.valid)) for signal in robot.signals if signal.valid is not None
+        ((robot.label, name, level.name), count[level]) for name, count in robot.transitions.items() for level in Level
     )
 
 
-def _good_samples(robot: RobotMetrics) -> _Series:
-    return tuple(((robot.label, signal.name, "good"), float(signal.good_samples)) for signal in robot.signals)
-
-
-def _bad_samples(robot: RobotMetrics) -> _Series:
-    return tuple(((robot.label, signal.name, "bad"), float(signal.bad_samples)) for signal in robot.signals)
-
-
 def _link_up(robot: RobotMetrics) -> _Series:
-    return () if robot.link_up is None else (((robot.label,), float(robot.link_up)),)
+    return () if robot.link_up is None else (((robot.label,), robot.link_up),)
 
 
-def _header(family: Family) -> bytes:
-    """Returns the lines HELP and TYPE."""
-    return _exposition(family, ())
+_OF_ROBOTS = (
+    (_LEVEL, (_of_signals(lambda signal: signal.level), True)),
+    (_VALUE, (_of_signals(lambda signal: signal.judged), False)),
+    (_VALID, (_of_signals(lambda signal: not signal.is_bad if signal.seen else None), True)),
+    (
+        _SAMPLES,
+        (_of_signals(lambda signal: signal.good_samples, "good"), False),
+        (_of_signals(lambda signal: signal.bad_samples, "bad"), True),
+    ),
+    (_TRANSITIONS, (_transitions, True)),
+    (_LINK_UP, (_link_up, True)),
+)
+"""The metrics of robots: functions that return their series, and whether these rarely change."""
 
 
 def _lines(family: Family, series: _Series) -> bytes:
@@ -230,19 +190,14 @@ def _lines(family: Family, series: _Series) -> bytes:
 
 
 def _exposition(family: Family, series: _Series) -> bytes:
-    from prometheus_client import CollectorRegistry, generate_latest
+    from prometheus_client import generate_latest
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
     kind = CounterMetricFamily if family.counts else GaugeMetricFamily
     metric = kind(family.name, family.help, labels=family.labels)
     for labels, value in series:
         metric.add_metric(labels, value)
-    registry = CollectorRegistry(auto_describe=False)
-    registry.register(_Collected([metric]))
-    return generate_latest(registry)
-
-
-_NONE: Counter[Level] = Counter()
+    return generate_latest(_Collected([metric]))
 
 
 class _Collected:

@@ -19,7 +19,6 @@ TESTED_ELSEWHERE = {
     "core/middleware.py": "an interface: harness/port_conformance.py tests each implementation",
     "core/sensors/source.py": "an interface: tests/core/sensors tests each implementation",
     "runtime/native_node.py": "the base of the adapters over ROS: tests/ros1 and tests/ros2 test each of them",
-    "ops/notifications/sender.py": "an interface: tests/ops/notifications tests each implementation",
     "robot_health_monitor/ros1_executables.py": "needs ROS 1: tests/ros1/test_executables.py",
     "robot_health_monitor/ros2_executables.py": "needs ROS 2: tests/ros2/test_executables.py",
     "robot_health_monitor/threshold_study.py": "tests/command_line/test_suggest_command.py",

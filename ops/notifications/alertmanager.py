@@ -17,9 +17,9 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.times import utc_text
 
 from ..configuration import TargetSettings
-from .http_target import HttpTarget
 from .notification import Notification, Notified
 from .sender import DeliveryError, Sender
+from .webhook import HttpTarget
 
 ALERT = "RobotHealth"
 """The label `alertname` of every alert; that of the exported rules, too."""
@@ -41,22 +41,13 @@ class Alertmanager(HttpTarget, Sender):
     repeat_every_s = REPEAT_EVERY_S
 
     def __init__(self, settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> None:
-        """Connects only when something is sent.
-
-        Args:
-            settings: the target.
-            wall_time_s: seconds since 1970.
-        """
+        """Connects only when something is sent."""
         super().__init__(settings)
         self._wall_time_s = wall_time_s
         self._ahead_s = 0.0
 
     def send(self, notification: Notification) -> str:
-        """Posts the end of the alert that is open there, if it changes, and the new one.
-
-        Raises:
-            DeliveryError: no response, or another one than success.
-        """
+        """Posts the end of the alert that is open there, if it changes, and the new one."""
         alerts: List[Dict[str, Any]] = []
         before, sent = notification.before, notification.sent
         if before is not None and (notification.is_resolved or before.level is not sent.level):
@@ -69,22 +60,15 @@ class Alertmanager(HttpTarget, Sender):
         return self._post(alerts)
 
     def repeat(self, alerts: Sequence[Notified]) -> None:
-        """Posts open alerts again.
-
-        Raises:
-            DeliveryError: no response, or another one than success.
-        """
+        """Posts open alerts again."""
         for first in range(0, len(alerts), _BATCH):
             self._post([self._alert(alert, alert.text) for alert in alerts[first : first + _BATCH]])
 
     def _alert(self, alert: Notified, text: str, ended_s: Optional[float] = None) -> Dict[str, Any]:
         labels = {
-            "alertname": ALERT,
-            "robot": alert.robot,
-            "signal": alert.signal,
-            "level": alert.level.name,
-            "severity": SEVERITIES[alert.level],
-        }
+            "alertname": ALERT, "robot": alert.robot, "signal": alert.signal,
+            "level": alert.level.name, "severity": SEVERITIES[alert.level],
+        }  # fmt: skip
         times = {"startsAt": utc_text(alert.since_s - self._ahead_s)}
         if ended_s is not None:
             times["endsAt"] = utc_text(ended_s - self._ahead_s)
@@ -94,11 +78,9 @@ class Alertmanager(HttpTarget, Sender):
         answer = self.call(json.dumps(alerts), _PATH)
         if answer.date_s is not None:
             # Alertmanager refuses an alert that begins far in the future, and would end one only in the future.
-            ahead_s = self._wall_time_s() - answer.date_s
-            ahead_s = ahead_s if abs(ahead_s) > _TOLERATED_S else 0.0
-            found_wrong = abs(ahead_s - self._ahead_s) > _TOLERATED_S
-            self._ahead_s = ahead_s
-            if found_wrong and answer.status == 400:
-                text = f"this clock and the server's differ by {duration_text(abs(ahead_s))}; corrected"
+            ahead_s, known_s = self._wall_time_s() - answer.date_s, self._ahead_s
+            self._ahead_s = ahead_s if abs(ahead_s) > _TOLERATED_S else 0.0
+            if abs(self._ahead_s - known_s) > _TOLERATED_S and answer.status == 400:
+                text = f"this clock and the server's differ by {duration_text(abs(self._ahead_s))}; corrected"
                 raise DeliveryError(text, is_corrected=True)
-        return self.require_success(answer)
+        return self.status_of(answer)

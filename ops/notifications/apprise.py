@@ -9,9 +9,8 @@ from typing import Any, Dict, List, Set
 from robot_health_monitor.core.model import Level
 
 from ..configuration import TargetSettings
-from .address import Address
 from .notification import Notification
-from .sender import DeliveryError, Sender
+from .sender import Address, DeliveryError, Sender
 
 MISSING = "apprise is not installed: pip install apprise"
 
@@ -19,7 +18,7 @@ _MOST_REMEMBERED = 1_000  # notifications
 _TYPES = {Level.OK: "info", Level.WARN: "warning", Level.STALE: "warning", Level.ERROR: "failure"}
 
 
-class AppriseTarget(Sender):
+class AppriseTarget(Address, Sender):
     """Sends the alert line to one or several addresses of Apprise, one per line of `url_file`.
 
     Apprise's own timeouts apply; `?rto=` and `?cto=` in an address change them.
@@ -27,19 +26,9 @@ class AppriseTarget(Sender):
 
     def __init__(self, settings: TargetSettings) -> None:
         """Imports nothing yet: the library is large."""
-        self._address = Address(settings)
+        super().__init__(settings)
         self._accepted: Dict[str, Set[str]] = {}
         """The addresses that have accepted a notification which others have not: those are not sent it again."""
-
-    @property
-    def place(self) -> str:
-        """The kinds of services."""
-        return self._address.place
-
-    @property
-    def warning(self) -> str:
-        """One line if other users may read the addresses."""
-        return self._address.warning
 
     def send(self, notification: Notification) -> str:
         """Sends a notification to every address that has not accepted it before.
@@ -47,14 +36,18 @@ class AppriseTarget(Sender):
         Raises:
             DeliveryError: the library is missing, does not know an address, or a service did not accept it.
         """
-        library = self._library()
+        try:
+            library = importlib.import_module("apprise")
+        except ImportError:
+            raise DeliveryError(MISSING, may_have_arrived=False) from None
+        logging.getLogger("apprise").disabled = True  # its lines contain addresses
         state = "resolved" if notification.is_resolved else notification.level.name
         title = f"{'TEST ' if notification.is_test else ''}{notification.robot}: {notification.signal} {state}"
         kind = "success" if notification.is_resolved else _TYPES[notification.level]
         key = notification.as_json()
         accepted = self._accepted.pop(key, set())
         errors: List[DeliveryError] = []
-        for number, url in enumerate(self._address.lines(), start=1):
+        for number, url in enumerate(self.addresses(), start=1):
             if url not in accepted:
                 try:
                     _deliver(library, url, number, body=notification.text, title=title, notify_type=kind)
@@ -62,25 +55,13 @@ class AppriseTarget(Sender):
                 except DeliveryError as error:
                     errors.append(error)
         if errors:
-            self._remember(key, accepted)
+            if len(self._accepted) >= _MOST_REMEMBERED:
+                del self._accepted[next(iter(self._accepted))]
+            if accepted:
+                self._accepted[key] = accepted
             may_have_arrived = bool(accepted) or any(error.may_have_arrived for error in errors)
             raise DeliveryError(str(errors[0]), may_have_arrived=may_have_arrived)
         return "delivered"
-
-    def _remember(self, key: str, accepted: Set[str]) -> None:
-        if len(self._accepted) >= _MOST_REMEMBERED:
-            del self._accepted[next(iter(self._accepted))]
-        if accepted:
-            self._accepted[key] = accepted
-
-    @staticmethod
-    def _library() -> Any:
-        try:
-            library = importlib.import_module("apprise")
-        except ImportError:
-            raise DeliveryError(MISSING, may_have_arrived=False) from None
-        logging.getLogger("apprise").disabled = True  # its lines contain addresses
-        return library
 
 
 def _deliver(library: Any, url: str, number: int, **message: str) -> None:

@@ -29,23 +29,15 @@ class Command(Sender):
 
     def __init__(self, settings: TargetSettings) -> None:
         """Runs nothing yet."""
+        self.place = settings.command[0]
         self._command = settings.command
         self._timeout_s = settings.timeout_s
         self._lock = threading.Lock()
         self._process: Optional[subprocess.Popen[bytes]] = None
         self._is_closed = False
 
-    @property
-    def place(self) -> str:
-        """The program."""
-        return self._command[0]
-
     def send(self, notification: Notification) -> str:
-        """Runs the program and waits for it. After the timeout it is killed, with the processes that it started.
-
-        Raises:
-            DeliveryError: it cannot be started, runs too long, or ends with another code than 0.
-        """
+        """Runs the program and waits for it. After the timeout it is killed, with the processes that it started."""
         with tempfile.TemporaryFile() as stdin:  # not a pipe: the program need not read it
             stdin.write(notification.as_json().encode("ascii") + b"\n")
             stdin.seek(0)
@@ -56,8 +48,8 @@ class Command(Sender):
         finally:
             process.stderr.close()
             self._process = None
-        if process.returncode != 0:
-            code = process.returncode
+        code = process.returncode
+        if code != 0:
             end = f"ended with code {code}" if code > 0 else f"killed by signal {-code}"
             raise DeliveryError(f"{end}: {text}" if text else end)
         return "ended with code 0"

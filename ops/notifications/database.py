@@ -1,20 +1,23 @@
-"""The database of the notifications: the history's, or one in memory once their tables in the history are damaged."""
+"""The database of the notifications: the history's, or one in memory once their tables in the history are damaged.
+
+Rows with unexpected values are deleted: other programs and damage may have put anything into them.
+"""
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from typing import Callable, Optional, TypeVar
+from typing import Any, Callable, Container, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.model import Level, Transition
 
 from ..history import schema
-from ..history.checked_rows import CheckedConnection
+from ..history.checked_rows import CheckedConnection, is_count, is_level, is_number, is_text, is_time, skip
 from ..history.copying import copy_state
 from ..history.database_file import is_file_error
 from ..history.history import History, OnRecord
-from .queue_rows import delete_odd_rows, restore_open_alerts
 
 Result = TypeVar("Result")
 
@@ -48,18 +51,22 @@ class QueueDatabase:
         assert self._history_connection is not None
         return self._history_connection
 
-    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
-        """Runs a function, as `History.run`. If the tables in the history fail, it runs in memory."""
+    def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Runs `function(connection, *arguments)` as `History.run`. If the tables there fail, it runs in memory.
+
+        Raises:
+            ServiceError: the database failed, or did not answer in time.
+        """
 
         def use(connection: sqlite3.Connection) -> Result:
             self._history_connection = connection
             if self._memory is None:
-                return function(connection)
+                return function(connection, *arguments)
             with schema.transaction(self._memory):
-                return function(self._memory)
+                return function(self._memory, *arguments)
 
         try:
-            return self._history.run(use, timeout_s)
+            return self._history.run(use)
         except ServiceError as error:
             cause = error.__cause__
             if not isinstance(cause, sqlite3.Error):
@@ -68,10 +75,10 @@ class QueueDatabase:
                 self._faults.report(PART, f"failed in memory, too: {cause}")
                 raise
             lost = cause
-            self._history.run(lambda connection: self._use_memory(connection, lost), timeout_s)
+            self._history.run(lambda connection: self._use_memory(connection, lost))
         except Exception:  # rows with unexpected values
-            self._history.run(lambda connection: delete_odd_rows(self._memory or connection), timeout_s)
-        return self._history.run(use, timeout_s)
+            self._history.run(lambda connection: delete_odd_rows(self._memory or connection))
+        return self._history.run(use)
 
     def on_record(self, hook: OnRecord) -> None:
         """Calls a function inside the transaction that stores a transition, as `History.on_record`."""
@@ -79,15 +86,13 @@ class QueueDatabase:
         def guarded(connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float) -> None:
             if self._memory is None:
                 try:
-                    hook(connection, number, transition, wall_s)
+                    return hook(connection, number, transition, wall_s)
                 except sqlite3.Error as error:
                     if is_file_error(error):
                         raise  # the history replaces its file, and stores the transition again
                     self._use_memory(connection, error)
-                else:
-                    return
             assert self._memory is not None
-            hook(self._memory, number, transition, wall_s)
+            return hook(self._memory, number, transition, wall_s)
 
         self._history.on_record(guarded)
 
@@ -102,8 +107,7 @@ class QueueDatabase:
             restore_open_alerts(memory)
         self._on_replaced(memory, not _is_readable(connection, "notified"))
         self._memory = memory
-        text = f"its tables in the history cannot be used ({error}): continuing in memory"
-        self._faults.report(PART, text)
+        self._faults.report(PART, f"its tables in the history cannot be used ({error}): continuing in memory")
 
 
 def _is_readable(connection: sqlite3.Connection, table: str) -> bool:
@@ -112,3 +116,78 @@ def _is_readable(connection: sqlite3.Connection, table: str) -> bool:
     except sqlite3.Error:
         return False
     return True
+
+
+def is_transition(line: object) -> bool:
+    """Whether a value is the JSON of a transition with all that the queue and the targets need."""
+    try:
+        transition = json.loads(line)  # type: ignore[arg-type]
+    except (TypeError, ValueError, RecursionError):
+        return False
+    return (
+        isinstance(transition, dict)
+        and all(is_text(transition.get(name)) for name in ("robot", "signal", "fingerprint", "text"))
+        and all(str(transition.get(name)) in Level.__members__ for name in ("from_level", "to_level"))
+        and all(is_number(transition.get(name)) for name in ("now_s", "since_s"))
+        and isinstance(transition.get("repeat"), bool)
+        and isinstance(transition.get("hint", ""), str)
+    )
+
+
+_ALERT = {"level": is_level, "at_s": is_time, "transition_json": is_transition}
+_TABLES = (
+    ("noted_transitions", {"id": is_count, "at_s": is_time, "transition_json": is_transition}, 1),
+    ("open_alerts", {"fingerprint": is_text, "robot": is_text, "signal": is_text, **_ALERT}, 1),
+    (
+        "notified",
+        {
+            "target": is_text, "fingerprint": is_text, "level": is_count, "since_s": is_time,
+            "transition_json": is_transition,
+        },
+        2,
+    ),
+    (
+        "notifications",
+        {
+            "id": is_count, "target": is_text, "fingerprint": is_text, **_ALERT,
+            "attempts": is_count, "is_repeat": is_count,
+        },
+        1,
+    ),
+)  # fmt: skip
+"""Tables, checks of their columns, and how many of the columns are the key."""
+
+
+def delete_odd_rows(connection: sqlite3.Connection) -> None:
+    """Deletes the rows with unexpected values, and notes them at the connection.
+
+    Raises:
+        sqlite3.Error: a table cannot be read.
+    """
+    lost = set()
+    for table, checks, keys in _TABLES:
+        where = " AND ".join(f"{name} IS ?" for name in [*checks][:keys])
+        for row in connection.execute(f"SELECT {', '.join(checks)} FROM {table}").fetchall():
+            if not all(check(value) for check, value in zip(checks.values(), row)):
+                connection.execute(f"DELETE FROM {table} WHERE {where}", row[:keys])
+                skip(connection, table, row[0])
+                if table == "open_alerts":
+                    lost.add(row[0])
+    if lost:
+        restore_open_alerts(connection, lost)
+
+
+def restore_open_alerts(connection: sqlite3.Connection, keys: Optional[Container[object]] = None) -> None:
+    """Takes alerts whose rows were lost (`keys`: their fingerprints; None: all) as open if a target was sent that."""
+    insert = """
+        INSERT OR IGNORE INTO open_alerts (fingerprint, robot, signal, level, at_s, transition_json)
+        VALUES (?, ?, ?, ?, ?, ?)
+    """
+    query = "SELECT fingerprint, since_s, transition_json FROM notified"
+    for key, since_s, line in connection.execute(query).fetchall():
+        if is_transition(line) and (keys is None or key in keys):
+            transition = json.loads(line)
+            level = Level[transition["to_level"]]
+            if level is not Level.OK:
+                row = (key, transition["robot"], transition["signal"], int(level), since_s, line)
+                connection.execute(insert, row)

@@ -1,4 +1,4 @@
-"""Delivers the notifications of one target: attempts, waits, and the target's fault."""
+"""Calls one target: attempts, waits, and the target's fault. Sends what the queue holds for it, or heartbeats."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.backoff import Backoff
 
+from ..configuration import TargetSettings
 from .database import QueueDatabase
 from .notification_queue import NotificationQueue, Taken
 from .sender import DeliveryError, Sender
+from .webhook import HttpTarget
 
 FIRST_RETRY_S = 1.0
 """Wait after the first failed attempt, in s. It doubles with each further one."""
@@ -25,13 +27,55 @@ LONGEST_RETRY_S = 300.0
 MOST_REFUSALS = 5
 """Attempts after which a notification that the target refuses (response 4xx) is given up."""
 
+MAX_TICK_AGE_S = 10.0
+"""Age of the latest tick, in s, from which the monitor counts as stopped. It ticks each second."""
+
 _IDLE_S = 3600.0  # a new notification wakes the thread
-_STORE_TIMEOUT_S = 5.0
 _STORE_RETRY_S = 1.0
+_TICK_CHECK_S = 1.0
 
 
-class Delivery:
-    """Sends what the queue holds for one target, one notification after the other. Used by one thread."""
+class Caller:
+    """Calls one target, in one thread. Failures are faults, as `notify <name>`."""
+
+    def __init__(self, name: str, faults: Faults, clock: Callable[[], float]) -> None:
+        """Calls nothing yet; `clock` gives monotonic seconds."""
+        self._part = f"notify {name}"
+        self._faults = faults
+        self._clock = clock
+
+    def step(self) -> float:
+        """Makes at most one attempt; returns when to call this again, in s from now."""
+        raise NotImplementedError
+
+    def note_tick(self) -> None:
+        """Call at each tick of the monitor; returns at once."""
+
+    def note_news(self) -> None:
+        """Call when there is a new notification: it does not wait for the end of a long retry delay. Any thread."""
+
+    def close(self) -> None:
+        """Ends an attempt in another thread early, where that is possible."""
+
+    def has_work(self) -> bool:
+        """Returns whether something waits that can probably be sent now."""
+        return False
+
+    def clear_faults(self) -> None:
+        """Call when the target is no longer in use."""
+        for part in ("", ": url_file", ": queue"):
+            self._faults.clear(self._part + part)
+
+    def _warn(self, about: str, text: str) -> None:
+        """Reports a warning; ends it if the text is empty."""
+        if text:
+            self._faults.report(f"{self._part}: {about}", text, Level.WARN)
+        else:
+            self._faults.clear(f"{self._part}: {about}")
+
+
+class Delivery(Caller):
+    """Sends what the queue holds for one target, one notification after the other."""
 
     def __init__(
         self,
@@ -50,144 +94,160 @@ class Delivery:
             sender: delivers a notification.
             queue: holds the notifications.
             database: runs the functions of `queue`.
-            faults: receives failures, as `notify <target>`.
+            faults: receives failures.
             clock: monotonic seconds.
             chance: a random number from 0 to 1, so that many monitors do not return to a target at the same moment.
         """
-        self.sender = sender
+        super().__init__(target, faults, clock)
         self._target = target
+        self._sender = sender
         self._queue = queue
         self._database = database
-        self._faults = faults
-        self._part = f"notify {target}"
-        self._clock = clock
         self._backoff = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S, spread=0.5, chance=chance)
-        self._retry_at_s = clock()
+        self._retry_at_s = self._repeat_at_s = clock()
         self._not_before_s = clock()
         """The wait that the target requested ends then; nothing shortens it."""
         self._attempted_s = clock() - FIRST_RETRY_S
-        self._repeat_at_s = clock()
         self._has_news = False
         self._to_finish: Optional[Taken] = None
+        """Was sent, but that is not stored yet. Nothing else is sent before that, or it would be sent twice."""
         self._refusals: Counter[int] = Counter()
 
+    def has_work(self) -> bool:
+        """Returns whether a notification waits, and the latest attempt did not fail."""
+        return self._queue.waiting(self._target) > 0 and not self._backoff.is_failing
+
     def note_news(self) -> None:
-        """Call when there is a new notification: it does not wait for the end of a long retry delay. Any thread."""
+        """Ends a long retry delay."""
         self._has_news = True
 
-    @property
-    def is_failing(self) -> bool:
-        """Whether the latest attempt failed."""
-        return self._backoff.is_failing
+    def close(self) -> None:
+        """Closes the sender."""
+        self._sender.close()
 
     def step(self) -> float:
-        """Makes at most one attempt.
-
-        Returns:
-            When to call this again, in s from now.
-        """
+        """Makes at most one attempt."""
         try:
-            self._finish()
+            self._finish(self._to_finish)
             if self._has_news:
                 self._has_news = False
                 self._retry_at_s = max(self._not_before_s, min(self._retry_at_s, self._attempted_s + FIRST_RETRY_S))
             now_s = self._clock()
-            if self.sender.repeat_every_s is not None and now_s >= max(self._repeat_at_s, self._not_before_s):
-                self._repeat_at_s = now_s + self.sender.repeat_every_s
+            if self._sender.repeat_every_s is not None and now_s >= max(self._repeat_at_s, self._not_before_s):
+                self._repeat_at_s = now_s + self._sender.repeat_every_s
                 self._repeat()
                 return 0.0
             if now_s < self._retry_at_s:
                 return self._wait_s(self._retry_at_s)
-            taken = self._database.run(lambda connection: self._queue.take(connection, self._target), _STORE_TIMEOUT_S)
-            if taken is None:
-                self._report_dropped()
-                return 0.0 if self._queue.waiting(self._target) else self._wait_s(now_s + _IDLE_S)
-            self._send(taken)
-            return 0.0
+            taken = self._database.run(self._queue.take, self._target)
+            if taken is not None:
+                self._send(taken)
+                return 0.0
+            self._warn_if_dropped()
+            return 0.0 if self._queue.waiting(self._target) else self._wait_s(now_s + _IDLE_S)
         except ServiceError:  # the history reports its own fault
             return _STORE_RETRY_S
 
     def _wait_s(self, until_s: float) -> float:
-        if self.sender.repeat_every_s is not None:
+        if self._sender.repeat_every_s is not None:
             until_s = min(until_s, max(self._repeat_at_s, self._not_before_s))
         return max(0.0, until_s - self._clock())
 
     def _repeat(self) -> None:
-        alerts = self._database.run(lambda connection: self._queue.open_at(connection, self._target), _STORE_TIMEOUT_S)
+        alerts = self._database.run(self._queue.open_at, self._target)
         if not alerts:
             return
         try:
-            self.sender.repeat(alerts)
+            self._sender.repeat(alerts)
         except DeliveryError as error:
             self._note_failure(error)
         else:
             self._note_success()
 
     def _send(self, taken: Taken) -> None:
-        error = self._attempt(taken)
-        if error is not None:
-            self._note_failure(error)
-            if error.is_refused:
-                self._refusals[taken.id] += 1
-            if self._refusals[taken.id] >= MOST_REFUSALS:
-                del self._refusals[taken.id]
-                text = (
-                    f"{self.sender.place}: {error}; given up after {MOST_REFUSALS} attempts: {taken.notification.text}"
-                )
-                self._faults.report(self._part, text, Level.ERROR)
-                self._to_finish = taken
-                self._finish()
-            elif not error.may_have_arrived:
-                self._database.run(lambda connection: self._queue.put_back(connection, taken), _STORE_TIMEOUT_S)
+        try:
+            self._sender.send(taken.notification)
+        except DeliveryError as error:
+            self._note_failed(taken, error)
+        except Exception as error:  # its text may contain a secret
+            self._note_failed(taken, DeliveryError(f"internal error: {type(error).__name__}"))
         else:
             self._refusals.pop(taken.id, None)
             self._note_success()
-            self._to_finish = taken
-            self._finish()
+            self._finish(taken)
 
-    def _attempt(self, taken: Taken) -> Optional[DeliveryError]:
-        try:
-            self.sender.send(taken.notification)
-        except DeliveryError as error:
-            return error
-        except Exception as error:  # its text may contain a secret
-            return DeliveryError(f"internal error: {type(error).__name__}")
-        return None
+    def _note_failed(self, taken: Taken, error: DeliveryError) -> None:
+        self._note_failure(error)
+        if error.is_refused:
+            self._refusals[taken.id] += 1
+        if self._refusals[taken.id] >= MOST_REFUSALS:
+            del self._refusals[taken.id]
+            text = f"{error}; given up after {MOST_REFUSALS} attempts: {taken.notification.text}"
+            self._faults.report(self._part, f"{self._sender.place}: {text}", Level.ERROR)
+            self._finish(taken)
+        elif not error.may_have_arrived:
+            self._database.run(self._queue.put_back, taken)
 
-    def _finish(self) -> None:
-        """Stores what was sent. Nothing else is sent before that, or it would be sent twice."""
-        taken = self._to_finish
+    def _finish(self, taken: Optional[Taken]) -> None:
+        """Stores what was sent, or given up."""
+        self._to_finish = taken
         if taken is not None:
-            self._database.run(lambda connection: self._queue.finish(connection, taken), _STORE_TIMEOUT_S)
+            self._database.run(self._queue.finish, taken)
             self._to_finish = None
 
     def _note_success(self) -> None:
         self._backoff.reset()
         self._retry_at_s = self._attempted_s = self._clock()
         self._faults.clear(self._part)
-        self._report_warning()
+        self._warn("url_file", self._sender.warning)
 
     def _note_failure(self, error: DeliveryError) -> None:
         self._attempted_s = self._clock()
         self._not_before_s = self._attempted_s + error.retry_after_s
         self._retry_at_s = max(self._not_before_s, self._attempted_s + self._backoff.next_s())
         level = Level.ERROR if error.is_refused else Level.WARN
-        self._faults.report(self._part, f"{self.sender.place}: {error}", level)
-        self._report_warning()
-        self._report_dropped()
+        self._faults.report(self._part, f"{self._sender.place}: {error}", level)
+        self._warn("url_file", self._sender.warning)
+        self._warn_if_dropped()
 
-    def _report_warning(self) -> None:
-        part = f"{self._part}: url_file"
-        if self.sender.warning:
-            self._faults.report(part, self.sender.warning, Level.WARN)
-        else:
-            self._faults.clear(part)
-
-    def _report_dropped(self) -> None:
-        part = f"{self._part}: queue"
+    def _warn_if_dropped(self) -> None:
         dropped = self._queue.dropped(self._target)
-        if dropped:
-            text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
-            self._faults.report(part, text, Level.WARN)
+        text = f"full: {dropped} notifications dropped that later ones of the same alerts supersede"
+        self._warn("queue", text if dropped else "")
+
+
+class Heartbeat(Caller):
+    """Calls an address every `every_s` (GET), as long as ticks come, so that another system notices if they do not."""
+
+    def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float] = time.monotonic) -> None:
+        """Waits for the first tick."""
+        super().__init__(settings.name, faults, clock)
+        self._target = HttpTarget(settings)
+        self._every_s = settings.every_s
+        self._tick_s: Optional[float] = None
+        self._due_s = clock()
+        self._backoff = Backoff(FIRST_RETRY_S, settings.every_s)
+
+    def note_tick(self) -> None:
+        """Lets the calls go on."""
+        self._tick_s = self._clock()
+
+    def step(self) -> float:
+        """Calls the address if it is due."""
+        now_s = self._clock()
+        if now_s < self._due_s:
+            return self._due_s - now_s
+        if self._tick_s is None or now_s - self._tick_s > MAX_TICK_AGE_S:
+            return _TICK_CHECK_S
+        self._due_s = now_s + self._every_s
+        try:
+            self._target.deliver(None)
+        except DeliveryError as error:
+            self._faults.report(self._part, f"{self._target.place}: {error}", Level.WARN)
+            failed_s = self._clock()
+            self._due_s = max(min(self._due_s, failed_s + self._backoff.next_s()), failed_s + error.retry_after_s)
         else:
-            self._faults.clear(part)
+            self._faults.clear(self._part)
+            self._backoff.reset()
+        self._warn("url_file", self._target.warning)
+        return max(0.0, self._due_s - self._clock())

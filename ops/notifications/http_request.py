@@ -1,13 +1,13 @@
 """One HTTP request, bounded in time and size, whatever the server does.
 
 Standard library only. The proxy variables of the environment (`http_proxy`, `https_proxy`, `no_proxy`) are respected.
-Redirects are not followed: the address, which may contain a secret, goes to the configured host only. `timeout_s` is
-a limit for the whole request; a socket's own timeout would begin again with every byte.
+Redirects are not followed: the address, which may contain a secret, goes to the configured host only.
 """
 
 from __future__ import annotations
 
 import base64
+import contextlib
 import email.utils
 import functools
 import http.client
@@ -17,7 +17,7 @@ import ssl
 import time
 import urllib.error
 import urllib.request
-from typing import Any, Dict, NamedTuple, Optional
+from typing import Any, NamedTuple, Optional
 from urllib.parse import unquote, urlsplit, urlunsplit
 
 from robot_health_monitor.core.errors import LinkError
@@ -37,7 +37,7 @@ class Answer(NamedTuple):
 
     status: int
     reason: str
-    """The server's name of the status; printable."""
+    """The server's name of the status; printable. It may repeat a secret of the address."""
     text: str
     """Beginning of the body of a response other than 2xx, on one line; printable."""
     date_s: Optional[float]
@@ -45,28 +45,9 @@ class Answer(NamedTuple):
     retry_after_s: float
     """Wait that the server requests, in s; 0: none."""
 
-    @property
-    def is_success(self) -> bool:
-        """Whether the server accepted the request."""
-        return 200 <= self.status < 300
-
-    @property
-    def title(self) -> str:
-        """Status and reason: `404 Not Found`."""
-        return f"{self.status} {self.reason}".strip()
-
-    @property
-    def standard_title(self) -> str:
-        """The status with its standard reason: that of the server may repeat a secret of the address."""
-        return f"{self.status} {http.client.responses.get(self.status, '')}".strip()
-
 
 class _NotConnectedError(LinkError):
-    """The connection could not be established: the request was not sent."""
-
-    def __init__(self, cause: OSError) -> None:
-        super().__init__(str(cause))
-        self.cause = cause
+    """The connection could not be established, because of `__cause__`: the request was not sent."""
 
 
 def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
@@ -80,7 +61,6 @@ def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
     Raises:
         DeliveryError: no response. The text does not contain the address.
     """
-    deadline_s = time.monotonic() + timeout_s
     parts = urlsplit(url)
     headers = {"User-Agent": f"robot-health/{package_version()}", "Accept": "*/*"}
     if body is not None:
@@ -89,58 +69,59 @@ def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
         user = f"{unquote(parts.username or '')}:{unquote(parts.password or '')}"
         headers["Authorization"] = f"Basic {base64.b64encode(user.encode()).decode()}"
         url = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
-    try:
-        with _opener(deadline_s).open(urllib.request.Request(url, body, headers), timeout=timeout_s) as response:
-            return _answer(response)
-    except _NotConnectedError as error:
-        raise DeliveryError(_problem(error.cause, "no connection", timeout_s), may_have_arrived=False) from None
-    except urllib.error.URLError as error:
-        reason = error.reason
-        if isinstance(reason, _NotConnectedError):
-            raise DeliveryError(_problem(reason.cause, "no connection", timeout_s), may_have_arrived=False) from None
-        raise DeliveryError(_problem(reason, "no response", timeout_s)) from None
-    except Exception as error:  # the text of some exceptions contains the address
-        raise DeliveryError(_problem(error, "no response", timeout_s)) from None
-
-
-def _opener(deadline_s: float) -> urllib.request.OpenerDirector:
     opener = urllib.request.OpenerDirector()
-    for handler in (urllib.request.ProxyHandler(), urllib.request.UnknownHandler(), _Handler(deadline_s)):
+    for handler in (urllib.request.ProxyHandler(), urllib.request.UnknownHandler(), _Handler()):
         opener.add_handler(handler)
-    return opener
+    try:
+        with opener.open(urllib.request.Request(url, body, headers), timeout=timeout_s) as response:
+            return _answer(response)
+    except Exception as error:  # the text of some exceptions contains the address
+        cause = error.reason if isinstance(error, urllib.error.URLError) else error
+        if isinstance(cause, _NotConnectedError):
+            problem = _problem(cause.__cause__, "no connection", timeout_s)
+            raise DeliveryError(problem, may_have_arrived=False) from None
+        raise DeliveryError(_problem(cause, "no response", timeout_s)) from None
 
 
 class _Handler(urllib.request.AbstractHTTPHandler):
-    """Opens connections that observe a deadline."""
-
-    def __init__(self, deadline_s: float) -> None:
-        super().__init__()
-        self._deadline_s = deadline_s
-
     def http_open(self, request: urllib.request.Request) -> http.client.HTTPResponse:
-        return self.do_open(functools.partial(_Connection, deadline_s=self._deadline_s), request)
+        return self.do_open(_Connection, request)
 
     def https_open(self, request: urllib.request.Request) -> http.client.HTTPResponse:
-        connect = functools.partial(_TlsConnection, deadline_s=self._deadline_s)
-        return self.do_open(connect, request, context=ssl.create_default_context())
+        return self.do_open(_TlsConnection, request, context=ssl.create_default_context())
 
-    def http_request(self, request: urllib.request.Request) -> urllib.request.Request:
-        return self.do_request_(request)
+    http_request = https_request = urllib.request.AbstractHTTPHandler.do_request_
 
-    https_request = http_request
+
+class _Connection(http.client.HTTPConnection):
+    """Applies its timeout to the whole request: a socket's own one begins again with every byte."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._deadline_s = time.monotonic() + (self.timeout or 0.0)
+        self.response_class: Any = functools.partial(_Response, deadline_s=self._deadline_s)
+
+    def connect(self) -> None:
+        try:
+            super().connect()
+        except OSError as error:
+            raise _NotConnectedError from error
+        _limit(self.sock, self._deadline_s)
+
+
+class _TlsConnection(_Connection, http.client.HTTPSConnection):
+    """The same with TLS; the server's certificate is verified."""
 
 
 class _Response(http.client.HTTPResponse):
-    """Reads until a deadline, whatever the pace of the server."""
-
-    deadline_s = 0.0
-
-    def __init__(self, sock: socket.socket, *arguments: Any, **options: Any) -> None:
+    def __init__(self, sock: socket.socket, *arguments: Any, deadline_s: float, **options: Any) -> None:
         super().__init__(sock, *arguments, **options)
-        self.fp = io.BufferedReader(_DeadlineReader(self.fp.detach(), sock, self.deadline_s))
+        self.fp = io.BufferedReader(_DeadlineReader(self.fp.detach(), sock, deadline_s))
 
 
 class _DeadlineReader(io.RawIOBase):
+    """Reads until a deadline, whatever the pace of the server."""
+
     def __init__(self, raw: io.RawIOBase, sock: socket.socket, deadline_s: float) -> None:
         self._raw = raw
         self._sock = sock
@@ -150,7 +131,7 @@ class _DeadlineReader(io.RawIOBase):
         return True
 
     def readinto(self, buffer: Any) -> Optional[int]:
-        self._sock.settimeout(_remaining_s(self._deadline_s))
+        _limit(self._sock, self._deadline_s)
         count: Optional[int] = self._raw.readinto(buffer)
         return count
 
@@ -159,48 +140,24 @@ class _DeadlineReader(io.RawIOBase):
         super().close()
 
 
-class _Connection(http.client.HTTPConnection):
-    def __init__(self, *arguments: Any, deadline_s: float, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._deadline_s = deadline_s
-        self.response_class = type("_Response", (_Response,), {"deadline_s": deadline_s})
-
-    def connect(self) -> None:
-        self.timeout = _remaining_s(self._deadline_s)
-        try:
-            super().connect()
-        except OSError as error:
-            raise _NotConnectedError(error) from None
-        self.sock.settimeout(_remaining_s(self._deadline_s))
-
-
-class _TlsConnection(_Connection, http.client.HTTPSConnection):
-    """The same with TLS; the server's certificate is verified."""
-
-
-def _remaining_s(deadline_s: float) -> float:
+def _limit(sock: socket.socket, deadline_s: float) -> None:
+    """Lets the next use of a socket end at the deadline."""
     remaining_s = deadline_s - time.monotonic()
     if remaining_s <= 0.0:
         raise socket.timeout("timed out")
-    return remaining_s
+    sock.settimeout(remaining_s)
 
 
 def _answer(response: http.client.HTTPResponse) -> Answer:
-    headers: Dict[str, str] = {name.lower(): value for name, value in response.headers.items()}
-    date_s = _date_s(headers.get("date", ""))
+    headers = {name.lower(): value for name, value in response.headers.items()}
     text = ""
     if not 200 <= response.status < 300:
-        try:
-            text = response.read(4 * _MOST_SHOWN).decode("utf-8", "replace")
-        except (OSError, ValueError, http.client.HTTPException):
-            pass  # the status says enough
-    return Answer(
-        response.status,
-        printable(str(response.reason))[:_MOST_SHOWN],
-        printable(" ".join(text.split()))[:_MOST_SHOWN],
-        date_s,
-        _wait_s(headers.get("retry-after", ""), date_s),
-    )
+        with contextlib.suppress(OSError, ValueError, http.client.HTTPException):  # the status says enough
+            text = " ".join(response.read(4 * _MOST_SHOWN).decode("utf-8", "replace").split())
+    date_s = _date_s(headers.get("date", ""))
+    wait_s = _wait_s(headers.get("retry-after", ""), date_s)
+    reason = printable(str(response.reason))[:_MOST_SHOWN]
+    return Answer(response.status, reason, printable(text)[:_MOST_SHOWN], date_s, wait_s)
 
 
 def _date_s(text: str) -> Optional[float]:

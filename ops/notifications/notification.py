@@ -10,8 +10,6 @@ from robot_health_monitor.core.formatting import with_hint
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.times import utc_text
 
-FIRING, RESOLVED = "firing", "resolved"
-
 
 @dataclass(frozen=True)
 class Notified:
@@ -68,21 +66,15 @@ class Notification:
 
     def as_json(self) -> str:
         """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`."""
-        further: Mapping[str, Any] = {
-            "text": self.text,
-            "notification": RESOLVED if self.is_resolved else FIRING,
-            "time": utc_text(self.at_s),
-        }
-        return json.dumps({**self.transition, **further, **({"test": True} if self.is_test else {})})
+        kind = "resolved" if self.is_resolved else "firing"
+        fields = {**self.transition, "text": self.text, "notification": kind, "time": utc_text(self.at_s)}
+        return json.dumps({**fields, "test": True} if self.is_test else fields)
 
 
 def alert_line(transition: Mapping[str, Any]) -> str:
-    """Returns the line of a transition, with its hint, after the name of its robot.
+    """Returns the line of a transition, with its hint, after the name of its robot. Older files have no hint.
 
     >>> alert_line({"robot": "husky1", "text": "link ERROR: down: refused (was OK for 2 h)"})
     'husky1: link ERROR: down: refused (was OK for 2 h)'
-
-    Args:
-        transition: the fields of `--json`; older files have no hint.
     """
     return f"{transition['robot']}: {with_hint(str(transition['text']), str(transition.get('hint', '')))}"

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import threading
 from collections import Counter
 from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
@@ -26,8 +25,8 @@ from robot_health_monitor.core.transition_json import json_line
 
 from ..configuration import TargetSettings
 from ..matchers import matches_pattern
+from .database import delete_odd_rows, is_transition
 from .notification import Notification, Notified, alert_line
-from .queue_rows import delete_odd_rows, is_transition
 
 MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
@@ -70,6 +69,10 @@ _DROP_SUPERSEDED = """
 """
 
 
+_Alert = Tuple[str, Level, float, str]
+"""Fingerprint, level, wall time in s since 1970, and JSON of the transition."""
+
+
 class Taken(NamedTuple):
     """A notification that is being sent."""
 
@@ -101,15 +104,15 @@ class NotificationQueue:
         self._is_silenced = is_silenced
         self._is_simulated = is_simulated
         self._look = look
-        self._lock = threading.Lock()
         self._held: Set[Tuple[str, str]] = set()
-        self._waiting = dict.fromkeys(self._targets, 0)
-        self._drop_at = dict.fromkeys(self._targets, MOST_WAITING)
+        """Robot and signal of each alert that a silence holds back."""
+        self._waiting: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
+        self._drop_at: Dict[str, int] = {}
 
     def waiting(self, target: str) -> int:
         """Returns how many notifications wait for a target. May be called from any thread."""
-        return self._waiting.get(target, 0)
+        return self._waiting[target]
 
     def dropped(self, target: str) -> int:
         """Returns how many were dropped since it last was empty, because later ones superseded them. Any thread."""
@@ -117,15 +120,12 @@ class NotificationQueue:
 
     def has_expired_silence(self) -> bool:
         """Returns whether an alert that was held back is no longer silenced. May be called from any thread."""
-        with self._lock:
-            held = tuple(self._held)
-        return any(not self._is_silenced(robot, signal) for robot, signal in held)
+        return any(not self._is_silenced(robot, signal) for robot, signal in self._held.copy())
 
     def use_targets(self, connection: sqlite3.Connection, targets: Sequence[TargetSettings]) -> None:
         """Replaces the targets: forgets the others, and queues what new ones do not know yet."""
         self._targets = {target.name: target for target in targets}
-        self._waiting = {name: self._waiting.get(name, 0) for name in self._targets}
-        self._drop_at = {name: self._drop_at.get(name, MOST_WAITING) for name in self._targets}
+        self._waiting = Counter({name: self._waiting[name] for name in self._targets})
         self.prepare(connection)
 
     def prepare(self, connection: sqlite3.Connection) -> None:
@@ -148,12 +148,9 @@ class NotificationQueue:
                     connection.execute(_STORE_NOTIFIED, (name, key, _UNCONFIRMED, at_s, line))
 
     def note(self, connection: sqlite3.Connection, transition: Transition, wall_s: float) -> None:
-        """Notes a transition for `distribute`. The alert waits for this, so it is one insertion.
+        """Notes a transition for `distribute`, inside the transaction that stores it, at a time in s since 1970.
 
-        Args:
-            connection: inside the transaction that stores the transition.
-            transition: what is announced.
-            wall_s: when, in s since 1970.
+        The alert waits for this, so it is one insertion.
         """
         insert = "INSERT INTO noted_transitions (at_s, transition_json) VALUES (?, ?)"
         # Stored with the alert: after a restart it is unknown until battery_sensor has said so again.
@@ -161,71 +158,56 @@ class NotificationQueue:
         connection.execute(insert, (wall_s, json_line(transition, **further)))
 
     def distribute(self, connection: sqlite3.Connection) -> bool:
-        """Queues the noted transitions for every target that they concern.
-
-        Returns:
-            Whether there are more: one call handles a bounded number.
-        """
+        """Queues a bounded number of noted transitions for the targets that they concern; returns if there are more."""
         query = "SELECT id, at_s, transition_json FROM noted_transitions ORDER BY id LIMIT ?"
         rows = connection.execute(query, (_DISTRIBUTED_AT_ONCE,)).fetchall()
         for _, at_s, line in rows:
-            self._queue(connection, at_s, line)
+            transition = json.loads(line)
+            key, level, is_repeat = transition["fingerprint"], Level[transition["to_level"]], transition["repeat"]
+            if level is Level.OK:
+                connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
+            elif not is_repeat:
+                row = (key, transition["robot"], transition["signal"], int(level), at_s, line)
+                connection.execute(_STORE_OPEN, row)
+            for name, target in self._targets.items():
+                is_wanted = self._wants(target, transition, level)
+                if self._queue(connection, name, (key, level, at_s, line), is_repeat, is_wanted):
+                    self._waiting[name] += 1
+                    self._drop_superseded(connection, name)
         if rows:
             connection.execute("DELETE FROM noted_transitions WHERE id <= ?", (rows[-1][0],))
         return len(rows) == _DISTRIBUTED_AT_ONCE
 
-    def _queue(self, connection: sqlite3.Connection, at_s: float, line: str) -> None:
-        transition = json.loads(line)
-        key, robot, signal = (str(transition[name]) for name in ("fingerprint", "robot", "signal"))
-        level, is_repeat = Level[transition["to_level"]], bool(transition["repeat"])
-        if level is Level.OK:
-            connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
-        elif not is_repeat:
-            row = (key, robot, signal, int(level), at_s, line)
-            connection.execute(_STORE_OPEN, row)
-        for name, target in self._targets.items():
-            values = {
-                "target": name, "fingerprint": key, "level": int(level), "at_s": at_s, "json": line,
-                "repeat": is_repeat, "wanted": self._wants(target, transition, level),
-            }  # fmt: skip
-            if connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0:
-                self._waiting[name] += 1
-                self._drop_superseded(connection, name)
-
     def take(self, connection: sqlite3.Connection, target: str) -> Optional[Taken]:
         """Returns the next notification for a target and counts the attempt; None: nothing is to be sent now."""
         self._look()
-        found = None
         if target not in self._targets:  # it has just been removed
             return None
+        found = None
         for _ in range(_MOST_SKIPPED):
             row = connection.execute(_HEAD, (target,)).fetchone()
             if row is None:
                 break
-            number, fingerprint, level, at_s, line, attempts, is_repeat = row
-            notification = self._decide(
-                connection, self._targets[target], fingerprint, Level(level), at_s, line, attempts > 0, bool(is_repeat)
-            )
+            notification = self._decide(connection, self._targets[target], row)
             if notification is not None:
-                connection.execute("UPDATE notifications SET attempts = attempts + 1 WHERE id = ?", (number,))
-                found = Taken(number, target, fingerprint, notification)
+                connection.execute("UPDATE notifications SET attempts = attempts + 1 WHERE id = ?", row[:1])
+                found = Taken(row[0], target, row[1], notification)
                 break
-            connection.execute("DELETE FROM notifications WHERE id = ?", (number,))
+            connection.execute("DELETE FROM notifications WHERE id = ?", row[:1])
         self._count(connection, target)
         return found
 
     def finish(self, connection: sqlite3.Connection, taken: Taken) -> None:
         """Stores that a notification was sent, or that it was given up and may have arrived."""
-        sent, key = taken.notification.sent, (taken.target, taken.fingerprint)
-        if taken.notification.is_resolved:
+        key, notification = (taken.target, taken.fingerprint), taken.notification
+        if notification.is_resolved:
             connection.execute("DELETE FROM notified WHERE target = ? AND fingerprint = ?", key)
         else:
-            before = taken.notification.before
-            same = before is not None and before.level is sent.level  # a repetition
-            since_s = before.since_s if before is not None and same else sent.since_s
-            line = json.dumps(dict(taken.notification.transition))
-            values = (*key, int(sent.level), since_s, line)
-            connection.execute(_STORE_NOTIFIED, values)
+            before, sent = notification.before, notification.sent
+            is_repetition = before is not None and before.level is sent.level
+            since_s = before.since_s if before is not None and is_repetition else sent.since_s
+            line = json.dumps(dict(notification.transition))
+            connection.execute(_STORE_NOTIFIED, (*key, int(sent.level), since_s, line))
         connection.execute("DELETE FROM notifications WHERE id = ?", (taken.id,))
         self._count(connection, taken.target)
 
@@ -244,43 +226,39 @@ class NotificationQueue:
     def reconcile(self, connection: sqlite3.Connection) -> None:
         """Queues whatever a target does not know: after a start, or when a silence has expired."""
         self._look()
-        with self._lock:
-            self._held.clear()
+        self._held.clear()
         for name, target in self._targets.items():
             query = "SELECT DISTINCT fingerprint FROM notifications WHERE target = ?"
             waiting = {key for (key,) in connection.execute(query, (name,))}
-            for key, level, at_s, line in tuple(self._unknown_to(connection, target)):
-                if key not in waiting:
-                    insert = "INSERT INTO notifications (target, fingerprint, level, at_s, transition_json) VALUES "
-                    connection.execute(f"{insert} (?, ?, ?, ?, ?)", (name, key, int(level), at_s, line))
+            for alert in tuple(self._unknown_to(connection, target)):
+                if alert[0] not in waiting:
+                    self._queue(connection, name, alert, is_wanted=True)
             self._count(connection, name)
 
     def end_unwatched(self, connection: sqlite3.Connection, robots: Collection[str], wall_s: float) -> None:
-        """Ends the alerts of robots that are no longer watched.
-
-        Args:
-            connection: the database.
-            robots: those that are watched.
-            wall_s: the time of the end, in s since 1970.
-        """
+        """Ends the alerts of all robots but those that are watched, at a time in s since 1970."""
         open_alerts = connection.execute("SELECT fingerprint, robot, transition_json FROM open_alerts").fetchall()
         for key, robot, line in open_alerts:
-            if robot in robots:
-                continue
-            ended = _no_longer_watched(line)
-            connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
-            for name in self._targets:
-                values = {
-                    "target": name, "fingerprint": key, "level": int(Level.OK), "at_s": wall_s, "json": ended,
-                    "repeat": False, "wanted": False,
-                }  # fmt: skip
-                connection.execute(_INSERT_IF_CONCERNED, values)
-                self._count(connection, name)
+            if robot not in robots:
+                connection.execute("DELETE FROM open_alerts WHERE fingerprint = ?", (key,))
+                for name in self._targets:
+                    self._queue(connection, name, (key, Level.OK, wall_s, _no_longer_watched(line)))
+                    self._count(connection, name)
 
-    def _unknown_to(
-        self, connection: sqlite3.Connection, target: TargetSettings
-    ) -> Iterator[Tuple[str, Level, float, str]]:
-        """Yields fingerprint, level, wall time and JSON of each alert about which a target knows something else."""
+    @staticmethod
+    def _queue(
+        connection: sqlite3.Connection, target: str, alert: _Alert, is_repeat: bool = False, is_wanted: bool = False
+    ) -> bool:
+        """Queues a transition if the target wants it, or knows of the alert or will; returns whether that is so."""
+        fingerprint, level, at_s, line = alert
+        values = {
+            "target": target, "fingerprint": fingerprint, "level": int(level), "at_s": at_s, "json": line,
+            "repeat": is_repeat, "wanted": is_wanted,
+        }  # fmt: skip
+        return connection.execute(_INSERT_IF_CONCERNED, values).rowcount > 0
+
+    def _unknown_to(self, connection: sqlite3.Connection, target: TargetSettings) -> Iterator[_Alert]:
+        """Yields each alert about which a target knows something else."""
         query = "SELECT fingerprint, level, since_s, transition_json FROM notified WHERE target = ?"
         known = {key: (level, since_s, line) for key, level, since_s, line in connection.execute(query, (target.name,))}
         rows = connection.execute("SELECT fingerprint, robot, signal, level, at_s, transition_json FROM open_alerts")
@@ -291,39 +269,31 @@ class NotificationQueue:
                     yield key, Level(level), at_s, line
             elif before is None or before[0] != level:
                 if self._is_silenced(robot, signal):
-                    self._hold(robot, signal)
+                    self._held.add((robot, signal))
                 else:
                     yield key, Level(level), at_s, line
         for key, (_, since_s, line) in known.items():  # the history lost its end
             yield key, Level.OK, since_s, _no_longer_watched(line)
 
     def _decide(
-        self,
-        connection: sqlite3.Connection,
-        target: TargetSettings,
-        fingerprint: str,
-        level: Level,
-        at_s: float,
-        line: str,
-        has_attempt: bool,
-        is_repeat: bool,
+        self, connection: sqlite3.Connection, target: TargetSettings, head: Tuple[Any, ...]
     ) -> Optional[Notification]:
-        """Returns what a row means for a target now; None: nothing."""
+        """Returns what a row of `_HEAD` means for a target now; None: nothing."""
+        _, fingerprint, level, at_s, line, attempts, is_repeat = head
         query = "SELECT level, since_s, transition_json FROM notified WHERE target = ? AND fingerprint = ?"
         row = connection.execute(query, (target.name, fingerprint)).fetchone()
         before = None if row is None else _notified(*row)
         notification = Notification(json.loads(line), False, at_s, before)
-        robot, signal = notification.robot, notification.signal
-        if not self._wants(target, notification.transition, level):
+        if not self._wants(target, notification.transition, Level(level)):
             return None if before is None else Notification(notification.transition, True, at_s, before)
-        if self._is_silenced(robot, signal):
-            self._hold(robot, signal)
-            if has_attempt and row is None:
+        if self._is_silenced(notification.robot, notification.signal):
+            self._held.add((notification.robot, notification.signal))
+            if attempts and row is None:
                 values = (target.name, fingerprint, _UNCONFIRMED, at_s, line)
                 connection.execute("INSERT INTO notified VALUES (?, ?, ?, ?, ?)", values)
             return None
         is_known = row is not None and row[0] == level
-        if is_known and not has_attempt and (not is_repeat or target.type == "alertmanager"):
+        if is_known and not attempts and (not is_repeat or target.type == "alertmanager"):
             return None
         return notification
 
@@ -338,13 +308,9 @@ class NotificationQueue:
             and (target.simulated or not (transition.get("simulated") or self._is_simulated(robot, signal)))
         )
 
-    def _hold(self, robot: str, signal: str) -> None:
-        with self._lock:
-            self._held.add((robot, signal))
-
     def _drop_superseded(self, connection: sqlite3.Connection, target: str) -> None:
         waiting = self._waiting[target]
-        if waiting <= self._drop_at[target]:
+        if waiting <= self._drop_at.get(target, MOST_WAITING):
             return
         count = waiting - MOST_WAITING + _DROPPED_AT_ONCE
         self._dropped[target] += connection.execute(_DROP_SUPERSEDED, (target, count)).rowcount
@@ -354,9 +320,8 @@ class NotificationQueue:
 
     def _count(self, connection: sqlite3.Connection, target: str) -> None:
         query = "SELECT count(*) FROM notifications WHERE target = ?"
-        waiting: int = connection.execute(query, (target,)).fetchone()[0]
-        self._waiting[target] = waiting
-        if waiting == 0:
+        self._waiting[target] = connection.execute(query, (target,)).fetchone()[0]
+        if self._waiting[target] == 0:
             self._dropped[target] = 0
 
 
@@ -372,12 +337,6 @@ def _notified(level: int, since_s: float, line: str) -> Notified:
 
 def _no_longer_watched(line: str) -> str:
     """Returns the JSON of the transition with which an alert ends because its signal is no longer watched."""
-    transition: Dict[str, object] = json.loads(line)
-    signal = transition["signal"]
-    ended = {
-        "from_level": transition["to_level"],
-        "to_level": "OK",
-        "text": f"{signal} OK: no longer watched",
-        "hint": "",
-    }
-    return json.dumps({**transition, **ended, "repeat": False})
+    transition = json.loads(line)
+    ended = {"to_level": "OK", "text": f"{transition['signal']} OK: no longer watched", "hint": "", "repeat": False}
+    return json.dumps({**transition, "from_level": transition["to_level"], **ended})

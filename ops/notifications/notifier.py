@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from typing import Callable, Collection, Dict, List, Mapping, Optional, Sequence
+from typing import Callable, Collection, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -19,8 +19,7 @@ from .alertmanager import Alertmanager
 from .apprise import AppriseTarget
 from .command import Command
 from .database import QueueDatabase
-from .delivery import Delivery
-from .heartbeat import Heartbeat
+from .delivery import Caller, Delivery, Heartbeat
 from .notification_queue import NotificationQueue
 from .sender import Sender
 from .webhook import Webhook
@@ -34,7 +33,7 @@ DISTRIBUTION_PERIOD_S = 0.05
 CLOSE_TIMEOUT_S = 1.0
 """How long `close` waits for notifications of targets that work, in s."""
 
-_TIMEOUT_S = 5.0
+_LONGEST_END_S = 5.0
 _CLOSE_POLL_S = 0.02
 
 _SENDERS: Mapping[str, Callable[[TargetSettings], Sender]] = {
@@ -42,6 +41,14 @@ _SENDERS: Mapping[str, Callable[[TargetSettings], Sender]] = {
     "command": Command,
     "apprise": AppriseTarget,
 }
+
+
+class _Target(NamedTuple):
+    """A target that is in use."""
+
+    settings: TargetSettings
+    caller: Caller
+    thread: StepThread
 
 
 class Notifier:
@@ -66,19 +73,14 @@ class Notifier:
             wall_time_s: seconds since 1970.
             is_simulated: whether the values of a robot's signal are simulated. Cheap, from any thread.
         """
-        faults = Faults() if faults is None else faults
+        self._faults = faults = Faults() if faults is None else faults
         self._database = QueueDatabase(history, faults, self._prepare_again)
         self._wall_time_s = wall_time_s
-        self._faults = faults
         self._is_prepared = False
         self._has_news = False
         self._checked_s = time.monotonic() - CHECK_PERIOD_S
         self._watched: Optional[Collection[str]] = None
-        self._targets: Dict[str, TargetSettings] = {}
-        self._deliveries: Dict[str, Delivery] = {}
-        self._heartbeats: Dict[str, Heartbeat] = {}
-        self._threads: Dict[str, StepThread] = {}
-        """Those of the targets."""
+        self._targets: Dict[str, _Target] = {}
         self._changing = threading.Lock()
         self._queue_thread = self._thread("queue", self._step)
         self._is_noting = False
@@ -104,18 +106,18 @@ class Notifier:
         """
         wanted = {target.name: target for target in targets}
         with self._changing:
-            ended = [name for name, known in self._targets.items() if wanted.get(name) != known]
-            added = [target for name, target in wanted.items() if self._targets.get(name) != target]
-            if ended or added:
-                alerted = _alerted(targets)
-                self._database.run(lambda connection: self._queue.use_targets(connection, alerted), _TIMEOUT_S)
+            known = {name: target.settings for name, target in self._targets.items()}
+            ended = [name for name, settings in known.items() if wanted.get(name) != settings]
+            started = [target for name, target in wanted.items() if known.get(name) != target]
+            if ended or started:
+                self._database.run(self._queue.use_targets, _alerted(targets))
             for name in ended:
                 self._end(name)
-            self._start(added)
+            self._start(started)
             self._wake()
         changes = {
-            "added": [target.name for target in added if target.name not in ended],
-            "changed": [target.name for target in added if target.name in ended],
+            "added": [target.name for target in started if target.name not in ended],
+            "changed": [target.name for target in started if target.name in ended],
             "removed": [name for name in ended if name not in wanted],
         }
         return ", ".join(f"{change} {', '.join(names)}" for change, names in changes.items() if names)
@@ -123,12 +125,12 @@ class Notifier:
     @property
     def waiting(self) -> int:
         """How many notifications wait, over all targets."""
-        return sum(map(self._queue.waiting, tuple(self._deliveries)))
+        return sum(map(self._queue.waiting, tuple(self._targets)))
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""
-        for heartbeat in tuple(self._heartbeats.values()):
-            heartbeat.note_tick()
+        for target in tuple(self._targets.values()):
+            target.caller.note_tick()
 
     def end_unwatched(self, robots: Collection[str]) -> None:
         """Ends the notified alerts of all other robots, such as those of an earlier run; returns at once.
@@ -141,51 +143,43 @@ class Notifier:
     def close(self) -> None:
         """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
         until_s = time.monotonic() + CLOSE_TIMEOUT_S
-        while time.monotonic() < until_s and (self._deliveries and self._has_work()):
+        while time.monotonic() < until_s and (
+            self._has_news or any(target.caller.has_work() for target in self._targets.values())
+        ):
             time.sleep(_CLOSE_POLL_S)
-        threads = [*self._threads.values(), *([self._queue_thread] if self._is_noting else [])]
+        targets = tuple(self._targets.values())
+        threads = [*(target.thread for target in targets), *([self._queue_thread] if self._is_noting else [])]
         for thread in threads:
             thread.close()
-        for delivery in self._deliveries.values():
-            delivery.sender.close()
+        for target in targets:
+            target.caller.close()
         for thread in threads:
             thread.join(max(0.0, until_s - time.monotonic()))
 
     def _start(self, targets: Sequence[TargetSettings]) -> None:
         """Starts new targets."""
-        for target in targets:
-            name = target.name
-            self._targets[name] = target
-            if target.type == "heartbeat":
-                heartbeat = self._heartbeats[name] = Heartbeat(target, self._faults)
-                step = heartbeat.step
+        for settings in targets:
+            name = settings.name
+            if settings.type == "heartbeat":
+                caller: Caller = Heartbeat(settings, self._faults)
             else:
-                sender = make_sender(target, self._wall_time_s)
-                delivery = self._deliveries[name] = Delivery(name, sender, self._queue, self._database, self._faults)
-                step = delivery.step
-            thread = self._threads[name] = self._thread(name, step)
+                sender = make_sender(settings, self._wall_time_s)
+                caller = Delivery(name, sender, self._queue, self._database, self._faults)
+            thread = self._thread(name, caller.step)
+            self._targets[name] = _Target(settings, caller, thread)
             thread.start()
-        if self._deliveries and not self._is_noting:
+        if _alerted(targets) and not self._is_noting:
             self._is_noting = True
             self._database.on_record(self._note)
             self._queue_thread.start()
 
     def _end(self, name: str) -> None:
         """Ends a target, and what is being sent to it."""
-        target, thread = self._targets.pop(name), self._threads.pop(name)
-        thread.close()
-        self._heartbeats.pop(name, None)
-        delivery = self._deliveries.pop(name, None)
-        if delivery is not None:
-            delivery.sender.close()
-        thread.join(min(target.timeout_s, _TIMEOUT_S))
-        for part in (f"notify {name}", f"notify {name}: url_file"):
-            self._faults.clear(part)
-
-    def _has_work(self) -> bool:
-        return self._has_news or any(
-            self._queue.waiting(name) and not delivery.is_failing for name, delivery in self._deliveries.items()
-        )
+        target = self._targets.pop(name)
+        target.thread.close()
+        target.caller.close()
+        target.thread.join(min(target.settings.timeout_s, _LONGEST_END_S))
+        target.caller.clear_faults()
 
     def _thread(self, name: str, step: Callable[[], float]) -> StepThread:
         def report(error: Exception) -> None:
@@ -205,11 +199,10 @@ class Notifier:
         self._is_prepared = False
 
     def _wake(self) -> None:
-        for name, delivery in tuple(self._deliveries.items()):
-            thread = self._threads.get(name)
-            if thread is not None and self._queue.waiting(name):
-                delivery.note_news()
-                thread.wake()
+        for name, target in tuple(self._targets.items()):
+            if self._queue.waiting(name):
+                target.caller.note_news()
+                target.thread.wake()
 
     def _step(self) -> float:
         """Queues new transitions, and each second what a change of silences or robots causes."""
@@ -217,7 +210,7 @@ class Notifier:
             if not self._is_prepared:
                 self._is_prepared = True  # first: a queue in memory may take the place of this one at any moment
                 try:
-                    self._database.run(self._queue.prepare, _TIMEOUT_S)
+                    self._database.run(self._queue.prepare)
                 except ServiceError:
                     self._is_prepared = False
                     raise
@@ -233,26 +226,24 @@ class Notifier:
     def _distribute(self) -> bool:
         """Queues a bounded number of new transitions; returns whether there are more."""
         self._has_news = False  # first: a transition may be noted at any moment
+        has_more = True
         try:
-            has_more = self._database.run(self._queue.distribute, _TIMEOUT_S)
-        except ServiceError:
-            self._has_news = True
-            raise
-        if has_more:
-            self._has_news = True
+            has_more = self._database.run(self._queue.distribute)
+        finally:
+            if has_more:
+                self._has_news = True
         self._wake()
         return has_more
 
     def _check(self) -> None:
         watched = self._watched
         if watched is not None:
-            now_s = self._wall_time_s()
-            self._database.run(lambda connection: self._queue.end_unwatched(connection, watched, now_s), _TIMEOUT_S)
+            self._database.run(self._queue.end_unwatched, watched, self._wall_time_s())
             if self._watched is watched:
                 self._watched = None
             self._wake()
         if self._queue.has_expired_silence():
-            self._database.run(self._queue.reconcile, _TIMEOUT_S)
+            self._database.run(self._queue.reconcile)
             self._wake()
 
 
@@ -262,12 +253,7 @@ def _alerted(targets: Sequence[TargetSettings]) -> List[TargetSettings]:
 
 
 def make_sender(settings: TargetSettings, wall_time_s: Callable[[], float] = time.time) -> Sender:
-    """Returns the sender for a target of any type except `heartbeat`, which sends no alerts.
-
-    Args:
-        settings: the target.
-        wall_time_s: seconds since 1970.
-    """
+    """Returns the sender for a target of any type except `heartbeat`, which sends no alerts."""
     if settings.type == "alertmanager":
         return Alertmanager(settings, wall_time_s)
     return _SENDERS[settings.type](settings)

@@ -1,13 +1,23 @@
-"""The interface of a target: delivers one notification per call, or raises a `DeliveryError`."""
+"""The interface of a target: delivers one notification per call, or raises a `DeliveryError`; and the target's address.
+
+An address that contains a secret is in a file. Of any address only scheme and host are shown.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import stat
 from abc import ABC, abstractmethod
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
+from urllib.parse import urlsplit
 
 from robot_health_monitor.core.errors import ServiceError
 
+from ..configuration import TargetSettings
 from .notification import Notification, Notified
+
+_LONGEST = 4096  # bytes of a file with an address
 
 
 class DeliveryError(ServiceError):
@@ -43,16 +53,10 @@ class Sender(ABC):
 
     repeat_every_s: Optional[float] = None
     """Period at which open alerts are repeated, in s; None: they are sent once."""
-
-    @property
-    @abstractmethod
-    def place(self) -> str:
-        """Where the target is, without secrets."""
-
-    @property
-    def warning(self) -> str:
-        """One line about the target that is no failure, such as an unprotected secret; empty: none."""
-        return ""
+    place: str
+    """Where the target is, without secrets."""
+    warning: str = ""
+    """One line about the target that is no failure, such as an unprotected secret; empty: none."""
 
     @abstractmethod
     def send(self, notification: Notification) -> str:
@@ -63,11 +67,86 @@ class Sender(ABC):
         """
 
     def repeat(self, alerts: Sequence[Notified]) -> None:  # noqa: B027 - optional
-        """Repeats open alerts; called only with `repeat_every_s`.
-
-        Raises:
-            DeliveryError: it failed.
-        """
+        """Repeats open alerts; called only with `repeat_every_s`. Raises DeliveryError."""
 
     def close(self) -> None:  # noqa: B027 - optional
         """Ends a call of `send` in another thread early, where that is possible."""
+
+
+class Address:
+    """A target's address. A file is read before each use, so that a secret can be replaced at any time."""
+
+    def __init__(self, settings: TargetSettings) -> None:
+        """Reads nothing yet."""
+        self._url = settings.url
+        self._file = settings.url_file
+        self.place = settings.url_file or shown(settings.url)
+        """The address as it may be shown: scheme and host; before the file has been read, the name of the file."""
+        self.is_secret = bool(settings.url_file)
+        """Whether the path of the address must not be shown."""
+        self.warning = ""
+        """One line if other users may read the file; empty: they may not, as far as is known."""
+
+    def addresses(self) -> Tuple[str, ...]:
+        """Returns the lines of the file that are neither empty nor comments (`#`), or the given address.
+
+        Raises:
+            DeliveryError: the file cannot be read or is empty.
+        """
+        if not self._file:
+            return (self._url,)
+        try:
+            mode = os.stat(self._file).st_mode
+            if not stat.S_ISREG(mode):  # opening a named pipe would wait for a writer
+                raise self._unusable("cannot be read: expected a file, got something else")
+            with open(self._file, "rb") as stream:
+                contents = stream.read(_LONGEST + 1)
+        except (OSError, ValueError) as error:
+            raise self._unusable(f"cannot be read: {getattr(error, 'strerror', error)}") from None
+        advice = "every user of this machine can read this address; protect it with chmod 600"
+        self.warning = f"{self._file}: {advice}" if mode & stat.S_IROTH else ""
+        if len(contents) > _LONGEST:
+            raise self._unusable(f"expected at most {_LONGEST} bytes, got more")
+        lines = [line.strip() for line in contents.decode("utf-8", "replace").splitlines()]
+        found = tuple(line for line in lines if line and not line.startswith("#"))
+        if not found:
+            raise self._unusable("expected an address, got an empty file")
+        self.place = ", ".join(dict.fromkeys(shown(line) for line in found))
+        return found
+
+    def http_address(self) -> str:
+        """Returns the address, which is one of HTTP.
+
+        Raises:
+            DeliveryError: the file cannot be read, or holds something else.
+        """
+        url, *others = self.addresses()
+        try:
+            parts = urlsplit(url)
+            fits = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+        except ValueError:
+            fits = False
+        if others or not fits or not all("!" <= letter <= "~" for letter in url):
+            self.place = self._file or self.place
+            raise self._unusable("expected one address, http://... or https://..., without blanks")
+        return url
+
+    def _unusable(self, problem: str) -> DeliveryError:
+        return DeliveryError(f"{self._file or 'url'}: {problem}", may_have_arrived=False)
+
+
+def shown(url: str) -> str:
+    """Returns scheme, host and port of an address: the rest may be a secret.
+
+    >>> shown("https://user:password@chat.example:8443/hooks/secret?key=secret")
+    'https://chat.example:8443'
+    """
+    scheme, separator, rest = url.partition("://")
+    if not separator:
+        return "an address without a scheme"
+    if scheme.lower() not in ("http", "https"):
+        return f"{scheme[:20]}://..."  # apprise puts secrets in place of the host
+    host = re.split(r"[/?#\\]", rest, maxsplit=1)[0]
+    if "@" in rest[len(host) :]:  # a password that contains one of these characters
+        return f"{scheme}://..."
+    return f"{scheme}://{host.rpartition('@')[2][:200]}"

@@ -6,16 +6,15 @@ import threading
 import time
 from typing import Callable, Dict, NamedTuple, Optional
 
-from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.formatting import duration_text
 from robot_health_monitor.core.model import Level
 
 from ..configuration import TargetSettings
 from .alertmanager import ALERT, REPEAT_EVERY_S
-from .heartbeat import Heartbeat
 from .notification import Notification
 from .notifier import make_sender
 from .sender import DeliveryError, Sender
+from .webhook import HttpTarget
 
 ALERTMANAGER_HOLD_S = 60.0
 """How long a test alert stays at Alertmanager by default, in s: it notifies after its `group_wait`, default 30 s."""
@@ -51,9 +50,9 @@ def try_target(
         on_firing: receives a line that says what to look for, if the alert stays.
         wall_time_s: seconds since 1970.
     """
-    target = Heartbeat(settings, Faults()) if settings.type == "heartbeat" else make_sender(settings, wall_time_s)
+    target = HttpTarget(settings) if settings.type == "heartbeat" else make_sender(settings, wall_time_s)
     try:
-        if isinstance(target, Heartbeat):
+        if not isinstance(target, Sender):
             response = target.deliver(None)
         else:
             begin_s = wall_time_s()

@@ -15,7 +15,7 @@ from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.notifications.delivery import LONGEST_RETRY_S, MOST_REFUSALS, Delivery
+from robot_health_monitor.ops.notifications.delivery import LONGEST_RETRY_S, MOST_REFUSALS, Delivery, Heartbeat
 from robot_health_monitor.ops.notifications.notification_queue import NotificationQueue
 from robot_health_monitor.ops.notifications.notifier import make_sender
 
@@ -28,11 +28,11 @@ class Database:
         schema.prepare(self.connection)
         self.fails_next = 0
 
-    def run(self, function: Callable[[sqlite3.Connection], Any], timeout_s: float = 0.0) -> Any:
+    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         if self.fails_next:
             self.fails_next -= 1
             raise ServiceError("history: no answer within 5 s")
-        return function(self.connection)
+        return function(self.connection, *arguments)
 
     def on_record(self, hook: object) -> None:
         """Not used here: the tests call `note`."""
@@ -269,7 +269,7 @@ def test_a_target_that_hangs_is_a_fault(server: HttpServer) -> None:
     bench.change("WARN")
     bench.settle()
     assert bench.fault() == (Level.WARN, f"{server.url}: no response within 0.2 s")
-    assert bench.delivery.is_failing
+    assert bench.queue.waiting("chat") == 1 and not bench.delivery.has_work()
 
 
 def test_an_unprotected_secret_is_a_warning(server: HttpServer, tmp_path: Any) -> None:
@@ -336,3 +336,61 @@ def test_repetitions_go_on_while_one_notification_fails(server: HttpServer) -> N
     bench.run(600.0)
     repeated = [now_s for now_s, texts in seen if texts == ["cpu"]]
     assert repeated == [30.0 * number for number in range(1, 21)]
+
+
+# The heartbeat
+
+
+class Clock:
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def beat(heartbeat: Heartbeat, clock: Clock, until_s: float, ticks: bool = True) -> None:
+    """Lets virtual time pass, with a tick each second."""
+    while clock.now_s < until_s:
+        clock.now_s += 1.0
+        if ticks:
+            heartbeat.note_tick()
+        assert heartbeat.step() >= 0.0
+
+
+def test_a_heartbeat_calls_every_period_while_ticks_come_and_stops_with_them(server: HttpServer) -> None:
+    clock = Clock()
+    heartbeat = Heartbeat(TargetSettings("alive", "heartbeat", url=f"{server.url}/ping"), Faults(), clock)
+    assert heartbeat.step() > 0.0 and server.all() == []  # no tick yet
+    beat(heartbeat, clock, 1.0)
+    assert [(call.method, call.path) for call in server.all()] == [("GET", "/ping")]
+    beat(heartbeat, clock, 60.0)
+    assert server.all() == []
+    beat(heartbeat, clock, 181.0)
+    assert len(server.all()) == 3
+    beat(heartbeat, clock, 1000.0, ticks=False)
+    assert server.all() == []
+    beat(heartbeat, clock, 1001.0)
+    assert len(server.all()) == 1
+
+
+def test_a_failed_heartbeat_is_a_fault_and_retried_with_growing_waits(server: HttpServer) -> None:
+    clock, faults = Clock(), Faults()
+    heartbeat = Heartbeat(TargetSettings("alive", "heartbeat", url=server.url), faults, clock)
+    server.behave = responding(500)
+    beat(heartbeat, clock, 63.0)
+    assert len(server.all()) == 6  # after 1, 2, 4, 8, 16, 32 s
+    (fault,) = faults.current().items()
+    assert fault == ("notify alive", (Level.WARN, f"{server.url}: response 500 Internal Server Error"))
+    server.behave = responding(200)
+    beat(heartbeat, clock, 200.0)
+    assert faults.current() == {}
+
+
+def test_a_heartbeat_respects_a_requested_wait(server: HttpServer) -> None:
+    clock = Clock()
+    heartbeat = Heartbeat(TargetSettings("alive", "heartbeat", url=server.url, every_s=10.0), Faults(), clock)
+    server.behave = responding(429, Retry_After="40")
+    beat(heartbeat, clock, 40.0)
+    assert len(server.all()) == 1
+    beat(heartbeat, clock, 41.0)
+    assert len(server.all()) == 1

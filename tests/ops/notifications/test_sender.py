@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from robot_health_monitor.ops.configuration import TargetSettings
-from robot_health_monitor.ops.notifications.address import Address, shown
-from robot_health_monitor.ops.notifications.sender import DeliveryError
+from robot_health_monitor.ops.notifications.sender import Address, DeliveryError, shown
 
 
 def of_file(path: Path) -> Address:
@@ -35,7 +34,7 @@ def test_only_scheme_and_host_are_shown(url: str, text: str) -> None:
 
 def test_a_given_address_is_returned() -> None:
     address = Address(TargetSettings("pager", "alertmanager", url="http://10.0.0.2:9093"))
-    assert address.http() == "http://10.0.0.2:9093" and address.place == "http://10.0.0.2:9093"
+    assert address.http_address() == "http://10.0.0.2:9093" and address.place == "http://10.0.0.2:9093"
 
 
 def test_a_file_is_read_each_time_and_only_its_host_is_shown(tmp_path: Path) -> None:
@@ -44,10 +43,10 @@ def test_a_file_is_read_each_time_and_only_its_host_is_shown(tmp_path: Path) -> 
     file.chmod(0o600)
     address = of_file(file)
     assert address.place == str(file)
-    assert address.http() == "https://chat.example/hooks/s3cret"
+    assert address.http_address() == "https://chat.example/hooks/s3cret"
     assert (address.place, address.is_secret, address.warning) == ("https://chat.example", True, "")
     file.write_text("https://chat.example/hooks/new")
-    assert address.http() == "https://chat.example/hooks/new"
+    assert address.http_address() == "https://chat.example/hooks/new"
 
 
 def test_a_file_that_others_may_read_is_a_warning_until_it_is_protected(tmp_path: Path) -> None:
@@ -55,11 +54,11 @@ def test_a_file_that_others_may_read_is_a_warning_until_it_is_protected(tmp_path
     file.write_text("https://chat.example/hooks/s3cret")
     file.chmod(0o644)
     address = of_file(file)
-    address.http()
+    address.http_address()
     advice = "every user of this machine can read this address; protect it with chmod 600"
     assert address.warning == f"{file}: {advice}"
     file.chmod(0o640)
-    address.http()
+    address.http_address()
     assert address.warning == ""
 
 
@@ -82,17 +81,17 @@ def test_a_file_without_an_address_is_a_failure_that_shows_nothing_of_it(
     file.write_text(contents)
     address = of_file(file)
     with pytest.raises(DeliveryError) as caught:
-        address.http()
+        address.http_address()
     assert str(caught.value) == f"{file}: {problem}" and not caught.value.may_have_arrived
     assert "s3cret" not in address.place
 
 
 def test_a_file_that_does_not_exist_is_a_failure(tmp_path: Path) -> None:
     with pytest.raises(DeliveryError, match=r"cannot be read: No such file or directory$"):
-        of_file(tmp_path / "missing").http()
+        of_file(tmp_path / "missing").http_address()
 
 
 def test_a_named_pipe_does_not_hang(tmp_path: Path) -> None:
     os.mkfifo(str(tmp_path / "pipe"))
     with pytest.raises(DeliveryError, match=r"expected a file, got something else$"):
-        of_file(tmp_path / "pipe").http()
+        of_file(tmp_path / "pipe").http_address()
