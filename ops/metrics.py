@@ -23,6 +23,8 @@ _BY_SIGNAL = ("robot", "signal")
 
 _Series = Tuple[Tuple[Sequence[str], float], ...]
 """Values of the labels, and the value of the metric."""
+_Kept = Dict[Tuple[Callable[..., _Series], str], Tuple[_Series, bytes]]
+"""The latest lines of series that rarely change, by their function and robot."""
 
 
 class Family(NamedTuple):
@@ -95,8 +97,7 @@ class Metrics:
         self._wall_time_s = wall_time_s
         self._lock = threading.Lock()
         self._transitions: Dict[Tuple[str, str], Counter[Level]] = {}
-        self._kept: Dict[Tuple[object, str], Tuple[_Series, bytes]] = {}
-        """The latest lines of series that rarely change, by their function and robot."""
+        self._kept: _Kept = {}
 
     def counter(self, robot: str) -> Callable[[Transition], None]:
         """Returns the function that counts a transition of a robot. It may be called in any thread."""
@@ -124,8 +125,8 @@ class Metrics:
         """
         from prometheus_client import CONTENT_TYPE_LATEST
 
-        before, after = self._kept, {}
-        parts = []
+        before, parts = self._kept, []
+        after: _Kept = {}
         for family, *groups in _OF_ROBOTS:
             parts.append(_exposition(family, ()))
             for series_of, rarely_change in groups:
