@@ -1,4 +1,4 @@
-"""`robot-health notify`: sends a test notification to every target of an ops.yaml."""
+"""`robot-health notify`: sends a test notification to every target of an ops.yaml, without the queue."""
 
 from __future__ import annotations
 
@@ -6,18 +6,27 @@ import argparse
 import math
 import sys
 import threading
-from typing import Dict, Iterator, Optional, Sequence
+import time
+from typing import Callable, Dict, Iterator, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.core.formatting import duration_text, printable
+from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import TargetSettings, read_ops
-from robot_health_monitor.ops.notifications.trial import ALERTMANAGER_HOLD_S, Trial, try_target
+from robot_health_monitor.ops.notifications.alertmanager import ALERT, REPEAT_EVERY_S
+from robot_health_monitor.ops.notifications.notification import Notification
+from robot_health_monitor.ops.notifications.notifier import make_sender
+from robot_health_monitor.ops.notifications.sender import DeliveryError, Sender
+from robot_health_monitor.ops.notifications.webhook import HttpTarget
 from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .arguments import Parser, duration, number_or_nan
 from .exit_codes import ExitCode
+
+_ALERTMANAGER_HOLD_S = 60.0
+"""How long a test alert stays at Alertmanager by default, in s: it notifies after its `group_wait`, default 30 s."""
 
 _FURTHER_S = 30.0
 """How long a target may take beyond its timeouts, for instance to resolve a host name, in s."""
@@ -47,33 +56,25 @@ def _hold(text: str) -> float:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Sends the test notifications; returns the exit code."""
-    return ExitCode.SUCCESS if notify(arguments.file, arguments.hold) else ExitCode.FAILED
-
-
-def notify(file: str, hold_s: Optional[float] = None) -> bool:
     """Sends a test alert to every target at once, resolves it, and writes a line per target in the order of the file.
 
-    Args:
-        file: path of an ops.yaml.
-        hold_s: for how long the alert stays, in s; None: 60 for Alertmanager, 0 for the others. SIGINT ends it early.
-
     Returns:
-        Whether all targets accepted it.
+        The exit code: whether all targets accepted it.
 
     Raises:
         ConfigError: the file cannot be used, or has no targets.
     """
-    targets = read_ops(read_yaml(file)).notify
+    targets = read_ops(read_yaml(arguments.file)).notify
     if not targets:
-        raise ConfigError("expected targets in the section notify, got none", file=file)
-    all_succeeded = True
-    for trial in _try_all(targets, hold_s):
-        all_succeeded = all_succeeded and trial.succeeded
+        raise ConfigError("expected targets in the section notify, got none", file=arguments.file)
+    code = ExitCode.SUCCESS
+    for trial in _try_all(targets, arguments.hold):
+        if not trial.succeeded:
+            code = ExitCode.FAILED
         _write(f"{trial.name}: {'OK' if trial.succeeded else 'FAILED'}: {trial.text}")
         if trial.warning:
             sys.stderr.write(f"{printable(trial.warning)}\n")
-    return all_succeeded
+    return code
 
 
 def _write(line: str) -> None:
@@ -81,22 +82,34 @@ def _write(line: str) -> None:
     sys.stdout.flush()
 
 
+class Trial(NamedTuple):
+    """How a target responded to a test."""
+
+    name: str
+    """The target's name."""
+    succeeded: bool
+    text: str
+    """One line: where the target is, and its response or the failure. No secrets."""
+    warning: str = ""
+    """One line about the target that is no failure; empty: none."""
+
+
 def _try_all(targets: Sequence[TargetSettings], hold_s: Optional[float]) -> Iterator[Trial]:
+    """Yields the trial of each target. The alert stays for `hold_s` (None: as the target needs) or until SIGINT."""
     robot = host_name() or "robot"
     stop = threading.Event()
     trials: Dict[str, Trial] = {}
 
     def held_s(target: TargetSettings) -> float:
-        by_default_s = ALERTMANAGER_HOLD_S if target.type == "alertmanager" else 0.0
+        by_default_s = _ALERTMANAGER_HOLD_S if target.type == "alertmanager" else 0.0
         return by_default_s if hold_s is None else hold_s
 
     def run(target: TargetSettings) -> None:
+        name = target.name
         try:
-            trials[target.name] = try_target(
-                target, robot, held_s(target), stop, lambda text: _write(f"{target.name}: {text}")
-            )
+            trials[name] = try_target(target, robot, held_s(target), stop, lambda text: _write(f"{name}: {text}"))
         except Exception as error:  # its text may contain a secret
-            trials[target.name] = Trial(target.name, False, f"internal error: {type(error).__name__}", "")
+            trials[name] = Trial(name, False, f"internal error: {type(error).__name__}")
 
     threads = [threading.Thread(target=run, args=(target,), daemon=True) for target in targets]
     for thread in threads:
@@ -108,4 +121,80 @@ def _try_all(targets: Sequence[TargetSettings], hold_s: Optional[float]) -> Iter
         except KeyboardInterrupt:
             stop.set()  # the test alerts are resolved before the end
             thread.join(limit_s)
-        yield trials.get(target.name) or Trial(target.name, False, "no response", "")
+        yield trials.get(target.name) or Trial(target.name, False, "no response")
+
+
+def try_target(
+    settings: TargetSettings,
+    robot: str,
+    hold_s: float = 0.0,
+    stop: Optional[threading.Event] = None,
+    on_firing: Callable[[str], object] = lambda text: None,
+    wall_time_s: Callable[[], float] = time.time,
+) -> Trial:
+    """Sends a test alert of the target's `min_level` for the signal `test`, then resolves it; calls a heartbeat once.
+
+    Args:
+        settings: the target.
+        robot: name of the robot in the alert.
+        hold_s: for how long the alert stays, in s.
+        stop: ends that early.
+        on_firing: receives a line that says what to look for, if the alert stays.
+        wall_time_s: seconds since 1970.
+    """
+    target = HttpTarget(settings) if settings.type == "heartbeat" else make_sender(settings, wall_time_s)
+    try:
+        if isinstance(target, Sender):
+            begin_s = wall_time_s()
+            firing = Notification(_transition(robot, Level.OK, settings.min_level), False, begin_s, is_test=True)
+            response = _send(target, firing)
+            if hold_s > 0.0:
+                on_firing(f"firing: {target.place}: {response}; {_what_to_look_for(settings, firing, hold_s)}")
+                _hold_alert(hold_s, stop or threading.Event(), firing, target)
+            ended = _transition(robot, settings.min_level, Level.OK)
+            at_s = max(wall_time_s(), begin_s)
+            target.send(Notification(ended, True, at_s, before=firing.sent, is_test=True))
+        else:
+            response = target.deliver(None)
+    except DeliveryError as error:
+        return Trial(settings.name, False, f"{target.place}: {error}", target.warning)
+    return Trial(settings.name, True, f"{target.place}: {response}", target.warning)
+
+
+def _what_to_look_for(settings: TargetSettings, firing: Notification, hold_s: float) -> str:
+    text = f'look for "{firing.text}"; it is resolved in {duration_text(hold_s)}'
+    if settings.type == "alertmanager":
+        text += (
+            ". Alertmanager notifies after its group_wait (default 30 s), or its group_interval (default 5 min) if the "
+            "group has an alert already (then --hold 6m); its page shows "
+            f"alertname={ALERT}, robot={firing.robot}, signal=test"
+        )
+    return text
+
+
+def _hold_alert(hold_s: float, stop: threading.Event, firing: Notification, target: Sender) -> None:
+    """Waits; repeats the alert to a target that needs it. Raises DeliveryError."""
+    end_s = time.monotonic() + hold_s
+    while not stop.wait(max(0.0, min(REPEAT_EVERY_S, end_s - time.monotonic()))) and time.monotonic() < end_s:
+        if target.repeat_every_s is not None:
+            target.send(firing)
+
+
+def _send(target: Sender, firing: Notification) -> str:
+    """Sends, and again if the target's first response corrected something on this side, such as the clock."""
+    try:
+        return target.send(firing)
+    except DeliveryError as error:
+        if not error.is_corrected:
+            raise
+        return target.send(firing)
+
+
+def _transition(robot: str, from_level: Level, to_level: Level) -> Dict[str, object]:
+    """Returns a transition with the fields of `--json`."""
+    text = f"test {to_level.name}: test notification of robot-health notify, nothing is wrong"
+    return {
+        "signal": "test", "from_level": from_level.name, "to_level": to_level.name, "value": None, "statistic": "last",
+        "bound": None, "now_s": 0.0, "since_s": 0.0, "robot": robot, "fingerprint": "0" * 16, "text": text,
+        "statistics": {}, "repeat": False, "hint": "",
+    }  # fmt: skip

@@ -1,16 +1,36 @@
-"""`robot-health notify`: a line per target, and the exit code."""
+"""`robot-health notify`: an alert that is labelled as a test, then its end; a line per target, and the exit code."""
 
 from __future__ import annotations
 
+import sys
+import threading
+import time
 from pathlib import Path
-from typing import Callable
+from typing import Callable, Iterator, List
 
 import pytest
-from harness.alertmanager import needs_alertmanager, running_alertmanager
+from harness.alertmanager import RunningAlertmanager, needs_alertmanager, running_alertmanager
 from harness.http_server import HttpServer, responding
 from harness.line_process import LineProcess
 
+from robot_health_monitor.core import Level
+from robot_health_monitor.core.transition_json import FIELDS
+from robot_health_monitor.notify_command import Trial, try_target
+from robot_health_monitor.ops.configuration import TargetSettings
+
 Start = Callable[..., LineProcess]
+
+
+@pytest.fixture
+def server() -> Iterator[HttpServer]:
+    with HttpServer() as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def alertmanager(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningAlertmanager]:
+    with running_alertmanager(tmp_path_factory.mktemp("alertmanager")) as running:
+        yield running
 
 
 def test_every_target_is_tried_and_a_failure_is_code_3(robot_health: Start, tmp_path: Path) -> None:
@@ -91,3 +111,79 @@ def test_a_file_without_targets_or_with_mistakes_is_code_2(robot_health: Start, 
     file.write_text("notify: {horn: {type: hrn}}\n")
     process = robot_health("notify", file)
     assert process.wait() == 2 and ":1: notify.horn.type: expected one of " in process.text
+
+
+# One target
+
+
+def test_a_webhook_receives_the_test_and_its_end(server: HttpServer) -> None:
+    trial = try_target(TargetSettings("chat", "webhook", Level.ERROR, url=f"{server.url}/s3cret"), "r3")
+    assert trial == Trial("chat", True, f"{server.url}: 200 OK")
+    firing, resolved = (request.json for request in server.all())
+    assert set(FIELDS) <= set(firing)
+    assert (firing["to_level"], firing["notification"], firing["test"]) == ("ERROR", "firing", True)
+    assert (resolved["to_level"], resolved["notification"], resolved["test"]) == ("OK", "resolved", True)
+    assert firing["text"] == "r3: test ERROR: test notification of robot-health notify, nothing is wrong"
+
+
+def test_a_failure_is_reported_without_secrets(server: HttpServer, tmp_path: Path) -> None:
+    file = tmp_path / "chat.url"
+    file.write_text(f"{server.url}/s3cret")
+    file.chmod(0o644)
+    server.behave = responding(403)
+    trial = try_target(TargetSettings("chat", "webhook", url_file=str(file)), "r3")
+    assert (trial.succeeded, trial.text) == (False, f"{server.url}: response 403 Forbidden")
+    assert "chmod 600" in trial.warning
+
+
+def test_a_heartbeat_is_called_once(server: HttpServer) -> None:
+    trial = try_target(TargetSettings("alive", "heartbeat", url=f"{server.url}/ping"), "r3")
+    assert trial.succeeded
+    assert [(request.method, request.path) for request in server.all()] == [("GET", "/ping")]
+
+
+def test_a_command_runs_for_the_test_and_for_its_end(tmp_path: Path) -> None:
+    code = f"import sys; open({str(tmp_path / 'log')!r}, 'a').write(sys.stdin.read())"
+    trial = try_target(TargetSettings("horn", "command", command=(sys.executable, "-c", code)), "r3")
+    assert trial == Trial("horn", True, f"{sys.executable}: ended with code 0")
+    assert len((tmp_path / "log").read_text().splitlines()) == 2
+
+
+def test_an_alert_that_stays_says_what_to_look_for_and_is_resolved_when_it_is_stopped(server: HttpServer) -> None:
+    stop, lines = threading.Event(), []
+
+    def note(line: str) -> None:
+        lines.append(line)
+        assert [request.json["notification"] for request in server.all()] == ["firing"]
+        stop.set()
+
+    trial = try_target(TargetSettings("chat", "webhook", url=server.url), "r3", 3600.0, stop, note)
+    assert trial == Trial("chat", True, f"{server.url}: 200 OK")
+    assert [request.json["notification"] for request in server.all()] == ["resolved"]
+    text = "r3: test WARN: test notification of robot-health notify, nothing is wrong"
+    assert lines == [f'firing: {server.url}: 200 OK; look for "{text}"; it is resolved in 1 h']
+
+
+def test_an_alert_that_stays_at_alertmanager_is_repeated(server: HttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robot_health_monitor.notify_command.REPEAT_EVERY_S", 0.05)
+    stop = threading.Event()
+    server.behave = lambda handler: (stop.set() if server.received.qsize() >= 3 else None, responding(200)(handler))[1]
+    settings = TargetSettings("pager", "alertmanager", url=server.url)
+    lines: List[str] = []
+    assert try_target(settings, "r3", 3600.0, stop, lines.append).succeeded
+    *open_alerts, ended = [request.json for request in server.all()]
+    assert len(open_alerts) == 3
+    assert all(alert == open_alerts[0] and "endsAt" not in alert[0] for alert in open_alerts)
+    assert "endsAt" in ended[0] and ended[0]["labels"] == open_alerts[0][0]["labels"]
+    assert "group_wait (default 30 s)" in lines[0] and "alertname=RobotHealth, robot=r3, signal=test" in lines[0]
+
+
+@needs_alertmanager
+@pytest.mark.parametrize("ahead_s", [0.0, 7200.0])
+def test_at_alertmanager_the_test_ends_at_once_also_with_a_wrong_clock(
+    alertmanager: RunningAlertmanager, ahead_s: float
+) -> None:
+    settings = TargetSettings("pager", "alertmanager", url=alertmanager.url)
+    trial = try_target(settings, "r3", wall_time_s=lambda: time.time() + ahead_s)
+    assert trial == Trial("pager", True, f"{alertmanager.url}: 200 OK")
+    assert alertmanager.levels() == {}

@@ -10,10 +10,10 @@ from harness.http_server import Behaviour, Handler, HttpServer, redirecting_to_i
 from harness.transitions import transition
 
 from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.notify_command import try_target
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.notification import Notification
 from robot_health_monitor.ops.notifications.sender import DeliveryError
-from robot_health_monitor.ops.notifications.trial import try_target
 from robot_health_monitor.ops.notifications.webhook import HttpTarget, Webhook
 
 
