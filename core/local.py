@@ -12,9 +12,9 @@ from functools import partial
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from .errors import ConfigError, ServiceError
+from .hints import Answer, explain, similar_topics
 from .mapping_node import CLOCK, MappingNode, MappingSubscription
 from .middleware import Graph, Message, NodeInfo, Severity, split_type_name
-from .missing_samples import Answer, explain, similar_topics
 from .standard_messages import check_type, complete, definition, is_stamped
 
 

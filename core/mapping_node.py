@@ -16,8 +16,8 @@ from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
 from .field_path import ABSENT, mapping_getter
 from .formatting import printable
+from .hints import Answer, Hints
 from .middleware import Message, Result, Severity, resolve_name
-from .missing_samples import Answer, Hints
 from .parameters import Parameter
 from .standard_messages import check_field, complete
 from .timers import ClockTimer, ClockTimers

@@ -169,7 +169,7 @@ class Middleware(Protocol):
 
         Never waits. Where a server has to be asked, the first call returns None and asks; a later call returns the
         answer. However often it is called, each topic is looked up at most every 10 s. The texts are those of
-        `missing_samples.py`; a topic is named as resolved. An empty `type_name` stands for any type.
+        `hints.py`; a topic is named as resolved. An empty `type_name` stands for any type.
         """
 
     def unsubscribe(self, subscription: Subscription) -> None:

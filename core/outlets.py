@@ -1,17 +1,26 @@
 """Outlets: everything that receives what the monitor announces, such as the log, topics, a terminal or a history.
 
-Each event goes to every outlet. An outlet that raises affects no other outlet; it is reported as a fault.
+Each event goes to every outlet. An outlet that raises affects no other outlet; it is reported as a fault. `event_text`
+and `json_line` give the forms in which most outlets write an event: on stdout, in webhooks, on the stdin of commands.
 """
 
 from __future__ import annotations
 
-from typing import Callable, Dict, NamedTuple, Union
+import json
+import math
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Union
 
 from .faults import Faults
-from .formatting import with_hint
+from .formatting import datum_text, with_hint
 from .middleware import Severity
 from .model import Level, Transition
 
+FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
+"""The fields of a transition in JSON. Its status is left out: it repeats them as text."""
+
+_LARGE = 10**1000
+_MOST_VALUE_CHARS = 2_000
+"""Longest value that is written in full: a robot may send a text of a megabyte where a number belongs."""
 _SEVERITY_OF_LEVEL = {
     Level.OK: Severity.INFO,
     Level.WARN: Severity.WARN,
@@ -36,17 +45,6 @@ class Notice(NamedTuple):
 Event = Union[Transition, Notice]
 """What an outlet receives."""
 
-
-def event_text(event: Event) -> str:
-    """Returns the line that people read about an event: a transition with its hint."""
-    return with_hint(event.text, event.hint) if isinstance(event, Transition) else event.text
-
-
-def event_severity(event: Event) -> Severity:
-    """Returns the severity of the log line about an event."""
-    return _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
-
-
 Outlet = Callable[[Event], None]
 """Receives one event. It must return quickly: the events of all signals wait for it."""
 
@@ -55,11 +53,7 @@ class Outlets:
     """Passes each event to every outlet, in the order in which they were added."""
 
     def __init__(self, faults: Faults) -> None:
-        """Starts without outlets.
-
-        Args:
-            faults: where failing outlets are reported, as `outlet <name>`.
-        """
+        """Starts without outlets; one that fails is reported to `faults` as `outlet <name>`."""
         self._faults = faults
         self._outlets: Dict[str, Outlet] = {}
 
@@ -71,3 +65,44 @@ class Outlets:
         """Passes an event to every outlet; never raises."""
         for name, outlet in tuple(self._outlets.items()):
             self._faults.guard(f"outlet {name}", outlet, event)
+
+
+def event_text(event: Event) -> str:
+    """Returns the line that people read about an event: a transition with its hint."""
+    return with_hint(event.text, event.hint) if isinstance(event, Transition) else event.text
+
+
+def event_severity(event: Event) -> Severity:
+    """Returns the severity of the log line about an event."""
+    return _SEVERITY_OF_LEVEL[event.to_level] if isinstance(event, Transition) else event.severity
+
+
+def json_line(transition: object, **further: object) -> str:
+    """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
+
+    A value longer than 2,000 characters, which is not a measurement, is truncated.
+
+    Args:
+        transition: what to format: a Transition, or another object with its fields.
+        further: fields to add.
+    """
+    fields: Dict[str, Any] = {name: getattr(transition, name) for name in FIELDS}
+    fields.update(further)
+    written = {name: _as_json(value) for name, value in fields.items()}
+    if not isinstance(fields["value"], float) and len(json.dumps(written["value"])) > _MOST_VALUE_CHARS:
+        written["value"] = datum_text(fields["value"])
+    return json.dumps(written)
+
+
+def _as_json(value: object) -> object:
+    if isinstance(value, Level):
+        return value.name
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _as_json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_as_json(item) for item in value]
+    if value is None or isinstance(value, (str, bool)) or (isinstance(value, int) and abs(value) < _LARGE):
+        return value
+    return datum_text(value)  # such as an integer of 5,000 digits, which Python does not convert to text

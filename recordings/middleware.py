@@ -14,10 +14,10 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.formatting import count_text, list_text
+from robot_health_monitor.core.hints import Answer, similar_topics, with_similar
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
 from robot_health_monitor.core.middleware import Message, Severity, canonical_type
-from robot_health_monitor.core.missing_samples import Answer, similar_topics, with_similar
 from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
 

@@ -18,7 +18,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple,
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import count_text, duration_text, number_text, printable, with_hint
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.history import queries
 from robot_health_monitor.ops.history.queries import MonitorEvent
 from robot_health_monitor.ops.history.reader import HistoryReader

@@ -12,7 +12,7 @@ from robot_health_monitor.core.formatting import duration_text, list_text, numbe
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
 
 from .output.events import Entry

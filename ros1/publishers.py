@@ -6,7 +6,7 @@ import threading
 from typing import Callable, Container, Dict, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.missing_samples import Answer, explain, similar_topics
+from robot_health_monitor.core.hints import Answer, explain, similar_topics
 
 from .master import Master
 
@@ -28,7 +28,7 @@ class PublisherLookup:
         self._is_asking = False
 
     def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
-        """Answers later: why a topic brings no samples; None if nothing is known. See `core.missing_samples.Hints`."""
+        """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`."""
         with self._lock:
             self._questions[topic, type_name] = answer
             if not self._is_asking:

@@ -8,7 +8,7 @@ from typing import Callable, Container, Iterator, Mapping, Sequence
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
-from robot_health_monitor.core.missing_samples import INCOMPATIBLE_QOS, Answer, explain, similar_topics
+from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
 
 _TOPICS_PERIOD_S = 1.0
 """Reading the list of all topics takes milliseconds on a large graph; several signals may need it at once."""
@@ -37,7 +37,7 @@ class PublisherLookup:
         self._read_s = float("-inf")
 
     def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
-        """Answers at once: why a topic brings no samples; None if nothing is known. See `missing_samples.Hints`."""
+        """Answers at once: why a topic brings no samples; None if nothing is known. See `hints.Hints`."""
         publishers = self._node.get_publishers_info_by_topic(topic)
         types = [publisher.topic_type for publisher in publishers]
         text = explain(topic, type_name, types, self._similar(topic, type_name))

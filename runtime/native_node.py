@@ -12,8 +12,8 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.hints import Answer, Hints
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, Result, Severity
-from robot_health_monitor.core.missing_samples import Answer, Hints
 from robot_health_monitor.core.native_messages import NativeMessages
 
 __all__ = ["Log", "NativeNode", "OnChange", "apply_change", "log_failure"]

@@ -21,7 +21,7 @@ from collections import Counter
 from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 
 from ..configuration import TargetSettings
 from ..matchers import matches_pattern

@@ -10,7 +10,7 @@ from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.runtime.times import DATE_TIME, local_time
 
 from .events import Entry

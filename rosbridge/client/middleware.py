@@ -10,10 +10,10 @@ import time
 from typing import Any, Callable, List, Mapping, Optional
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.hints import Answer
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription
 from robot_health_monitor.core.middleware import Message, Middleware, Severity, split_type_name
-from robot_health_monitor.core.missing_samples import Answer
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer

@@ -6,7 +6,7 @@ import asyncio
 from typing import Any, Container, Dict, Mapping, NamedTuple, Optional, Tuple
 
 from robot_health_monitor.core.errors import LinkError, MessageError, ServiceError
-from robot_health_monitor.core.missing_samples import Answer, explain, similar_topics
+from robot_health_monitor.core.hints import Answer, explain, similar_topics
 
 from .subscriptions import Call
 
@@ -35,7 +35,7 @@ class PublisherLookup:
         self._task: Optional[asyncio.Task[None]] = None
 
     def look_up(self, topic: str, type_name: str, own_topics: Container[str], answer: Answer) -> None:
-        """Answers later: why a topic brings no samples; None if nothing is known. See `core.missing_samples.Hints`.
+        """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`.
 
         Args:
             topic: the resolved topic.

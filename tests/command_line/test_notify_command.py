@@ -14,7 +14,7 @@ from harness.http_server import HttpServer, responding
 from harness.line_process import LineProcess
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.transition_json import FIELDS
+from robot_health_monitor.core.outlets import FIELDS
 from robot_health_monitor.notify_command import Trial, try_target
 from robot_health_monitor.ops.configuration import TargetSettings
 

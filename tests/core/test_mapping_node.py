@@ -8,9 +8,9 @@ import pytest
 from harness.parameters import set_parameter
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.hints import Answer
 from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, read_clock
 from robot_health_monitor.core.middleware import Severity
-from robot_health_monitor.core.missing_samples import Answer
 
 
 class Node(MappingNode):

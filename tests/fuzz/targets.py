@@ -23,8 +23,8 @@ from robot_health_monitor.core import Level, Monitor, MonitorConfig, Sample, Tra
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.core.signal_config import SIGNAL_PARAMETERS
-from robot_health_monitor.core.transition_json import json_line
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.fleet_configuration import read_addresses
 from robot_health_monitor.ops.configuration import check_url, read_ops

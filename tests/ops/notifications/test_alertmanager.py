@@ -13,7 +13,7 @@ from harness.http_server import HttpServer, responding
 from harness.transitions import transition
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.alertmanager import Alertmanager
 from robot_health_monitor.ops.notifications.notification import Notification, Notified

@@ -12,7 +12,7 @@ import pytest
 from harness.http_server import HttpServer, responding
 from harness.transitions import transition
 
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.apprise import AppriseTarget
 from robot_health_monitor.ops.notifications.notification import Notification

@@ -15,7 +15,7 @@ import pytest
 from harness.transitions import transition
 from harness.waiting import wait_for
 
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.command import Command
 from robot_health_monitor.ops.notifications.notification import Notification

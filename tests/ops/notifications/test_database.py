@@ -15,7 +15,7 @@ from harness.waiting import WAIT_S, wait_for
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
 from robot_health_monitor.ops.history import schema

@@ -7,7 +7,7 @@ import json
 from harness.transitions import transition
 
 from robot_health_monitor.core import Level
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.notifications.notification import Notification, Notified
 
 

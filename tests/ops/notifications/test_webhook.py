@@ -9,7 +9,7 @@ import pytest
 from harness.http_server import Behaviour, Handler, HttpServer, redirecting_to_itself, responding
 from harness.transitions import transition
 
-from robot_health_monitor.core.transition_json import json_line
+from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.notify_command import try_target
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.notification import Notification

@@ -1,10 +1,12 @@
-"""Why a topic brings no samples, as far as a middleware knows: its publishers, their type, similar topics.
+"""Hints why a topic brings no samples, as far as a middleware knows: its publishers, their type, similar topics.
 
 `explain` makes the text; `Hints` keeps an adapter from asking too often. Adapters supply what they know of the graph.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Callable, Container, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
@@ -28,6 +30,15 @@ _MOST_TOPICS = 5000
 _LONGEST_NAME = 100
 _SHORTEST_PART = 4
 """A name shorter than this is not looked for within others: `imu` is part of many words."""
+_FAR = 3
+
+
+@dataclass
+class _Known:
+    """What is known about one topic."""
+
+    asked_s: float = float("-inf")
+    text: Optional[str] = None
 
 
 class Hints:
@@ -58,7 +69,7 @@ class Hints:
             known = self._known[topic, type_name] = _Known()
         if now_s - known.asked_s >= _PERIOD_S and self._may_look_up(now_s):
             known.asked_s = now_s
-            self._look_up(topic, type_name, known.take)
+            self._look_up(topic, type_name, partial(setattr, known, "text"))
         return known.text
 
     def _may_look_up(self, now_s: float) -> bool:
@@ -66,17 +77,6 @@ class Hints:
             self._burst_s, self._burst = now_s, 0
         self._burst += 1
         return self._burst <= _MOST_PER_BURST
-
-
-class _Known:
-    """What is known about one topic."""
-
-    def __init__(self) -> None:
-        self.asked_s = float("-inf")
-        self.text: Optional[str] = None
-
-    def take(self, text: Optional[str]) -> None:
-        self.text = text
 
 
 def explain(topic: str, type_name: str, types: Sequence[str], similar: Iterable[str]) -> Optional[str]:
@@ -88,7 +88,7 @@ def explain(topic: str, type_name: str, types: Sequence[str], similar: Iterable[
     '/battery is published as sensor_msgs/Temperature, configured as std_msgs/Float32'
 
     Args:
-        topic: the resolved topic.
+        topic: as resolved.
         type_name: the configured type; empty: any.
         types: types with which the topic is published; empty: it has no publisher.
         similar: published topics of similar names, the best first; only read where there is no publisher.
@@ -115,7 +115,7 @@ def similar_topics(topic: str, type_name: str, topics: Mapping[str, str], own: C
     about the meaning.
 
     Args:
-        topic: the resolved topic.
+        topic: as resolved.
         type_name: the configured type; empty: unknown.
         topics: type of each topic that there is; empty where it is not known.
         own: topics that the node itself uses.
@@ -131,9 +131,6 @@ def similar_topics(topic: str, type_name: str, topics: Mapping[str, str], own: C
         if (distance < _FAR or (tells_by_type and has_type)) and other != topic and other not in own:
             found.append((distance, not has_type, other.rpartition("/")[0] != namespace, other))
     return [other for _, _, _, other in sorted(found)]
-
-
-_FAR = 3
 
 
 def _base(topic: str) -> str:
