@@ -88,13 +88,9 @@ TIMES: Definitions = {
 
 
 def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") -> Definitions:
-    """Returns the types in a definition.
+    """Returns the types in a definition: `type_name`, with which it begins, and those that it contains.
 
-    Args:
-        type_name: the type that it begins with, `package/Type`.
-        text: the definition, with those of the types in it.
-        form: `msg` or `idl`.
-        byte: the type that `byte` stands for in .msg.
+    `form` is `msg` or `idl`; `byte` is the type that `byte` stands for in .msg.
 
     Raises:
         ValueError: it is not as the format requires, or too large.
@@ -224,59 +220,46 @@ class _Idl:
         elif word == "typedef":
             kind, size = self._read_type()
             for name, own in self._read_declarators():
-                self._add_alias(name, kind, self._only_one(size, own))
+                self._aliases.update({(*self._modules, name): (kind, _only_one(size, own))})
         elif word == "enum":
-            self._add_alias(self._next(), "uint32", None)
-            while self._next() != "}":
-                pass
+            self._aliases.update({(*self._modules, self._next()): ("uint32", None)})
+            self._skip_through("}")
             self._expect(";")
         else:
             raise ValueError(f"expected a module, struct, const, typedef or enum, got {word[:80]!r}")
-
-    def _add_alias(self, name: str, kind: str, size: Optional[int]) -> None:
-        path = (*self._modules, name)
-        self._aliases[path] = kind, size
 
     def _read_struct(self) -> None:
         name, fields = self._next(), []
         self._expect("{")
         self._skip_annotations()
-        while self._peek() != "}":
+        while not self._accept("}"):
             kind, size = self._read_type()
-            fields += [Field(field, kind, self._only_one(size, own)) for field, own in self._read_declarators()]
+            fields += [Field(field, kind, _only_one(size, own)) for field, own in self._read_declarators()]
             self._skip_annotations()
-        self._at += 1
         self._expect(";")
         self.types[f"{(*self._modules, name)[0]}/{name}"] = Definition(fields)
 
     def _read_constant(self) -> None:
         start = self._at
-        while self._next() != ";":
-            pass
+        self._skip_through(";")
         words = self._tokens[start : self._at - 1]
         if len(words) > 3 and words[-2] == "=" and words[-1].isdecimal():
             self._constants[words[-3]] = _size(words[-1])
 
     def _read_type(self) -> Tuple[str, Optional[int]]:
-        word = self._next()
-        if word == "sequence":
-            self._expect("<")
-            kind, size = self._read_element()
-            if size is not None:
-                raise ValueError("expected an array with one dimension")
-            if self._peek() == ",":
-                self._at += 1
-                self._read_size()
-            self._expect(">")
-            return kind, SEQUENCE
-        self._at -= 1
-        return self._read_element()
+        if not self._accept("sequence"):
+            return self._read_element()
+        self._expect("<")
+        kind, size = self._read_element()
+        if self._accept(","):
+            self._read_size()
+        self._expect(">")
+        return kind, _only_one(size, SEQUENCE)
 
     def _read_element(self) -> Tuple[str, Optional[int]]:
         words = [self._next()]
         if words[0] in TEXTS:
-            if self._peek() == "<":
-                self._at += 1
+            if self._accept("<"):
                 self._read_size()
                 self._expect(">")
             return words[0], None
@@ -286,8 +269,7 @@ class _Idl:
             return _IDL_NUMBERS[" ".join(words)], None
         if words == ["::"]:
             words = [self._next()]
-        while self._peek() == "::":
-            self._at += 1
+        while self._accept("::"):
             words.append(self._next())
         for depth in range(len(self._modules), -1, -1):
             alias = self._aliases.get((*self._modules[:depth], *words))
@@ -301,26 +283,18 @@ class _Idl:
             name, size = self._next(), None
             if not name.isidentifier():
                 raise ValueError(f"expected a name, got {name[:80]!r}")
-            if self._peek() == "[":
-                self._at += 1
+            if self._accept("["):
                 size = self._read_size()
                 self._expect("]")
             found.append((name, size))
-            if self._next() != ",":
-                self._at -= 1
+            if not self._accept(","):
                 self._expect(";")
                 return found
-
-    def _only_one(self, size: Optional[int], own: Optional[int]) -> Optional[int]:
-        if size is not None and own is not None:
-            raise ValueError("expected an array with one dimension")
-        return size if own is None else own
 
     def _read_size(self) -> int:
         """Reads a number or the name of a constant."""
         word = self._next()
-        while self._peek() == "::":
-            self._at += 1
+        while self._accept("::"):
             word = self._next()
         if word.isdecimal():
             return _size(word)
@@ -329,10 +303,10 @@ class _Idl:
         return self._constants[word]
 
     def _skip_annotations(self) -> None:
-        while self._peek() == "@":
-            self._at += 2
-            while self._peek() == "::":
-                self._at += 2
+        while self._accept("@"):
+            self._at += 1
+            while self._accept("::"):
+                self._at += 1
             depth = 0
             while depth or self._peek() == "(":
                 word = self._next()
@@ -348,10 +322,27 @@ class _Idl:
         self._at += 1
         return word
 
+    def _skip_through(self, word: str) -> None:
+        while self._next() != word:
+            pass
+
+    def _accept(self, word: str) -> bool:
+        """Moves past a word if it is the next one; returns whether it is."""
+        is_next = self._peek() == word
+        self._at += is_next
+        return is_next
+
     def _expect(self, word: str) -> None:
         found = self._next()
         if found != word:
             raise ValueError(f"expected {word!r}, got {found[:80]!r}")
+
+
+def _only_one(size: Optional[int], own: Optional[int]) -> Optional[int]:
+    """Returns the size of a type or of its declarator; both would be an array of arrays."""
+    if size is not None and own is not None:
+        raise ValueError("expected an array with one dimension")
+    return size if own is None else own
 
 
 def _idl_tokens(text: str) -> List[str]:

@@ -35,13 +35,10 @@ _DEEPEST = 32
 
 
 def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
-    """Returns a getter of a number in serialized messages; None if something of variable size precedes it.
+    """Returns a getter of a number, `orientation.x`, in serialized messages of a class.
 
-    Args:
-        field_types: returns the fields of a message class.
-        native_class: the class of the messages.
-        field: path of the field, `orientation.x`.
-        is_cdr: the messages are CDR, with a header; else they are those of ROS 1.
+    None if something of variable size, other than strings, precedes it. The messages are CDR, with a header, or else
+    those of ROS 1.
     """
     before: List[Place] = []
     for path, place in plain_fields(field_types, native_class):

@@ -39,10 +39,6 @@ _BYTES = ("uint8", "octet")
 """Kinds whose arrays are base64 text in a mapping."""
 
 
-def _instance(native_class: Any) -> Any:
-    return native_class()
-
-
 class FieldType(NamedTuple):
     """The type of one field of a message."""
 
@@ -75,7 +71,7 @@ class Dialect(NamedTuple):
     """Converts uint8 numbers, as a list or bytes, to the value of a field."""
     plain: Callable[[Any], Any]
     """Converts an array of a message, or one of its elements, to plain Python."""
-    new: Callable[[Any], Any] = _instance
+    new: Callable[[Any], Any] = lambda native_class: native_class()
     """Returns a message of a class with default values."""
     assign: Callable[[Any, str, Any], None] = setattr
     """Sets a field of a message."""
@@ -160,15 +156,10 @@ class NativeMessages:
         return message
 
     def field_getter(self, topic: str, type_name: str, field: str) -> Getter:
-        """Returns a function that reads `field`, a path as in `field_path.py`, from a native message.
+        """Returns a function that reads `field`, a path as in `field_path.py`, from a native message of a type.
 
         The function returns None for an index beyond the end of an array, and ABSENT if no element has the key. For an
-        empty field it returns the whole message as a mapping.
-
-        Args:
-            topic: the resolved topic, for error messages.
-            type_name: type of its messages.
-            field: path of the field.
+        empty field it returns the whole message as a mapping. Errors name the resolved topic.
 
         Raises:
             ConfigError: the type is not installed, or has no such field.
@@ -253,14 +244,13 @@ class NativeMessages:
         return get
 
     def _make_readers(self, native_class: Any) -> Tuple[Tuple[str, Getter], ...]:
-        types = self._dialect.field_types(native_class)
-        return tuple((name, self._reader(field_type)) for name, field_type in types.items())
+        return tuple((name, self._reader(of)) for name, of in self._dialect.field_types(native_class).items())
 
     def _reader(self, field_type: FieldType) -> Getter:
         """Returns the native-to-mapping converter of a field."""
         is_octet = field_type.kind == "octet"
         if field_type.is_array and field_type.kind in _BYTES:
-            return _octets_as_text if is_octet else _bytes_as_text
+            return (lambda values: bytes_as_text(b"".join(values))) if is_octet else bytes_as_text
         read_one: Getter = operator.itemgetter(0) if is_octet else self.to_mapping if field_type.message else as_it_is
         if not field_type.is_array:
             return read_one
@@ -268,8 +258,7 @@ class NativeMessages:
         return lambda values: [read_one(value) for value in plain(values)]
 
     def _make_writers(self, native_class: Any) -> Mapping[str, Getter]:
-        types = self._dialect.field_types(native_class)
-        return {name: self._writer(field_type) for name, field_type in types.items()}
+        return {name: self._writer(of) for name, of in self._dialect.field_types(native_class).items()}
 
     def _writer(self, field_type: FieldType) -> Getter:
         """Returns the mapping-to-native converter of a field."""
@@ -300,11 +289,8 @@ def as_it_is(value: Any) -> Any:
     return value
 
 
-def _octets_as_text(values: Any) -> str:
-    return base64.b64encode(b"".join(values)).decode("ascii")
-
-
-def _bytes_as_text(values: Any) -> str:
+def bytes_as_text(values: Any) -> str:
+    """Returns an array of bytes, or of numbers from 0 to 255, as base64 text."""
     return base64.b64encode(bytes(values)).decode("ascii")
 
 
@@ -319,8 +305,7 @@ def _plain_writer(kind: str) -> Getter:
 def _plain_elements(kind: str, values: Any) -> Optional[Sequence[Any]]:
     """Returns the elements of a large array without a call per element: a picture has a million.
 
-    Returns:
-        The elements; None if each of them has to be checked and converted.
+    None if each of them has to be checked and converted.
     """
     if kind == "uint8" and isinstance(values, bytes):
         return values

@@ -6,7 +6,6 @@ of geometry_msgs that they contain. `ROS2_FIELDS` has the fields that only ROS 2
 
 from __future__ import annotations
 
-import base64
 import functools
 import operator
 from typing import Any, Dict, Mapping, Sequence, Tuple
@@ -14,20 +13,7 @@ from typing import Any, Dict, Mapping, Sequence, Tuple
 from .definitions import ROS1_KINDS, SEQUENCE, Field, parse_msg
 from .errors import ConfigError
 from .middleware import Message, canonical_type, split_type_name
-from .native_messages import Dialect, FieldType, NativeMessages, as_it_is
-
-__all__ = [
-    "MESSAGES",
-    "PACKAGES",
-    "ROS2_FIELDS",
-    "SERVICES",
-    "check_field",
-    "check_type",
-    "complete",
-    "definition",
-    "is_stamped",
-    "messages",
-]
+from .native_messages import Dialect, FieldType, NativeMessages, as_it_is, bytes_as_text
 
 PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""
@@ -230,7 +216,7 @@ def _new(type_name: Any) -> Dict[str, Any]:
 def _default(field: FieldType) -> Any:
     if field.is_array:
         if field.kind == "uint8":
-            return _base64([0] * (field.size or 0))
+            return bytes_as_text(bytes(field.size or 0))
         return [_default(field._replace(is_array=False)) for _ in range(field.size or 0)]
     if field.message is not None:
         return _new(field.message)
@@ -245,17 +231,13 @@ def _is_ros2(type_name: str, field: str) -> bool:
     return f" {field}\n" in ROS2_FIELDS.get(type_name, "")
 
 
-def _base64(data: Sequence[int]) -> str:
-    return base64.b64encode(bytes(data)).decode("ascii")
-
-
 messages = NativeMessages(
     Dialect(
         find_class=_find_class,
         type_name=str,
         field_types=_field_types,
         other_names={"sec": "secs", "nanosec": "nsecs"},
-        byte_array=_base64,
+        byte_array=bytes_as_text,
         plain=as_it_is,
         new=_new,
         assign=operator.setitem,
@@ -269,10 +251,7 @@ A message class is the name of a type, and a native message is a mapping with al
 
 @functools.lru_cache(maxsize=1000)
 def check_type(type_name: str) -> str:
-    """Checks the name of a message type.
-
-    Returns:
-        The type as `package/Type` if its definition is known here; empty for types of other packages.
+    """Returns a message type as `package/Type` if its definition is known here; empty for types of other packages.
 
     Raises:
         ConfigError: not the name of a type, or a type that a package of `PACKAGES` does not have.
