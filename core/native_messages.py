@@ -120,11 +120,7 @@ class NativeMessages:
         return self._find_class(type_name, "msg")
 
     def service_class(self, type_name: str) -> Any:
-        """Returns the service class of `pkg/Type` or `pkg/srv/Type`.
-
-        Raises:
-            ConfigError: it is not installed, or not a type name.
-        """
+        """Returns the service class of `pkg/Type` or `pkg/srv/Type`; raises as `message_class` does."""
         return self._find_class(type_name, "srv")
 
     def is_stamped(self, native_class: Any) -> bool:

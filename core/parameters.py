@@ -14,6 +14,14 @@ from typing import Any, Dict, Iterable, Iterator, Mapping, Optional, Sequence, T
 
 from .errors import ConfigError, Path, Problems
 
+_ALLOWED: Mapping[type, str] = {
+    bool: "true or false",
+    str: "printable text",
+    list: "a list of numbers",
+    tuple: "a list of texts",
+}
+_ELEMENT_KINDS: Mapping[type, type] = {list: float, tuple: str}
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -39,14 +47,8 @@ class Parameter:
         """The allowed values, in words."""
         if self.choices:
             return "one of " + ", ".join(choice or "nothing" for choice in self.choices)
-        if self.kind is bool:
-            return "true or false"
-        if self.kind is str:
-            return "printable text"
-        if self.kind is list:
-            return "a list of numbers"
-        if self.kind is tuple:
-            return "a list of texts"
+        if self.kind in _ALLOWED:
+            return _ALLOWED[self.kind]
         noun = "a whole number" if self.kind is int else "a number"
         if self.minimum is not None and self.maximum is not None:
             return f"{noun} from {self.minimum:.15g} to {self.maximum:.15g}"
@@ -64,12 +66,7 @@ class Parameter:
         Raises:
             ConfigError: wrong kind, out of range, or not finite.
         """
-        if self.kind is list:
-            value = self._as_tuple(found, float)
-        elif self.kind is tuple:
-            value = self._as_tuple(found, str)
-        else:
-            value = self._as_kind(found)
+        value = self._as_tuple(found) if self.kind in _ELEMENT_KINDS else self._as_kind(found)
         if value is None:
             raise ConfigError(f"expected {self.allowed}, got {describe(found)}{self._hint(found)}", path)
         return value
@@ -84,16 +81,11 @@ class Parameter:
             return "; quote it"
         return ""
 
-    def _as_tuple(self, found: object, kind: type) -> Optional[Tuple[Any, ...]]:
+    def _as_tuple(self, found: object) -> Optional[Tuple[Any, ...]]:
         if isinstance(found, (str, bytes, Mapping)) or not isinstance(found, Iterable):
             return None
-        element = replace(self, kind=kind)
-        items = []
-        for item in found:
-            items.append(element._as_kind(item))
-            if items[-1] is None:
-                return None
-        return tuple(items)
+        items = tuple(map(replace(self, kind=_ELEMENT_KINDS[self.kind])._as_kind, found))
+        return None if None in items else items
 
     def _as_kind(self, found: object) -> Any:
         if self.kind is bool:
@@ -108,19 +100,17 @@ class Parameter:
             number = float(found)
         except OverflowError:
             return None
-        if not math.isfinite(number) or (self.kind is int and not number.is_integer()):
+        low = -math.inf if self.minimum is None else self.minimum
+        high = math.inf if self.maximum is None else self.maximum
+        if not math.isfinite(number) or not low <= number <= high:
             return None
-        if self.minimum is not None and number < self.minimum:
-            return None
-        if self.maximum is not None and number > self.maximum:
-            return None
-        return int(found) if self.kind is int else number
+        if self.kind is not int:
+            return number
+        return int(found) if number.is_integer() else None
 
 
 class _BoundedRepr(reprlib.Repr):
     """A `repr` whose cost does not grow with the value: configurations may contain anything."""
-
-    _MOST_BITS = 2000
 
     def __init__(self) -> None:
         super().__init__()
@@ -132,7 +122,7 @@ class _BoundedRepr(reprlib.Repr):
 
     def repr_int(self, x: int, level: int) -> str:
         # Python refuses to print numbers of more than 4300 digits, and is slow before that.
-        return repr(x) if x.bit_length() <= self._MOST_BITS else f"a number of {x.bit_length()} bits"
+        return repr(x) if x.bit_length() <= 2000 else f"a number of {x.bit_length()} bits"
 
 
 _bounded_repr = _BoundedRepr().repr
@@ -181,16 +171,10 @@ def unknown_key(key: str, allowed: Sequence[str], path: Path = ()) -> ConfigErro
 def read_parameters(
     found: Mapping[str, Any], parameters: Sequence[Parameter], path: Path = (), sections: Sequence[str] = ()
 ) -> Dict[str, Any]:
-    """Reads one level of a configuration.
+    """Reads one level of a configuration: the mapping at `path`.
 
-    Args:
-        found: the mapping at `path`.
-        parameters: the allowed keys.
-        path: where it is, for error messages.
-        sections: keys of nested mappings, which are left to the caller.
-
-    Returns:
-        A value per parameter; the default for a key that is left out.
+    Returns a value per parameter; the default for a key that is left out. `sections` are keys of nested mappings, which
+    are left to the caller.
 
     Raises:
         ConfigError: unknown keys or values that are not allowed, all of them.

@@ -52,12 +52,9 @@ class YamlFile(NamedTuple):
 
 
 def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:
-    """Reads a file that contains one mapping.
+    """Reads a regular file that contains one mapping.
 
-    Args:
-        file: path of a regular file.
-        problems: receives mistakes after which the file can still be used: keys that are given twice. None: they are
-            raised.
+    `problems` receives mistakes after which the file can still be used, which are keys given twice; None raises them.
 
     Raises:
         ConfigError: it cannot be read, is not YAML in UTF-8, is too large, or contains something else.

@@ -16,8 +16,6 @@ from yaml.resolver import Resolver
 
 from .errors import ConfigError, Path, Problems
 
-__all__ = ["Document", "load"]
-
 MOST_VALUES = 20_000
 """Most keys and values of a file, with every alias expanded."""
 DEEPEST_LEVEL = 64
@@ -41,11 +39,7 @@ class Document(NamedTuple):
 
 
 def load(text: str, problems: Problems) -> Document:
-    """Loads the only document of a text.
-
-    Args:
-        text: the YAML.
-        problems: receives keys that are given twice; the last one counts.
+    """Loads the only document of a text; `problems` receives keys that are given twice, of which the last one counts.
 
     Raises:
         ConfigError: not valid YAML, or too large when aliases are expanded; with the line, without a file.
@@ -87,11 +81,7 @@ class _Bounds:
     def compose_node(self, parent: Any, index: Any) -> Any:
         self._depth += 1
         self._nodes += 1
-        problem = ""
-        if self._depth > DEEPEST_LEVEL:
-            problem = f"expected at most {DEEPEST_LEVEL} levels of nesting"
-        elif self._nodes > MOST_VALUES:
-            problem = f"expected at most {MOST_VALUES} keys and values"
+        problem = _excess(self._nodes, self._depth)
         if problem:
             raise MarkedYAMLError(None, None, problem, self.peek_event().start_mark)  # type: ignore[attr-defined]
         node = super().compose_node(parent, index)  # type: ignore[misc]
@@ -142,11 +132,7 @@ class _Sizes:
         self._lines: Dict[Path, int] = {}
 
     def measure(self, node: Any, path: Path) -> Tuple[int, int]:
-        """Returns the number of values in the expanded tree of a node, and its height.
-
-        Raises:
-            ConfigError: the node contains itself, or is too large.
-        """
+        """Returns the number of values in the expanded tree of a node, and its height; raises if it is too large."""
         if node.id == "scalar":
             return 1, 1
         known = self._measured.get(id(node))
@@ -162,12 +148,9 @@ class _Sizes:
         for part, part_path in _parts(node, path):
             part_size, part_height = self.measure(part, part_path)
             size, height = size + part_size, max(height, part_height + 1)
-        if size > MOST_VALUES:
-            problem = f"expected at most {MOST_VALUES} keys and values, got more by aliases of aliases"
-            raise ConfigError(problem, path, line=line)
-        if height > DEEPEST_LEVEL:
-            problem = f"expected at most {DEEPEST_LEVEL} levels of nesting, got more by aliases of aliases"
-            raise ConfigError(problem, path, line=line)
+        problem = _excess(size, height)
+        if problem:
+            raise ConfigError(f"{problem}, got more by aliases of aliases", path, line=line)
         self._above.discard(id(node))
         self._measured[id(node)] = size, height
         return size, height
@@ -184,6 +167,13 @@ class _Sizes:
             else:
                 lines[key.value] = line
                 self._lines[key_path] = line
+
+
+def _excess(values: int, levels: int) -> str:
+    """Returns the bound that a tree exceeds, in words; empty if it exceeds none."""
+    if levels > DEEPEST_LEVEL:
+        return f"expected at most {DEEPEST_LEVEL} levels of nesting"
+    return f"expected at most {MOST_VALUES} keys and values" if values > MOST_VALUES else ""
 
 
 def _parts(node: Any, path: Path) -> Iterator[Tuple[Any, Path]]:
