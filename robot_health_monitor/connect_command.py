@@ -26,8 +26,7 @@ from .reloading import OpsReload, Reloads
 from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
 
 if TYPE_CHECKING:
-    from .fleet import Fleet
-    from .fleet_robot import Robot
+    from .fleet import Fleet, Robot
 
 
 def add_arguments(parser: Parser) -> None:
@@ -171,7 +170,7 @@ def _attach(operations: Operations, fleet: Fleet) -> None:
             operations.end_robot(robot)
         operations.note_robots()
 
-    fleet.on_change(end_removed)
+    fleet.on_change.append(end_removed)
     operations.faults.add(fleet.faults)
     operations.log_summary(fleet.log)
     operations.note_robots()

@@ -10,22 +10,24 @@ import asyncio
 import re
 import time
 from dataclasses import replace
-from typing import Callable, Collection, Dict, Iterable, List, Mapping, Optional, Sequence
+from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.diagnostics import ARRAY_TYPE, array_message
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.local import LocalBus, LogLine
+from robot_health_monitor.core.formatting import list_text, printable
+from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 from robot_health_monitor.core.outlets import Outlet
+from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
+from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from .fleet_configuration import FleetReader, RobotSettings
-from .fleet_robot import Robot, StartAlertSystem
 
-__all__ = ["Fleet", "RobotsChanged"]
+__all__ = ["Fleet", "Robot"]
 
 NODE = "connect"
 """Name of the node that reports on this process: its status on /diagnostics is `connect: monitor`."""
@@ -33,12 +35,12 @@ NODE = "connect"
 _DIAGNOSTICS = "/diagnostics"
 _START_PERIOD_S = 0.005
 """Between the first attempts of two robots: a fleet that connects at once would answer its own handshakes late."""
+_RESTART_S = 5.0
 _MOST_NAMES = 5
 """Most robots that are named one by one in the log: at the start, and in a line about a reload."""
 
-
-RobotsChanged = Callable[[Sequence[Robot], Sequence[Robot]], None]
-"""Called with the robots that were added and those that were removed."""
+StartAlertSystem = Callable[..., AlertSystem]
+"""Creates an alert_system, as the class itself does, with what the process adds, such as a history."""
 
 
 class Fleet:
@@ -67,7 +69,7 @@ class Fleet:
             on_log: called with every log line; its node is the robot's name, or `connect`.
             outlet: returns the outlet for a robot's transitions and notices, by its name, or for the notices of the
                 process itself, as `connect`.
-            start: creates an alert_system, with what the process adds, such as a history.
+            start: creates the alert_systems.
             self_report: what the status of the process shows besides the robots.
 
         Raises:
@@ -80,6 +82,8 @@ class Fleet:
         self.bus = LocalBus(on_log=on_log, wall_time_s=time.time, clock=clock)
         """Where the robots' alerts, statuses and `reset` services are: /alerts, /diagnostics, /ROBOT/alert_system."""
         self._node = self.bus.node(NODE)
+        self.log = self._node.log
+        """Logs a line about the process."""
         self.faults = self._node.faults
         """What does not work in this process, besides the robots' own."""
         self.process_faults = self.faults.current
@@ -87,17 +91,17 @@ class Fleet:
         self._node.advertise(_DIAGNOSTICS, ARRAY_TYPE)
         self.robots: List[Robot] = []
         """The robots that are watched now, in the order of the configuration."""
-        self._on_change: List[RobotsChanged] = []
+        self.on_change: List[Callable[[Sequence[Robot], Sequence[Robot]], object]] = []
+        """Called in the loop with the robots that were added and those that were removed."""
         self._tasks: Dict[Robot, asyncio.Future[None]] = {}
         self._is_running = False
-        emit = outlet(NODE)
         self_report = replace(
             self_report,
             signals=self._count_signals,
             robots=lambda: len(self.robots),
             unreachable=lambda: sum(not robot.connected for robot in self.robots),
         )
-        self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, emit, self_report)
+        self._self_monitor = SelfMonitor(self._node, host_name(), CHECK_PERIOD_S, outlet(NODE), self_report)
         self._node.create_timer(CHECK_PERIOD_S, self._check)
         found = reader.read()
         try:
@@ -112,10 +116,6 @@ class Fleet:
             for robot in self.robots:
                 robot.log_summary()
 
-    def on_change(self, callback: RobotsChanged) -> None:
-        """Calls back in the loop after robots were added or removed."""
-        self._on_change.append(callback)
-
     def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
         """Calls back in the loop with the alert_system of each robot that is added."""
 
@@ -123,7 +123,7 @@ class Fleet:
             for robot in added:
                 callback(robot.alert_system)
 
-        self.on_change(call)
+        self.on_change.append(call)
 
     @property
     def alert_systems(self) -> Sequence[AlertSystem]:
@@ -142,7 +142,7 @@ class Fleet:
 
     def parameters(self) -> Mapping[str, Mapping[str, object]]:
         """Returns the parameters that were given to the robots' alert_systems, by the full name of their node."""
-        return {name: tree for robot in self.robots for name, tree in robot.parameters().items()}
+        return dict(robot.parameters() for robot in self.robots)
 
     async def run(self) -> None:
         """Keeps the connections up until it is cancelled."""
@@ -166,10 +166,9 @@ class Fleet:
         return self.apply(await run_in_daemon_thread(self._reader.read))
 
     def apply(self, settings: Sequence[RobotSettings]) -> str:
-        """Adds, removes and changes robots, so that they are those of `settings`. Called in the loop.
+        """Adds, removes and changes robots, so that they are those of `settings`; returns what changed.
 
-        Returns:
-            What changed.
+        Called in the loop.
         """
         known = {robot.name: robot for robot in self.robots}
         wanted = {new.name: new for new in settings}
@@ -187,9 +186,8 @@ class Fleet:
                 replaced.append(name)
         for robot in ended:
             robot.end()
-            task = self._tasks.pop(robot, None)
-            if task is not None:
-                task.cancel()
+            if robot in self._tasks:
+                self._tasks.pop(robot).cancel()
             del known[robot.name]
         added = {name: self._create(new) for name, new in wanted.items() if name not in known}
         if len(added) <= _MOST_NAMES:
@@ -199,14 +197,12 @@ class Fleet:
         if self._is_running:
             self._start(added.values())
         if added or ended:
-            for callback in self._on_change:
+            for callback in self.on_change:
                 self.faults.guard("change of the fleet", callback, list(added.values()), ended)
-        texts = [
-            *_text("added", added.keys() - set(replaced), wanted),
-            *_text("removed", removed, removed),
-            *_text("started anew", replaced, wanted),
-            *(text for change, names in changes.items() for text in _text(change, names, wanted)),
-        ]
+        new_names = [name for name in added if name not in replaced]
+        named = (("added", new_names), ("removed", removed), ("started anew", replaced))
+        texts = [f"{change} {_names_text(names)}" for change, names in named if names]
+        texts += [f"{_names_text(names)}: {change}" for change, names in changes.items()]
         return "; ".join(texts) or NOTHING_CHANGED
 
     def close(self) -> None:
@@ -215,12 +211,8 @@ class Fleet:
             robot.close()
         self._node.close()
 
-    def log(self, severity: Severity, text: str) -> None:
-        """Logs a line about the process."""
-        self._node.log(severity, text)
-
     def _count_signals(self) -> int:
-        return sum(len(robot.monitor.config.signals) for robot in self.robots)
+        return sum(len(alert_system.monitor.config.signals) for alert_system in self.alert_systems)
 
     def _create(self, settings: RobotSettings, *, log_details: bool = False) -> Robot:
         namespace = re.sub(r"\W", "_", settings.name, flags=re.ASCII)
@@ -245,7 +237,7 @@ class Fleet:
 
     def _start(self, robots: Iterable[Robot]) -> None:
         for number, robot in enumerate(robots):
-            self._tasks[robot] = asyncio.ensure_future(_run_later(number * _START_PERIOD_S, robot))
+            self._tasks[robot] = asyncio.ensure_future(robot.run(number * _START_PERIOD_S))
 
     async def _run_timers(self) -> None:
         while True:
@@ -256,20 +248,168 @@ class Fleet:
     def _check(self, now_s: float) -> None:
         self._self_monitor.find_pause(now_s)
         self._self_monitor.note_tick(now_s)
-        self._self_monitor.check(sum(robot.alert_system.samples for robot in self.robots))
+        self._self_monitor.check(sum(alert_system.samples for alert_system in self.alert_systems))
         if self._node.has_listeners(_DIAGNOSTICS):
             self._node.publish(_DIAGNOSTICS, array_message([self._self_monitor.status()], NODE))
 
 
-async def _run_later(delay_s: float, robot: Robot) -> None:
-    await asyncio.sleep(delay_s)
-    await robot.run()
+def _names_text(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= _MOST_NAMES else f"{len(names)} robots"
 
 
-def _text(change: str, names: Collection[str], order: Iterable[str]) -> List[str]:
-    """Returns `added husky1, husky2` or `added 200 robots`; nothing without names."""
-    shown = [name for name in order if name in names]
-    if not shown:
-        return []
-    robots = ", ".join(shown) if len(shown) <= _MOST_NAMES else f"{len(shown)} robots"
-    return [f"{change} {robots}" if change in ("added", "removed", "started anew") else f"{robots}: {change}"]
+class Robot:
+    """One robot: its connection, and the alert_system that judges what arrives.
+
+    Nothing is published and no service is offered on the robot.
+    """
+
+    def __init__(
+        self,
+        settings: RobotSettings,
+        *,
+        outputs: LocalMiddleware,
+        clock: Callable[[], float],
+        on_log: Callable[[LogLine], None],
+        outlet: Outlet,
+        log_details: bool,
+        start: StartAlertSystem,
+    ) -> None:
+        """Starts the alert_system; `run` connects.
+
+        Args:
+            settings: what to watch, and where.
+            outputs: node that publishes what the alert_system announces, and offers its services; closed at the end.
+            clock: monotonic seconds.
+            on_log: called with every log line; its node is the robot's name.
+            outlet: receives the robot's transitions and notices.
+            log_details: log what alert_system does at its start, a line per signal; else only warnings.
+            start: creates the alert_system.
+
+        Raises:
+            ConfigError: the configuration cannot be used.
+        """
+
+        def log(line: LogLine) -> None:
+            if log_details or started or line.severity > Severity.INFO:
+                on_log(line._replace(node=settings.name))
+
+        started = False
+        self.name = settings.name
+        self.settings = settings
+        self.cause: Optional[Cause] = None
+        """Why the connection is down; None while it is up and before the first attempt."""
+        self.connected = False
+        """Whether the connection is up."""
+        self._closed = False
+        self._outputs = outputs
+        self._client = RosbridgeClient(
+            settings.url,
+            token=settings.token,
+            ssl_context=settings.ssl_context,
+            read_only=True,
+            clock=clock,
+            on_log=log,
+            on_link=self._note_link,
+        )
+        self._log = LimitedLog(self._client.log, clock)
+        self._node = self._client.node(
+            "alert_system",
+            namespace=settings.namespace,
+            parameters=_parameters(settings),
+            use_sim_time=settings.use_sim_time,
+            outputs=outputs,
+        )
+        self.alert_system = start(
+            self._node,
+            {"output": outlet},
+            log_alerts=False,
+            announce_pauses=False,
+            self_report=SelfReport(dropped=lambda: self._node.dropped),
+        )
+        started = True
+
+    @property
+    def now_s(self) -> float:
+        """The time of the robot's monitor, in s: simulated time under `use_sim_time`."""
+        return self._node.now_s()
+
+    @property
+    def _address(self) -> str:
+        """The address of its server, without credentials."""
+        return self._client.connection.address
+
+    def log_summary(self) -> None:
+        """Logs in one line what is watched, and where."""
+        signals = list_text(tuple(self.alert_system.monitor.config.signals))
+        self._client.log(Severity.INFO, f"watching {signals} at {self._address}")
+
+    def parameters(self) -> Tuple[str, Mapping[str, object]]:
+        """Returns the name of the node on `Fleet.bus`, and the parameters that were given, nested."""
+        return self._outputs.name, self._node.given_parameters()
+
+    async def run(self, delay_s: float) -> None:
+        """Keeps the connection up until it is cancelled. A failure is logged, and the connection restarted."""
+        await asyncio.sleep(delay_s)
+        while not self._closed:
+            try:
+                await self._client.run()
+            except Exception as error:  # one robot's failure must not end the others
+                text = printable(f"{type(error).__name__}: {error}")
+                self._client.log(Severity.ERROR, f"internal error, reconnecting in {_RESTART_S:g} s: {text}")
+                self._node.call(self._note_link, False, Cause(f"internal error: {type(error).__name__}"))
+                await asyncio.sleep(_RESTART_S)
+
+    def change(self, settings: RobotSettings) -> str:
+        """Applies new settings; returns what changed. Signals that are configured as before keep their state.
+
+        Connects again only if the address, the token or the certificate authorities differ.
+
+        Raises:
+            ConfigError: this needs a new `Robot`; nothing was changed.
+        """
+        old = self.settings
+        if (old.namespace, old.use_sim_time) != (settings.namespace, settings.use_sim_time):
+            raise ConfigError("the topics and the clock of a robot cannot be changed while it is watched")
+        texts = []
+        if old.parameters != settings.parameters:
+            texts.append(self._node.set_parameters(_parameters(settings)))
+        self.settings = settings
+        if (old.url, old.token, old.ca) != (settings.url, settings.token, settings.ca):
+            self._client.connection.move(settings.url, token=settings.token, ssl_context=settings.ssl_context)
+            texts.append(f"connecting again, to {self._address}")
+        return "; ".join(texts) or NOTHING_CHANGED
+
+    def end(self) -> None:
+        """Ends every open alert with a transition to OK, `no longer watched`, and closes."""
+        self._node.call(self.alert_system.stop_watching)
+        self.close()
+
+    def close(self) -> None:
+        """Ends the alert_system and the connection; open alerts stay open."""
+        self._closed = True
+        self.alert_system.close()
+        self._client.close()
+        self._outputs.close()
+
+    def _note_link(self, up: bool, cause: Cause) -> None:
+        if self._closed:
+            return
+        was_connected, self.connected = self.connected, up
+        if up:
+            self.cause = None
+            self._log.write("connected", Severity.INFO, f"connected to {self._address}")
+            # Under use_sim_time the robot's clock is unknown until its first message. Until then the link counts as
+            # down: otherwise its first message would look like a jump of that many seconds without samples.
+            self._node.call_with_time(self._observe_link)
+        elif not (was_connected and self._node.exclusively(self.alert_system.excuse_link)):
+            if self.cause is not None:  # the alert of the link shows the first cause
+                self._log.write(cause.text, Severity.WARN, f"still not connected: {cause.text}")
+            self.cause = cause
+            self._node.call(self._observe_link)
+
+    def _observe_link(self) -> None:
+        self.alert_system.observe_link(self.cause is None, "" if self.cause is None else self.cause.text)
+
+
+def _parameters(settings: RobotSettings) -> Mapping[str, object]:
+    return {**settings.parameters, "robot_name": settings.name}

@@ -15,10 +15,11 @@ import os
 import re
 import ssl
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence
+from functools import lru_cache
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
-from robot_health_monitor.core.local import LocalBus, LogLine
+from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import is_namespace
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping, unknown_key
@@ -29,7 +30,6 @@ from robot_health_monitor.runtime.tokens import TokenFiles
 from .embedded import sections_of_nodes
 
 __all__ = [
-    "Address",
     "FleetReader",
     "Options",
     "ROBOT_PARAMETERS",
@@ -54,15 +54,6 @@ _DEFAULTS = (
 ROBOT_PARAMETERS = (Parameter("url", str, None, "ws://host:port or wss://host:port"), *_DEFAULTS)
 
 
-class Address(NamedTuple):
-    """A robot's name and where to connect."""
-
-    name: str
-    """The robot's name, which is also its `hardware_id`."""
-    url: str
-    """`ws://host:port` or `wss://host:port`."""
-
-
 @dataclass(frozen=True)
 class Options:
     """What the command line says about every robot for which fleet.yaml says nothing else."""
@@ -79,14 +70,16 @@ class Options:
 
 @dataclass(frozen=True)
 class RobotEntry:
-    """One robot as fleet.yaml names it. Paths are complete; None: not given."""
+    """One robot as fleet.yaml or the command line names it. Paths are complete; None: not given."""
 
     name: str
+    """The robot's name, which is also its `hardware_id`."""
     url: str
-    thresholds: Optional[str]
-    namespace: Optional[str]
-    token_file: Optional[str]
-    ca: Optional[str]
+    """`ws://host:port` or `wss://host:port`."""
+    thresholds: Optional[str] = None
+    namespace: Optional[str] = None
+    token_file: Optional[str] = None
+    ca: Optional[str] = None
 
 
 @dataclass(frozen=True)
@@ -116,7 +109,7 @@ def is_fleet_file(tree: Mapping[str, Any]) -> bool:
     return "robots" in tree and "alert_system" not in tree
 
 
-def read_addresses(texts: Sequence[str]) -> List[Address]:
+def read_addresses(texts: Sequence[str]) -> List[RobotEntry]:
     """Reads addresses as the command line takes them: `husky:9090`, `ws://husky:9090`, `NAME=wss://10.0.0.7:9090`.
 
     Without a name, a robot gets the name of its host, with the port if that name is taken.
@@ -124,8 +117,7 @@ def read_addresses(texts: Sequence[str]) -> List[Address]:
     Raises:
         ConfigError: one is not the address of a rosbridge server, or two robots have the same name.
     """
-    addresses: List[Address] = []
-    taken = set()
+    entries: Dict[str, RobotEntry] = {}
     for text in texts:
         named = _NAMED.fullmatch(text)
         name, url = (named["name"], full_address(named["url"])) if named else ("", full_address(text))
@@ -137,20 +129,17 @@ def read_addresses(texts: Sequence[str]) -> List[Address]:
                 f"{shown_address(text)[:_SHOWN_CHARS]!r}"
             ) from None
         if not name:
-            name = f"{host}:{port}" if host in taken and port else host
-        if name in taken:
+            name = f"{host}:{port}" if host in entries and port else host
+        if name in entries:
             raise ConfigError(f"two robots are named {name}; give them names: one=host:port two=host:port")
-        taken.add(name)
-        addresses.append(Address(name, url))
-    return addresses
+        entries[name] = RobotEntry(name, url)
+    return list(entries.values())
 
 
 def read_entries(file: YamlFile, collected: Optional[Problems] = None) -> List[RobotEntry]:
     """Reads a fleet.yaml; the files that it names are not opened.
 
-    Args:
-        file: its contents.
-        collected: receives the mistakes, and the robots without any are returned; None: mistakes are raised.
+    With `collected`, which receives the mistakes, the robots without any are returned.
 
     Raises:
         ConfigError: it cannot be used; every mistake, with file, line and key.
@@ -187,9 +176,7 @@ def _read_entry(name: str, found: object, defaults: Mapping[str, Any], folder: s
     values = _read_keys(require_mapping(found, path), ROBOT_PARAMETERS, path)
     if values["url"] is None:
         raise ConfigError("expected the address of its rosbridge server, url: ws://host:port", path)
-    for key, default in defaults.items():
-        if values[key] is None:
-            values[key] = default
+    values.update({key: default for key, default in defaults.items() if values[key] is None})
     for key in ("thresholds", "token_file", "ca"):
         if values[key]:
             values[key] = os.path.join(folder, os.path.expanduser(values[key]))
@@ -198,16 +185,15 @@ def _read_entry(name: str, found: object, defaults: Mapping[str, Any], folder: s
 
 def _read_keys(found: Mapping[str, Any], keys: Sequence[Parameter], path: Path) -> Dict[str, Any]:
     problems = Problems()
-    values: Dict[str, Any] = {key.name: None for key in keys}
+    values: Dict[str, Any] = dict.fromkeys(key.name for key in keys)
     with problems:
         values = read_parameters(found, keys, path)
     if values.get("url") is not None:
-        with problems:
-            try:
-                values["url"] = full_address(values["url"])
-                host_and_port(values["url"])
-            except ConfigError as error:
-                raise ConfigError(error.problem, (*path, "url")) from None
+        try:
+            values["url"] = full_address(values["url"])
+            host_and_port(values["url"])
+        except ConfigError as error:
+            problems.add(ConfigError(error.problem, (*path, "url")))
     if not is_namespace(values["namespace"] or ""):
         problem = f"expected a namespace such as carter or fleet/carter, got {describe(values['namespace'])}"
         problems.add(ConfigError(problem, (*path, "namespace")))
@@ -219,11 +205,7 @@ class FleetReader:
     """Reads the settings of all robots: at the start, and again at every reload."""
 
     def __init__(
-        self,
-        addresses: Sequence[Address],
-        file: str,
-        options: Options,
-        warn: Callable[[str], object],
+        self, addresses: Sequence[RobotEntry], file: str, options: Options, warn: Callable[[str], object]
     ) -> None:
         """Reads nothing yet.
 
@@ -234,8 +216,7 @@ class FleetReader:
             warn: called with one line if other users may read a token; from the thread that reads.
         """
         self._addresses = addresses
-        self.file = file
-        """Path of the fleet.yaml; empty: none."""
+        self._file = file
         self._options = options
         self._token_files = TokenFiles(warn)
 
@@ -245,84 +226,55 @@ class FleetReader:
         Raises:
             ConfigError: one of them cannot be used; the message names file and line.
         """
-        files = _Files(self._token_files)
-        settings = [
-            files.settings(RobotEntry(*address, None, None, None, None), self._options) for address in self._addresses
-        ]
+        parameters_in = lru_cache(maxsize=None)(_read_thresholds)
+        token_in = lru_cache(maxsize=None)(self._token_files.find)
+        trust_in = lru_cache(maxsize=None)(_read_trust)
+
+        def settings_of(entry: RobotEntry) -> RobotSettings:
+            keys = {**vars(self._options), **{key: value for key, value in vars(entry).items() if value is not None}}
+            ca, ssl_context = trust_in(keys["ca"])
+            return RobotSettings(
+                entry.name,
+                entry.url,
+                keys["namespace"],
+                token_in(keys["token_file"]),
+                ca,
+                parameters_in(keys["thresholds"]),
+                ssl_context,
+            )
+
+        settings = [settings_of(entry) for entry in self._addresses]
         taken = {robot.name for robot in settings}
-        if self.file:
-            file = read_yaml(self.file)
+        if self._file:
+            file = read_yaml(self._file)
             for entry in read_entries(file):
                 if entry.name in taken:
                     problem = "a robot of this name is on the command line"
                     raise file.locate(ConfigError(problem, ("robots", entry.name)))
-                settings.append(files.settings(entry, self._options))
+                settings.append(settings_of(entry))
         return settings
 
 
-class _Files:
-    """The contents of files that several robots share, each read once."""
-
-    def __init__(self, token_files: TokenFiles) -> None:
-        self._token_files = token_files
-        self._thresholds: Dict[str, Mapping[str, Any]] = {}
-        self._tokens: Dict[str, str] = {}
-        self._trusts: Dict[str, _Trust] = {}
-
-    def settings(self, entry: RobotEntry, options: Options) -> RobotSettings:
-        trust = self._trust(options.ca if entry.ca is None else entry.ca)
-        return RobotSettings(
-            entry.name,
-            entry.url,
-            options.namespace if entry.namespace is None else entry.namespace,
-            self._token(options.token_file if entry.token_file is None else entry.token_file),
-            trust.pem,
-            self._parameters(options.thresholds if entry.thresholds is None else entry.thresholds),
-            trust.context,
-        )
-
-    def _parameters(self, file: str) -> Mapping[str, Any]:
-        if file not in self._thresholds:
-            self._thresholds[file] = _read_thresholds(file) if file else {}
-        return self._thresholds[file]
-
-    def _token(self, file: str) -> str:
-        if file not in self._tokens:
-            self._tokens[file] = self._token_files.find(file)
-        return self._tokens[file]
-
-    def _trust(self, file: str) -> _Trust:
-        if file not in self._trusts:
-            self._trusts[file] = _read_trust(file) if file else _Trust(b"", None)
-        return self._trusts[file]
-
-
-class _Trust(NamedTuple):
-    """Certificate authorities, and the TLS settings that trust them."""
-
-    pem: bytes
-    context: Optional[ssl.SSLContext]
-
-
-def _read_trust(file: str) -> _Trust:
+def _read_trust(file: str) -> Tuple[bytes, Optional[ssl.SSLContext]]:
+    """Returns certificate authorities as PEM, and the TLS settings that trust them; without a file, the system's."""
+    if not file:
+        return b"", None
     try:
         with open(file, "rb") as stream:
             pem = stream.read(_LARGEST_CA_BYTES)
-        return _Trust(pem, ssl.create_default_context(cafile=file))
+        return pem, ssl.create_default_context(cafile=file)
     except (OSError, ssl.SSLError) as error:
         raise ConfigError(f"cannot be read as certificates: {error.strerror or error}", file=file) from None
 
 
 def _read_thresholds(file: str) -> Mapping[str, Any]:
     """Returns the configuration of alert_system in a file. An alert_system without a robot has accepted it."""
+    if not file:
+        return {}
     contents = read_yaml(file)
     section = sections_of_nodes(contents)["alert_system"]
     try:
-        AlertSystem(LocalBus(on_log=_discard).node("alert_system", parameters=section.tree)).close()
+        AlertSystem(LocalBus().node("alert_system", parameters=section.tree)).close()
     except ConfigError as error:
         raise contents.locate(error.below(section.path)) from None
     return section.tree
-
-
-def _discard(line: LogLine) -> None:
-    pass
