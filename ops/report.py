@@ -10,11 +10,12 @@ import base64
 import hashlib
 import json
 import math
-import pkgutil
 from datetime import timedelta, timezone
 from html import escape
 from itertools import islice
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
+
+import numpy as np
 
 from robot_health_monitor.core.explanation import bounds_text, judged_unit
 from robot_health_monitor.core.formatting import (
@@ -29,8 +30,7 @@ from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig
 from robot_health_monitor.runtime.times import local_time
 
-from .envelope import Envelope
-from .plot import plot_bounds, plot_script, plot_style
+from .plot import plot_bounds, plot_script, plot_style, read_text
 
 MARK = '<meta name="generator" content="robot-health replay">'
 """In the head of every report."""
@@ -44,6 +44,81 @@ _SHARES = (*(level.name for level in Level), "unknown")
 """Heads of the columns with shares of time."""
 _ALL_BUCKETS = 50_000
 """Buckets of all plots together: they make up most of the file."""
+
+
+class Envelope:
+    """Downsamples a signal to minimum and maximum per bucket of time, so that no extreme is lost.
+
+    The number of buckets is fixed. When time passes their end, their width doubles and neighbours merge.
+    """
+
+    def __init__(self, start_s: float, span_s: float, buckets: int = 4096) -> None:
+        """Starts empty.
+
+        Args:
+            start_s: begin of the first bucket, in s since 1970. Earlier samples go into the first bucket.
+            span_s: expected time until the end, in s.
+            buckets: how many; even.
+        """
+        self.start_s = start_s
+        """Begin of the first bucket, in s since 1970."""
+        # The last sample of the span belongs to the last bucket.
+        self.width_s = max(span_s, 1e-6) / buckets * (1.0 + 1e-9)
+        """Width of a bucket, in s."""
+        self._low = np.full(buckets, math.inf)
+        self._high = np.full(buckets, -math.inf)
+        self._bad = np.zeros(buckets, dtype=bool)
+
+    @property
+    def columns(self) -> Tuple[List[int], List[float], List[float]]:
+        """Number, smallest and largest value of each bucket that has valid samples, in the order of time."""
+        places = np.flatnonzero(self._low <= self._high)
+        return places.tolist(), self._low[places].tolist(), self._high[places].tolist()
+
+    @property
+    def bad_times_s(self) -> List[float]:
+        """Middle of each bucket with bad samples, in s since 1970."""
+        return [self.start_s + (at + 0.5) * self.width_s for at in np.flatnonzero(self._bad).tolist()]
+
+    def add(self, times_s: Any, values: Any) -> None:
+        """Adds samples.
+
+        Args:
+            times_s: their times in s since 1970, an array of doubles.
+            values: their values, an array of doubles of the same length; those that are not finite are left out.
+        """
+        good = np.isfinite(values)
+        places, values = self._places(times_s[good]), values[good]
+        if not len(places):
+            return
+        # Runs of samples in one bucket are reduced first: times rarely go back.
+        starts = np.flatnonzero(np.diff(places, prepend=-1))
+        np.minimum.at(self._low, places[starts], np.minimum.reduceat(values, starts))
+        np.maximum.at(self._high, places[starts], np.maximum.reduceat(values, starts))
+
+    def add_bad(self, times_s: Any) -> None:
+        """Adds bad samples, which have no value; `times_s` as for `add`."""
+        self._bad[self._places(times_s)] = True
+
+    def _places(self, times_s: Any) -> Any:
+        """Returns the bucket of each time; widens the buckets until there is one."""
+        if not len(times_s):
+            return np.empty(0, dtype=np.int64)
+        since_s = times_s - self.start_s
+        while float(since_s.max()) >= self.width_s * len(self._low):
+            self._double()
+        return np.clip((since_s / self.width_s).astype(np.int64), 0, len(self._low) - 1)
+
+    def _double(self) -> None:
+        half = len(self._low) // 2
+        self.width_s *= 2.0
+        for buckets, merge, empty in (
+            (self._low, np.minimum, math.inf),
+            (self._high, np.maximum, -math.inf),
+            (self._bad, np.logical_or, False),
+        ):
+            buckets[:half] = merge(buckets[0::2], buckets[1::2])
+            buckets[half:] = empty
 
 
 class PlottedSignal:
@@ -146,18 +221,15 @@ def buckets_of(signals: int) -> int:
 
 def render(report: Report) -> str:
     """Returns the page."""
-    scripts = [plot_script(), _read("report.js")]
-    style = _read("report.css") + plot_style()
-    policy = "; ".join(
-        [
-            "default-src 'none'",
-            f"script-src {' '.join(map(_source_hash, scripts))}",
-            f"style-src {_source_hash(style)}",
-            "base-uri 'none'",
-            "form-action 'none'",
-        ]
+    scripts = [plot_script(), read_text(__package__, "report.js")]
+    style = read_text(__package__, "report.css") + plot_style()
+    policy = (
+        f"default-src 'none'; script-src {' '.join(map(_source_hash, scripts))}; style-src {_source_hash(style)}; "
+        "base-uri 'none'; form-action 'none'"
     )
+    plotted = {(signal.config.name, signal.file): place for place, signal in enumerate(report.signals)}
     several = any(signal.file for signal in report.signals)
+    problems = [f"<li>{_text(problem)}</li>" for problem in report.problems]
     parts = [
         "<!DOCTYPE html>",
         '<html lang="en">',
@@ -175,11 +247,11 @@ def render(report: Report) -> str:
         f'<p class="summary">{_text(report.summary)}</p>',
         f'<p class="verdict">{_text(report.verdict)}</p>',
         *(f'<p class="facts">{_text(fact)}</p>' for fact in report.facts),
-        *_problems(report.problems),
+        *(['<ul class="problems">', *problems, "</ul>"] if problems else []),
         "<h2>Signals</h2>",
-        *_signal_table(report),
+        *_signal_table(report, plotted, several),
         "<h2>Alerts</h2>",
-        *_alert_table(report, several),
+        *_alert_table(report, plotted, several),
         *_plots(report),
         "</main>",
         f'<script type="application/json" id="data">{_json(_data(report))}</script>',
@@ -190,18 +262,14 @@ def render(report: Report) -> str:
     return "\n".join(parts) + "\n"
 
 
-def _problems(problems: Sequence[str]) -> Iterable[str]:
-    if problems:
-        yield '<ul class="problems">'
-        yield from (f"<li>{_text(problem)}</li>" for problem in problems)
-        yield "</ul>"
+_Places = Mapping[Tuple[str, str], int]
+"""Number of each plot, by signal and file."""
 
 
-def _signal_table(report: Report) -> Iterable[str]:
-    plotted = {(signal.config.name, signal.file): place for place, signal in enumerate(report.signals)}
-    several = any(signal.file for signal in report.signals)
+def _signal_table(report: Report, plotted: _Places, several: bool) -> Iterable[str]:
     numbers = 2 if several else 1  # the first columns are texts
-    heads = (f'<th scope="col"{_class(at, numbers)}>{_text(head)}</th>' for at, head in enumerate(report.header))
+    kinds = [f' class="{"number" if at >= numbers else "file"}"' if at else "" for at in range(len(report.header))]
+    heads = (f'<th scope="col"{kind}>{_text(head)}</th>' for kind, head in zip(kinds, report.header))
     yield f'<div class="signals table"><table><thead><tr>{"".join(heads)}</tr></thead><tbody>'
     for row in report.rows:
         place = plotted.get((row[0], row[1] if several else ""))
@@ -220,18 +288,10 @@ def _cell(head: str, text: str, is_number: bool) -> str:
     return f'<td class="{" ".join(names)}" data-head="{_text(head)}">{_text(shown)}</td>'
 
 
-def _class(at: int, numbers: int) -> str:
-    """Returns the class of a cell: a name, the file of a configuration if it is not a number, a number."""
-    if at >= numbers:
-        return ' class="number"'
-    return ' class="file"' if at else ""
-
-
-def _alert_table(report: Report, several: bool) -> Iterable[str]:
+def _alert_table(report: Report, plotted: _Places, several: bool) -> Iterable[str]:
     if not report.alerts:
         yield '<p class="hint" id="alerts">none</p>'
         return
-    plotted = {(signal.config.name, signal.file): place for place, signal in enumerate(report.signals)}
     if report.all_alerts > len(report.alerts):
         yield f'<p class="hint">The first {len(report.alerts)} of {report.all_alerts}.</p>'
     file_head = '<th scope="col">file</th>' if several else ""
@@ -355,9 +415,3 @@ def _json(data: object) -> str:
 
 def _source_hash(source: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(source.encode('utf-8')).digest()).decode('ascii')}'"
-
-
-def _read(name: str) -> str:
-    data = pkgutil.get_data(__package__, name)
-    assert data is not None
-    return data.decode("utf-8")

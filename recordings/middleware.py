@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
@@ -37,54 +38,28 @@ class Subscription:
 
     def __init__(self, node: RecordedMiddleware, topic: str, callback: Callback) -> None:
         """Binds a callback of a node to a topic."""
-        self.topic = topic
         self.node = node
-        self.callback = callback
-        self.receive = callback
-        """Called with the field of each message and its log time, in seconds since 1970, while `active`."""
+        self.topic = topic
+        self.callback = self.receive = callback
+        """`receive` is called with the field of each message and its log time, in s since 1970, while `active`."""
         self.active = True
 
 
+@dataclass
 class _Tally:
     """How much of one recording could be used."""
 
-    def __init__(self) -> None:
-        self.decoded = 0
-        """Fields that were read."""
-        self.undecodable = 0
-        """Fields that could not be read."""
+    decoded: int = 0
+    """Fields that were read."""
+    undecodable: int = 0
+    """Fields that could not be read."""
 
 
-class _Reader:
+class _Reader(NamedTuple):
     """One field of one channel: read once per message, delivered to every subscription."""
 
-    def __init__(self, channel: Channel, field: Optional[str], on_undecodable: Callable[[], None]) -> None:
-        self.subscriptions: List[Subscription] = []
-        self._get: Callable[[bytes], Any] = _arrival if field is None else types_of(channel).field_getter(field)
-        self._on_undecodable = on_undecodable
-
-    def bind(self, tally: _Tally) -> Callable[[bytes, float], None]:
-        """Returns a function that passes the field of a serialized message, with its time, to the subscriptions."""
-        get, on_undecodable = self._get, self._on_undecodable
-        receivers = tuple((subscription, subscription.receive) for subscription in self.subscriptions)
-
-        def deliver(data: bytes, wall_s: float) -> None:
-            try:
-                value = get(data)
-            except ValueError:
-                tally.undecodable += 1
-                on_undecodable()
-                return
-            tally.decoded += 1
-            if value is not ABSENT:
-                for subscription, receive in receivers:
-                    if subscription.active:
-                        try:
-                            receive(value, wall_s)
-                        except Exception as error:
-                            subscription.node.log_failure(error)
-
-        return deliver
+    get: Callable[[bytes], Any]
+    subscriptions: List[Subscription]
 
 
 class RecordedMiddleware(MappingNode):
@@ -167,9 +142,9 @@ class Player:
 
         Args:
             recordings: what to play.
-            namespace: namespace of the nodes.
+            namespace: that of the nodes.
             from_s: where to begin, in seconds since the start of the recordings.
-            to_s: where to end, in seconds since the start of the recordings.
+            to_s: where to end, likewise.
             use_sim_time: take the time from the recorded topic /clock.
             on_log: called with every line that a node logs.
 
@@ -219,9 +194,8 @@ class Player:
         for topic, number in sorted(undecodable.items()):
             lines.append(f"{topic}: {count_text(number, 'message')} could not be decoded and {_were(number)} left out")
         if self._outside:
-            lines.append(
-                f"{count_text(self._outside, 'message')} outside of the time span {_were(self._outside)} left out"
-            )
+            outside = count_text(self._outside, "message")
+            lines.append(f"{outside} outside of the time span {_were(self._outside)} left out")
         if self.late:
             lines.append(f"{count_text(self.late, 'message')} out of order, judged late")
         if self._skipped_s:
@@ -229,11 +203,9 @@ class Player:
         return lines
 
     def why_not_recorded(self, topic: str, type_name: str) -> str:
-        """Returns why the recordings have no messages of a type on a topic; empty if they do.
+        """Returns why the recordings have no messages of a type (empty: any) on a topic, by its absolute name.
 
-        Args:
-            topic: its absolute name.
-            type_name: the type; empty: any.
+        Empty if they have.
         """
         found = self._channels.get(topic, [])
         if not found:
@@ -244,12 +216,7 @@ class Player:
         return ""
 
     def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
-        """Adds a node.
-
-        Args:
-            name: base name, `alert_system`.
-            parameters: its configuration, nested as in the file under `ros__parameters`.
-        """
+        """Adds a node with a base name, `alert_system`, and parameters as in the file under `ros__parameters`."""
         node = RecordedMiddleware(self, self.node_name(name), parameters, self._use_sim_time)
         self._nodes.append(node)
         return node
@@ -267,14 +234,14 @@ class Player:
             ConfigError: the recorded type has no such field, or no definition.
         """
         for channel in self._matching(subscription.topic, type_name):
-            self._reader(channel, field).subscriptions.append(subscription)
+            self._subscriptions(channel, field).append(subscription)
         return subscription
 
     def play(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end. Subscriptions must exist before.
 
         Args:
-            on_progress: called about a thousand times with the fraction that has been played, 0 to 1.
+            on_progress: called about a thousand times with the fraction that has been played, 0 to 1; may raise.
 
         Raises:
             RecordingError: a library that the recording needs is not installed, or one of the recordings has messages
@@ -293,7 +260,7 @@ class Player:
         tallies = [_Tally() for _ in self._recordings.paths]
         deliveries = [
             {
-                channel: tuple(each.bind(tally) for each in readers.values())
+                channel: tuple(self._delivery(channel.topic, field, readers[field], tally) for field in readers)
                 for channel, readers in self._readers.items()
             }
             for tally in tallies
@@ -336,11 +303,37 @@ class Player:
         wanted = canonical_type(type_name) if type_name else ""
         return [channel for channel in self._channels.get(topic, []) if wanted in ("", channel.type_name)]
 
-    def _reader(self, channel: Channel, field: Optional[str]) -> _Reader:
+    def _subscriptions(self, channel: Channel, field: Optional[str]) -> List[Subscription]:
+        """Returns the subscriptions to a field of a channel, to add to them."""
         readers = self._readers.setdefault(channel, {})
         if field not in readers:
-            readers[field] = _Reader(channel, field, lambda: self._undecodable.update([(channel.topic, field)]))
-        return readers[field]
+            readers[field] = _Reader(_arrival if field is None else types_of(channel).field_getter(field), [])
+        return readers[field].subscriptions
+
+    def _delivery(
+        self, topic: str, field: Optional[str], reader: _Reader, tally: _Tally
+    ) -> Callable[[bytes, float], None]:
+        """Returns a function that passes the field of a serialized message, with its time, to the subscriptions."""
+        get, undecodable = reader.get, self._undecodable
+        receivers = tuple((each, each.receive) for each in reader.subscriptions)
+
+        def deliver(data: bytes, wall_s: float) -> None:
+            try:
+                value = get(data)
+            except ValueError:
+                tally.undecodable += 1
+                undecodable[topic, field] += 1
+                return
+            tally.decoded += 1
+            if value is not ABSENT:
+                for subscription, receive in receivers:
+                    if subscription.active:
+                        try:
+                            receive(value, wall_s)
+                        except Exception as error:
+                            subscription.node.log_failure(error)
+
+        return deliver
 
     def _check_readable(self, tallies: List[_Tally]) -> None:
         for number, tally in enumerate(tallies):
@@ -356,8 +349,9 @@ class Player:
 
     def _follow_clock(self) -> None:
         for channel in self._channels[CLOCK]:
-            reader = self._reader(channel, "")
-            reader.subscriptions[:0] = [Subscription(node, CLOCK, node.receive_clock) for node in self._nodes]
+            self._subscriptions(channel, "")[:0] = [
+                Subscription(node, CLOCK, node.receive_clock) for node in self._nodes
+            ]
 
     def _cross_gaps(self, until_ns: int) -> None:
         """Goes from the end of a recording to the start of the next one, without the timers in between."""

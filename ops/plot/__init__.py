@@ -8,17 +8,17 @@ from typing import Any, Dict, List
 
 from robot_health_monitor.core.signal_config import SignalConfig
 
-__all__ = ["plot_bounds", "plot_script", "plot_style"]
+__all__ = ["plot_bounds", "plot_script", "plot_style", "read_text"]
 
 
 def plot_script() -> str:
     """Returns the script, which defines `HealthPlot`; plot.js describes it."""
-    return _read("view.js") + _read("plot.js")
+    return read_text(__name__, "view.js") + read_text(__name__, "plot.js")
 
 
 def plot_style() -> str:
     """Returns the style sheet, for light, dark and printed pages."""
-    return _read("plot.css")
+    return read_text(__name__, "plot.css")
 
 
 def plot_bounds(config: SignalConfig) -> List[Dict[str, Any]]:
@@ -32,7 +32,8 @@ def plot_bounds(config: SignalConfig) -> List[Dict[str, Any]]:
     return found
 
 
-def _read(name: str) -> str:
-    data = pkgutil.get_data(__name__, name)
+def read_text(package: str, name: str) -> str:
+    """Returns a file of a package."""
+    data = pkgutil.get_data(package, name)
     assert data is not None
     return data.decode("utf-8")
