@@ -6,10 +6,11 @@ commands above all, come only from this file, which is read at startup.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 from urllib.parse import urlsplit
 
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
@@ -17,17 +18,6 @@ from robot_health_monitor.core.formatting import bound_text
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.parameters import Parameter, read_parameters, require_mapping
 from robot_health_monitor.core.yaml_file import YamlFile
-
-__all__ = [
-    "HistorySettings",
-    "OpsConfig",
-    "SECTIONS",
-    "ServerOptions",
-    "TARGET_TYPES",
-    "TargetSettings",
-    "check_url",
-    "read_ops",
-]
 
 SECTIONS = ("history", "notify", "server")
 
@@ -88,19 +78,17 @@ _MOST_SHOWN = 40
 
 @dataclass(frozen=True)
 class HistorySettings:
-    """Where alerts are stored, and for how long."""
+    """Where alerts are stored, and for how long: `HISTORY_PARAMETERS`."""
 
     file: str
-    """Path of the SQLite file."""
+    """An absolute path."""
     keep_days: float = 90.0
-    """Age at which entries are deleted, in days."""
     keep_mb: float = 100.0
-    """Largest size of the file and its log, in MB; the oldest entries are deleted."""
 
 
 @dataclass(frozen=True)
 class TargetSettings:
-    """A target of notifications."""
+    """A target of notifications: `TARGET_PARAMETERS`; those that its type does not have keep their defaults."""
 
     name: str
     type: str
@@ -108,37 +96,25 @@ class TargetSettings:
     min_level: Level = Level.WARN
     """Lowest level that is sent, by severity."""
     robots: Tuple[str, ...] = ()
-    """Patterns of robot names, `*` and `?` as in file names; empty: all."""
     signals: Tuple[str, ...] = ()
-    """Patterns of signal names; empty: all."""
     simulated: bool = False
-    """Whether alerts of simulated values are sent too."""
     url: str = field(default="", repr=False)  # it may contain a secret
-    """The address; empty: it is in `url_file`."""
     url_file: str = ""
-    """Path of a file that contains the address; empty: it is in `url`."""
+    """An absolute path; empty: the address is in `url`."""
     command: Tuple[str, ...] = ()
-    """Program and arguments of a command."""
     timeout_s: float = 10.0
-    """Longest time for one attempt, in s."""
     every_s: float = 60.0
-    """Period of a heartbeat, in s."""
 
 
 @dataclass(frozen=True)
 class ServerOptions:
-    """What the section `server` sets; the rest is configured elsewhere."""
+    """What the section `server` sets: `SERVER_PARAMETERS`. None, or empty: as configured elsewhere. Absolute paths."""
 
     port: Optional[int] = None
-    """0: a free one. None: not set."""
     address: str = ""
-    """Empty: not set."""
     token_file: str = ""
-    """Path of the file with the token; empty: not set."""
     tls_certificate: str = ""
-    """Path of the certificate in PEM; empty: no TLS."""
     tls_key: str = ""
-    """Path of its private key."""
     allow_publish: Tuple[str, ...] = ()
     allow_call: Tuple[str, ...] = ()
     allow_offer: Tuple[str, ...] = ()
@@ -172,45 +148,54 @@ def read_ops(file: YamlFile) -> OpsConfig:
         ConfigError: unknown keys, wrong types, impossible or contradictory values. The message names file, line, key,
             what was expected and what was found; `others` are further mistakes.
     """
+    tree, folder = file.tree, os.path.dirname(os.path.abspath(file.file))
+    problems = Problems()
+    sections: Dict[str, Any] = {}
     try:
-        return _read(file.tree, os.path.dirname(os.path.abspath(file.file)))
+        with problems:
+            read_parameters(tree, (), (), SECTIONS)
+        for name, read in zip(SECTIONS, (_read_history, _read_targets, _read_server)):
+            if name in tree:
+                with problems:
+                    sections[name] = read(require_mapping(tree[name], (name,)), (name,), folder)
+        problems.raise_if_any()
     except ConfigError as error:
         raise file.locate(error) from None
+    return OpsConfig(**sections)
 
 
 def check_url(url: str, type_name: str) -> None:
-    """Checks the address of a target.
-
-    Args:
-        url: the address.
-        type_name: the target's type.
+    """Checks the address of a target of a type.
 
     Raises:
         ConfigError: it cannot be an address. The message shows no more of it than scheme and host.
     """
-    shown = _shown_url(url)
-
-    def refuse(expected: str) -> NoReturn:
-        raise ConfigError(f"expected {expected}, got {shown}")
-
-    if any(letter.isspace() or not letter.isprintable() for letter in url):
-        refuse("an address without blanks")
     scheme, separator, rest = url.partition("://")
-    if type_name == "apprise":
-        if not (separator and _SCHEME.match(scheme.lower()) and rest):
-            refuse("an address of Apprise, such as mailtos://user:password@host")
-        return
+    expected = ""
+    if any(letter.isspace() or not letter.isprintable() for letter in url):
+        expected = "an address without blanks"
+    elif type_name != "apprise":
+        expected = _expected_of_http(url, type_name)
+    elif not (separator and _SCHEME.match(scheme.lower()) and rest):
+        expected = "an address of Apprise, such as mailtos://user:password@host"
+    if expected:
+        raise ConfigError(f"expected {expected}, got {_shown_url(url)}")
+
+
+def _expected_of_http(url: str, type_name: str) -> str:
+    """Returns what an address of HTTP should be; empty: as it is."""
     try:
         parts = urlsplit(url)
-        port = parts.port
+        fits = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
     except ValueError:
-        refuse("http://host:port or https://host:port")
-    if parts.scheme not in ("http", "https") or not parts.hostname or port == 0:
-        refuse("http://host:port or https://host:port")
+        fits = False
+    if not fits:
+        return "http://host:port or https://host:port"
     if "@" in parts.netloc:
-        refuse("an address without user and password")
+        return "an address without user and password"
     if type_name == "alertmanager" and (parts.query or parts.fragment):
-        refuse("an address without ? and #")
+        return "an address without ? and #"
+    return ""
 
 
 def _shown_url(url: str) -> str:
@@ -222,41 +207,19 @@ def _shown_url(url: str) -> str:
     return repr(f"{scheme}://{host}"[:_MOST_SHOWN])
 
 
-def _read(tree: Mapping[str, Any], folder: str) -> OpsConfig:
+def _read_history(tree: Mapping[str, Any], path: Path, folder: str) -> HistorySettings:
     problems = Problems()
-    with problems:
-        read_parameters(tree, (), (), SECTIONS)
-    history: Optional[HistorySettings] = None
-    targets: List[TargetSettings] = []
-    server: Optional[ServerOptions] = None
-    if "history" in tree:
-        with problems:
-            history = _read_history(tree["history"], ("history",), folder)
-    if "notify" in tree:
-        with problems:
-            targets = _read_targets(tree["notify"], ("notify",), folder)
-    if "server" in tree:
-        with problems:
-            server = _read_server(tree["server"], ("server",), folder)
-    problems.raise_if_any()
-    return OpsConfig(history, tuple(targets), server)
-
-
-def _read_history(found: object, path: Path, folder: str) -> HistorySettings:
-    problems = Problems()
-    tree = require_mapping(found, path)
     values = _read_values(tree, HISTORY_PARAMETERS, path, problems)
+    file = str(values.get("file", ""))
     if not tree.get("file", ""):
         problems.add(ConfigError("expected the path of the history file, got nothing", (*path, "file")))
-    elif str(values.get("file", "")).endswith("/"):
-        got = f"the folder {values['file']!r}"
-        problems.add(ConfigError(f"expected the path of a file, got {got}", (*path, "file")))
+    elif file.endswith("/"):
+        problems.add(ConfigError(f"expected the path of a file, got the folder {file!r}", (*path, "file")))
     problems.raise_if_any()
-    return HistorySettings(_resolve(values["file"], folder), values["keep_days"], values["keep_mb"])
+    return HistorySettings(**{**values, "file": _resolve(file, folder)})
 
 
-def _read_targets(found: object, path: Path, folder: str) -> List[TargetSettings]:
-    tree = require_mapping(found, path)
+def _read_targets(tree: Mapping[str, Any], path: Path, folder: str) -> Tuple[TargetSettings, ...]:
     if len(tree) > MOST_TARGETS:
         raise ConfigError(f"expected at most {MOST_TARGETS} targets, got {len(tree)}", path)
     problems = Problems()
@@ -268,7 +231,7 @@ def _read_targets(found: object, path: Path, folder: str) -> List[TargetSettings
                 problems.add(ConfigError(problem, (*path, name)))
             targets.append(_read_target(name, target, (*path, name), folder))
     problems.raise_if_any()
-    return targets
+    return tuple(targets)
 
 
 def _read_target(name: str, found: object, path: Path, folder: str) -> TargetSettings:
@@ -280,8 +243,8 @@ def _read_target(name: str, found: object, path: Path, folder: str) -> TargetSet
             raise ConfigError(f"is missing; expected {_TYPE.allowed}", (*path, "type"))
         kind = _TYPE.read(tree["type"], (*path, "type"))
     keys = _KEYS.get(kind, [parameter.name for parameter in TARGET_PARAMETERS])
-    of_others = [parameter.name for parameter in TARGET_PARAMETERS if parameter.name not in keys]
-    for key in of_others:
+    left_out = [parameter.name for parameter in TARGET_PARAMETERS if parameter.name not in keys]
+    for key in left_out:
         if key in tree:
             problem = f"not a key of a target of type {kind}; expected one of {', '.join(keys)}"
             problems.add(ConfigError(problem, (*path, key)))
@@ -289,17 +252,26 @@ def _read_target(name: str, found: object, path: Path, folder: str) -> TargetSet
     if not (isinstance(url, str) and url.isprintable()):
         # What was found is not shown: it may contain a secret.
         problems.add(ConfigError("expected printable text, got something else", (*path, "url")))
-        of_others.append("url")
+        left_out.append("url")
     values = _read_values(
-        {key: value for key, value in tree.items() if key not in ("type", *of_others)},
+        {key: value for key, value in tree.items() if key not in ("type", *left_out)},
         [parameter for parameter in TARGET_PARAMETERS if parameter.name in keys and parameter is not _TYPE],
         path,
         problems,
     )
     if kind:
-        for check in (_check_address, _check_command, _check_patterns, _check_period):
-            with problems:
-                check(values, tree, kind, path)
+        with problems:
+            _check_address(values, tree, kind, path)
+        command = values.get("command", ("unknown",))
+        if not (command and command[0].strip()):
+            got = "an empty text" if command else "nothing"
+            problems.add(ConfigError(f"expected a program and its arguments, got {got}", (*path, "command")))
+        _check_patterns(values, ("robots", "signals"), path, problems)
+        if values.get("timeout_s", 0.0) > values.get("every_s", math.inf):
+            if "timeout_s" in tree:
+                most, got = bound_text(values["every_s"]), bound_text(values["timeout_s"])
+                problems.add(ConfigError(f"expected at most every_s ({most}), got {got}", (*path, "timeout_s")))
+            values["timeout_s"] = values["every_s"]
     problems.raise_if_any()
     if values.get("url_file"):
         values["url_file"] = _resolve(values["url_file"], folder)
@@ -321,39 +293,16 @@ def _check_address(values: Mapping[str, Any], tree: Mapping[str, Any], kind: str
         try:
             check_url(values["url"], kind)
         except ConfigError as error:
-            raise ConfigError(error.problem, (*path, "url")) from None
+            raise error.below((*path, "url")) from None
 
 
-def _check_command(values: Mapping[str, Any], tree: Mapping[str, Any], kind: str, path: Path) -> None:
-    if "command" in values and not (values["command"] and values["command"][0].strip()):
-        got = "nothing" if not values["command"] else "an empty text"
-        raise ConfigError(f"expected a program and its arguments, got {got}", (*path, "command"))
-
-
-def _check_patterns(values: Mapping[str, Any], tree: Mapping[str, Any], kind: str, path: Path) -> None:
-    for key in ("robots", "signals"):
-        _refuse_empty(values.get(key, ()), (*path, key))
-
-
-def _check_period(values: Dict[str, Any], tree: Mapping[str, Any], kind: str, path: Path) -> None:
-    if "every_s" not in values or values.get("timeout_s", 0.0) <= values["every_s"]:
-        return
-    if "timeout_s" in tree:
-        most, got = bound_text(values["every_s"]), bound_text(values["timeout_s"])
-        raise ConfigError(f"expected at most every_s ({most}), got {got}", (*path, "timeout_s"))
-    values["timeout_s"] = values["every_s"]
-
-
-def _read_server(found: object, path: Path, folder: str) -> ServerOptions:
+def _read_server(tree: Mapping[str, Any], path: Path, folder: str) -> ServerOptions:
     problems = Problems()
-    tree = require_mapping(found, path)
     values = _read_values(tree, SERVER_PARAMETERS, path, problems)
     for one, other in (("tls_certificate", "tls_key"), ("tls_key", "tls_certificate")):
         if tree.get(one) and not tree.get(other):
             problems.add(ConfigError(f"expected {other} as well, got {one} alone", (*path, one)))
-    for key in ("allow_publish", "allow_call", "allow_offer"):
-        with problems:
-            _refuse_empty(values.get(key, ()), (*path, key))
+    _check_patterns(values, ("allow_publish", "allow_call", "allow_offer"), path, problems)
     address = values.get("address", "")
     if any(letter.isspace() or letter == "/" for letter in address):
         problem = f"expected an IP address or the name of a host, got {address[:_MOST_SHOWN]!r}"
@@ -376,9 +325,10 @@ def _read_values(
     return values
 
 
-def _refuse_empty(patterns: Sequence[str], path: Path) -> None:
-    if any(not pattern.strip() for pattern in patterns):
-        raise ConfigError("expected patterns of names, got an empty text", path)
+def _check_patterns(values: Mapping[str, Any], keys: Sequence[str], path: Path, problems: Problems) -> None:
+    for key in keys:
+        if any(not pattern.strip() for pattern in values.get(key, ())):
+            problems.add(ConfigError("expected patterns of names, got an empty text", (*path, key)))
 
 
 def _resolve(file: str, folder: str) -> str:

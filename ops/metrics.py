@@ -16,8 +16,6 @@ from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.version import package_version
 
-__all__ = ["METRICS_LIBRARY", "Family", "Metrics", "RobotMetrics"]
-
 METRICS_LIBRARY = "prometheus_client"
 _BY_SIGNAL = ("robot", "signal")
 

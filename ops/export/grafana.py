@@ -140,12 +140,7 @@ def _levels_count(title: str, width: int) -> Dict[str, Any]:
 
 
 def _timeline(
-    title: str,
-    expression: str,
-    legend: str,
-    width: int,
-    height: int,
-    states: Sequence[Tuple[str, str, str]] = _LEVELS,
+    title: str, expression: str, legend: str, width: int, height: int, states: Sequence[Tuple[str, str, str]] = _LEVELS
 ) -> Dict[str, Any]:
     panel = _panel("state-timeline", title, [(expression, legend)], width, height)
     options = {value: {"text": text, "color": color} for value, text, color in states}
