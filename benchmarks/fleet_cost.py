@@ -5,7 +5,7 @@ rosbridge server. The bare client only parses them. What is compared is the CPU 
 
 asyncio receives each message into a new buffer of 256 KiB. Whether glibc maps memory for each of them depends on what
 the process has freed before, and can double the cost of a message. `robot-health connect` reads less at once
-(rosbridge/turns.py); a bare client does not, and is also measured with the buffers on the heap.
+(rosbridge/sockets.py); a bare client does not, and is also measured with the buffers on the heap.
 """
 
 from __future__ import annotations

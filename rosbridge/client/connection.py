@@ -1,13 +1,12 @@
 """One connection to a rosbridge server, re-established whenever it ends.
 
 Theory of operation. `run` connects, sends everything that was subscribed, advertised and offered, and reads until the
-connection ends; then it waits (`backoff.py`) and connects again. Messages published meanwhile are dropped: only the
+connection ends; then it waits (`ConnectBackoff`) and connects again. Messages published meanwhile are dropped: only the
 present state matters. Nothing that a server sends ends more than this connection.
 
+    websocket.py       opening, what waits to be sent, whether the server still answers
     subscriptions.py   where a subscription is sent, and where its messages arrive
-    services.py        calls of the server's services, and services offered here
-    send_queue.py      what waits to be sent
-    liveness.py        whether the server still answers
+    services.py        calls of the server's services
     cause.py           why the connection is down
 
 This project's client and server use CBOR in both directions (they agree on it as a WebSocket subprotocol), which keeps
@@ -21,38 +20,69 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
+import random
 import ssl
 import threading
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Tuple
 
 import aiohttp
 
+from robot_health_monitor.core.errors import MessageError, ServiceError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import Severity, canonical_type
+from robot_health_monitor.runtime.backoff import Backoff
 from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
-from ..address import host_and_port, http_address, shown_address
+from ..address import host_and_port, shown_address
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError, Wire, operations
 from ..protocol.codec import HEAD_BYTES, decode, topic_of_message
-from ..sockets import FloodError, Incoming, ignore_result, limit_reads, within
-from .backoff import ConnectBackoff
-from .cause import UP, Cause, RedirectError, cause_of_close, cause_of_error
-from .host_lookup import HostLookup
-from .liveness import wait_until_unanswered
-from .send_queue import SendQueue
-from .services import OfferedServices, ServiceCalls
+from ..sockets import FloodError, Incoming, ignore_result, within
+from .cause import UP, Cause, cause_of_close, cause_of_error
+from .services import ServiceCalls
 from .subscriptions import Subscriptions
+from .websocket import HostLookup, SendQueue, Socket, close_socket, create_session, open_socket, wait_until_unanswered
 
 LARGEST_MESSAGE_BYTES = 64_000_000
 """Default size above which a message ends the connection."""
 
-_CONNECT_TIMEOUT_S = 5.0
-_CLOSE_TIMEOUT_S = 1.0
+Handler = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+
 _LONGEST_TEXT = 200
 _LARGE_CBOR_BYTES = 65_536
 _MESSAGES = (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY)
 _FLOODED = Cause("connection closed: the server floods it with pings or empty messages")
+_HELD_S = 10.0
+"""A connection that lasted this long, in s, is a good one: the delays start again from the shortest."""
+_FIRST_DELAY_S = 0.2
+_LONGEST_DELAY_S = 1.2
+"""Longest delay while the server cannot be reached or connections break: short, so that a robot that can be reached
+again is soon judged again."""
+_SHORT_LIVED_S = 1.0
+_LONGEST_AFTER_CLOSE_S = 30.0
+"""Longest delay for a server that accepts connections only to close them within `_SHORT_LIVED_S`."""
+
+
+class ConnectBackoff:
+    """Delays that double with every attempt until a connection has held for `_HELD_S`.
+
+    Each delay is shortened by a random part of up to half, so that a fleet does not reconnect all at once.
+    """
+
+    def __init__(self, chance: Callable[[], float] = random.random) -> None:
+        """Starts with the shortest delay; `chance` returns a random number from 0 to 1."""
+        self._backoff = Backoff(_FIRST_DELAY_S, _LONGEST_DELAY_S, spread=0.5, chance=chance)
+
+    def next_s(self, held_s: Optional[float]) -> float:
+        """Returns the delay before the next attempt, in s.
+
+        Args:
+            held_s: how long the last connection lasted, in s; None: the attempt failed.
+        """
+        if held_s is not None and held_s >= _HELD_S:
+            self._backoff.reset()
+        closed_at_once = held_s is not None and held_s < _SHORT_LIVED_S
+        return self._backoff.next_s(_LONGEST_AFTER_CLOSE_S if closed_at_once else None)
 
 
 class ServerConnection:
@@ -72,21 +102,10 @@ class ServerConnection:
         on_log: Callable[[Severity, str], None],
         clock: Callable[[], float],
     ) -> None:
-        """Creates a connection that is down; `run` connects.
+        """Creates a connection that is down; `run` connects. `RosbridgeClient` describes the other arguments.
 
-        Args:
-            url: `ws://host:port` or `wss://host:port`.
-            token: presented to the server as `Authorization: Bearer TOKEN`; empty: none.
-            ssl_context: for `wss://`; None trusts the system's certificate authorities.
-            heartbeat_s: period of pings in s; the connection is down when one is not answered within half of it.
-            limits: bounds for messages that are decoded. Of larger ones only the arrival counts.
-            largest_message_bytes: a message above this size ends the connection.
-            probation_s: how long a connection must last before `on_change` reports it as up, in s: a server that
-                accepts connections only to close them is not up.
-            on_change: called in the loop with (True, `UP`) or (False, cause) at every change, first when the first
-                attempt has succeeded or failed.
-            on_log: called in the loop with lines about what the server sends; bounded to a few per minute.
-            clock: monotonic seconds.
+        `on_change` is called in the loop with (True, `UP`) or (False, cause) at every change, first when the first
+        attempt has succeeded or failed; `on_log` with lines about what the server sends, bounded to a few per minute.
 
         Raises:
             ConfigError: `url` is not the address of a WebSocket server.
@@ -97,7 +116,6 @@ class ServerConnection:
         self.up = False
         """Whether operations can be sent."""
         self.calls = ServiceCalls(self.send, lambda: None if self.up else f"no connection to {self.address}")
-        self.services = OfferedServices(self.send)
         self.subscriptions = Subscriptions(self.send, self.calls.call)
         self.limits = limits
         """Bounds for messages that are decoded."""
@@ -117,12 +135,11 @@ class ServerConnection:
         self._protocol = Connection(limits, nan_as_null=False)
         self._compression = "none"
         self._queue: Optional[SendQueue] = None
-        self._overflowed: Optional[asyncio.Event] = None
         self._reported: Optional[Tuple[bool, Cause]] = None
         self._moved: Optional[asyncio.Event] = None
-        self._probation: Optional[asyncio.TimerHandle] = None
         self._lookup = HostLookup()
         self._advertised: Dict[str, str] = {}
+        self._services: Dict[str, Tuple[str, Handler]] = {}
 
     def advertise(self, topic: str, type_name: str) -> None:
         """Announces a topic to publish on, now and after every reconnection."""
@@ -137,6 +154,24 @@ class ServerConnection:
             if self._advertised.pop(topic, None) is not None:
                 self.send(operations.Unadvertise(topic))
 
+    def offer(self, service: str, type_name: str, handler: Handler) -> None:
+        """Offers a service, now and after every reconnection.
+
+        Args:
+            service: its name.
+            type_name: its type.
+            handler: called in the event loop with the request; returns the response, or raises ServiceError.
+        """
+        with self._lock:
+            self._services[service] = canonical_type(type_name), handler
+            self.send(operations.AdvertiseService(service, canonical_type(type_name)))
+
+    def withdraw(self, service: str) -> None:
+        """Ends an `offer`."""
+        with self._lock:
+            if self._services.pop(service, None) is not None:
+                self.send(operations.UnadvertiseService(service))
+
     def send(self, operation: Operation) -> None:
         """Sends an operation; drops it while the connection is down.
 
@@ -147,22 +182,14 @@ class ServerConnection:
         """
         if not self.up or self._loop is None:
             return
-        wires = self._protocol.send(operation, compression=self._compression)
+        # A lost subscription would be a silent failure; after a reconnection all of them are sent again.
         may_drop = isinstance(operation, operations.Publish)
-        for wire in wires:
+        for wire in self._protocol.send(operation, compression=self._compression):
             if threading.get_ident() == self._thread:
                 self._enqueue(wire, may_drop)
             else:
                 with contextlib.suppress(RuntimeError):  # the loop has ended
                     self._loop.call_soon_threadsafe(self._enqueue, wire, may_drop)
-
-    def publish(self, topic: str, message: Mapping[str, Any]) -> None:
-        """Publishes on an advertised topic.
-
-        Raises:
-            MessageError: the message cannot be encoded.
-        """
-        self.send(operations.Publish(topic, message))
 
     def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
         """Connects again, to another address or with another token or trust. Called in the loop.
@@ -199,10 +226,10 @@ class ServerConnection:
                     backoff = ConnectBackoff()
                 held_s = None
                 try:
-                    held_s = await self._connect_once()
+                    held_s = await self._connect_once(moved)
                 except Exception as error:  # any failure: the connection must be re-established
-                    text = printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]
-                    self._on_log(Severity.ERROR, f"internal error in the connection to {self.address}: {text}")
+                    text = f"internal error in the connection to {self.address}: {_text(error)}"
+                    self._on_log(Severity.ERROR, text)
                     self._report(False, Cause(f"internal error: {type(error).__name__}"))
                 if not self._closed:
                     with contextlib.suppress(asyncio.TimeoutError):
@@ -211,83 +238,65 @@ class ServerConnection:
             self.up = False
             types.cancel()
 
-    async def _connect_once(self) -> Optional[float]:
-        """Connects and reads until the connection ends.
-
-        Returns:
-            How long the connection lasted, in s; None if there was none.
-        """
+    async def _connect_once(self, moved: asyncio.Event) -> Optional[float]:
+        """Connects and reads until the connection ends; returns how long it lasted, in s, or None if there was none."""
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         has_token = bool(self._token)
-        connector = _Connector(resolver=self._lookup, use_dns_cache=False)
-        traces = [_refusing_redirects()]
-        async with aiohttp.ClientSession(headers=headers, connector=connector, trace_configs=traces) as session:
+        async with create_session(self._lookup, headers) as session:
             try:
-                socket = await within(_CONNECT_TIMEOUT_S, self._open(session))
+                socket = await open_socket(session, self._url, self._ssl_context, self._largest_message_bytes)
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError) as error:
                 self._report(False, cause_of_error(error, has_token))
                 return None
             start_s = asyncio.get_event_loop().time()
             cause = UP
             try:
-                cause = await self._talk(socket)
+                cause = await self._talk(socket, moved)
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
                 cause = cause_of_error(error, has_token)
             finally:
                 self.up = False
-                self._cancel_probation()
                 self.calls.fail_all(f"the connection to {self.address} went down")
                 if cause is not UP:
                     self._report(False, cause)
                 if cause is not _FLOODED:  # a closing handshake would read the whole flood
-                    await _close(socket)
+                    await close_socket(socket)
             return asyncio.get_event_loop().time() - start_s
 
-    async def _open(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
-        options: Dict[str, Any] = {} if self._ssl_context is None else {"ssl": self._ssl_context}
-        socket: aiohttp.ClientWebSocketResponse[Any] = await session.ws_connect(
-            http_address(self._url),
-            protocols=[CBOR_SUBPROTOCOL],
-            autoping=False,
-            max_msg_size=self._largest_message_bytes,
-            **options,
-        )
-        return socket
-
-    async def _talk(self, socket: aiohttp.ClientWebSocketResponse) -> Cause:
+    async def _talk(self, socket: Socket, moved: asyncio.Event) -> Cause:
         """Uses a new connection until it ends; returns why it ended."""
         self._compression = "cbor" if socket.protocol == CBOR_SUBPROTOCOL else "none"
         self._protocol = Connection(self.limits, nan_as_null=False)
-        self._queue = SendQueue()
-        self._overflowed = asyncio.Event()
+        queue = self._queue = SendQueue()
         incoming = Incoming(socket)
-        tasks = {
-            asyncio.ensure_future(self._read(socket, incoming)),
-            asyncio.ensure_future(_write(socket, self._queue)),
-            asyncio.ensure_future(self._wait_for_overflow(self._overflowed)),
-            asyncio.ensure_future(self._wait_for_move()),
-            asyncio.ensure_future(self._watch(socket, incoming)),
-        }
+        silent = functools.partial(wait_until_unanswered, socket, self._heartbeat_s, lambda: incoming.received_s)
+        ends = (
+            self._read(socket, incoming),
+            _after(functools.partial(queue.write_to, socket), UP),
+            _after(queue.overflowed.wait, Cause("the server does not read what is sent to it")),
+            _after(moved.wait, Cause("the address has changed")),
+            _after(silent, cause_of_error(asyncio.TimeoutError(), bool(self._token))),
+        )
+        tasks = {asyncio.ensure_future(end) for end in ends}
+        probation = asyncio.get_event_loop().call_later(self._probation_s, self._report, True, UP)
         try:
-            self._start_talking()
+            self.up = True
+            with self._lock:
+                for topic, type_name in self._advertised.items():
+                    self.send(operations.Advertise(topic, type_name))
+                for service, (type_name, _) in self._services.items():
+                    self.send(operations.AdvertiseService(service, type_name))
+            self.subscriptions.send_all(self._compression)
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             return next(iter(done)).result()
         finally:
+            probation.cancel()
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
             self._queue = None
 
-    def _start_talking(self) -> None:
-        self.up = True
-        with self._lock:
-            for topic, type_name in self._advertised.items():
-                self.send(operations.Advertise(topic, type_name))
-        self.services.send_all()
-        self.subscriptions.send_all(self._compression)
-        self._probation = asyncio.get_event_loop().call_later(self._probation_s, self._report, True, UP)
-
-    async def _read(self, socket: aiohttp.ClientWebSocketResponse, incoming: Incoming) -> Cause:
+    async def _read(self, socket: Socket, incoming: Incoming) -> Cause:
         while True:
             try:
                 message = await incoming.next()
@@ -304,11 +313,6 @@ class ServerConnection:
                     return cause_of_error(error, bool(self._token))
                 reason = message.extra if isinstance(message.extra, str) else ""
                 return cause_of_close(socket.close_code, reason, bool(self._token))
-
-    async def _watch(self, socket: aiohttp.ClientWebSocketResponse, incoming: Incoming) -> Cause:
-        """Waits until the server does not answer."""
-        await wait_until_unanswered(socket, self._heartbeat_s, lambda: incoming.received_s)
-        return cause_of_error(asyncio.TimeoutError(), bool(self._token))
 
     async def _receive_large(self, data: bytes, now_s: float) -> None:
         """Does what `_receive` does, but decodes in a thread: CBOR takes up to a second per megabyte."""
@@ -335,15 +339,15 @@ class ServerConnection:
             if isinstance(operation, operations.Publish):
                 self.subscriptions.deliver(operation.topic, operation.msg)
             elif isinstance(operation, operations.CallService):
-                self.services.answer(operation)
+                self._answer(operation)
             elif isinstance(operation, operations.ServiceResponse):
                 self.calls.receive(operation)
         except ProtocolError as error:
             text = printable(str(error))[:_LONGEST_TEXT]
             self._log.write("invalid", Severity.WARN, f"invalid message from {self.address}: {text}")
         except Exception as error:  # one message must not end the connection
-            text = printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]
-            self._log.write("failed", Severity.ERROR, f"a message from {self.address} was not processed: {text}")
+            text = f"a message from {self.address} was not processed: {_text(error)}"
+            self._log.write("failed", Severity.ERROR, text)
 
     def _receive_undecoded(self, data: Wire) -> bool:
         """Counts the arrival of a large message; returns False if it has to be decoded."""
@@ -357,24 +361,21 @@ class ServerConnection:
             self._log.write("too large", Severity.WARN, f"dropped a message from {self.address}: {sizes}")
         return too_large
 
+    def _answer(self, request: operations.CallService) -> None:
+        """Sends the response to a request for a service that is offered here."""
+        _, handler = self._services.get(request.service, ("", None))
+        values: object = "this service is not offered here"
+        answered = False
+        if handler is not None:
+            try:
+                values, answered = dict(handler(request.args if isinstance(request.args, dict) else {})), True
+            except (ServiceError, MessageError) as error:
+                values = str(error)
+        self.send(operations.ServiceResponse(request.service, values, answered, request.id))
+
     def _enqueue(self, wire: Wire, may_drop: bool) -> None:
-        if self._queue is not None and not self._queue.put(wire) and not may_drop and self._overflowed is not None:
-            # A lost subscription would be a silent failure; after a reconnection all of them are sent again.
-            self._overflowed.set()
-
-    async def _wait_for_overflow(self, overflowed: asyncio.Event) -> Cause:
-        await overflowed.wait()
-        return Cause("the server does not read what is sent to it")
-
-    async def _wait_for_move(self) -> Cause:
-        assert self._moved is not None
-        await self._moved.wait()
-        return Cause("the address has changed")
-
-    def _cancel_probation(self) -> None:
-        if self._probation is not None:
-            self._probation.cancel()
-            self._probation = None
+        if self._queue is not None:
+            self._queue.put(wire, may_drop=may_drop)
 
     def _report(self, up: bool, cause: Cause) -> None:
         if (up, cause) == self._reported or (self._moved is not None and self._moved.is_set()):
@@ -383,47 +384,14 @@ class ServerConnection:
         try:
             self._on_change(up, cause)
         except Exception as error:
-            text = printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]
-            self._on_log(Severity.ERROR, f"a change of the connection to {self.address} was not processed: {text}")
+            text = f"a change of the connection to {self.address} was not processed: {_text(error)}"
+            self._on_log(Severity.ERROR, text)
 
 
-class _Connector(aiohttp.TCPConnector):
-    """Opens connections that are read in small pieces."""
-
-    async def connect(self, *arguments: Any, **options: Any) -> aiohttp.connector.Connection:
-        """As in `aiohttp.TCPConnector`."""
-        connection = await super().connect(*arguments, **options)
-        limit_reads(connection.transport)
-        return connection
+async def _after(end: Callable[[], Awaitable[object]], cause: Cause) -> Cause:
+    await end()
+    return cause
 
 
-def _refusing_redirects() -> aiohttp.TraceConfig:
-    """Returns hooks that end a request at a redirect: `ws_connect` has no option for it."""
-
-    async def refuse(session: Any, context: Any, redirect: aiohttp.TraceRequestRedirectParams) -> None:
-        raise RedirectError(redirect.response.status, redirect.response.headers.get("Location", ""))
-
-    trace = aiohttp.TraceConfig()
-    trace.on_request_redirect.append(refuse)
-    return trace
-
-
-async def _write(socket: aiohttp.ClientWebSocketResponse, queue: SendQueue) -> Cause:
-    while True:
-        wire = await queue.get()
-        try:
-            if isinstance(wire, bytes):
-                await socket.send_bytes(wire)
-            else:
-                await socket.send_str(wire)
-        except UnicodeEncodeError:
-            continue  # a lone surrogate in a text: this one operation cannot be sent
-        except (ConnectionError, RuntimeError, aiohttp.ClientError):
-            # The connection has ended. `_read` finds out why.
-            await asyncio.Event().wait()
-
-
-async def _close(socket: aiohttp.ClientWebSocketResponse) -> None:
-    """Closes a connection; a server that does not answer does not delay this for long."""
-    with contextlib.suppress(Exception):
-        await within(_CLOSE_TIMEOUT_S, socket.close())
+def _text(error: Exception) -> str:
+    return printable(f"{type(error).__name__}: {error}")[:_LONGEST_TEXT]

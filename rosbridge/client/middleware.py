@@ -19,9 +19,10 @@ from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer
 
 from ..protocol import DEFAULT_LIMITS, Limits
+from ..protocol.operations import Publish
 from .cause import Cause
 from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
-from .publishers import PublisherLookup
+from .services import PublisherLookup
 
 _LOG_NAME = "rosbridge"
 _WAKE_PERIOD_S = 0.02
@@ -52,8 +53,9 @@ class RosbridgeClient:
             url: `ws://host:port` or `wss://host:port`.
             token: presented to the server; empty: none.
             ssl_context: for `wss://`; None trusts the system's certificate authorities.
-            heartbeat_s: period of pings in s.
-            probation_s: how long a new connection must last before it is reported as up, in s.
+            heartbeat_s: period of pings in s; the connection is down when one is not answered within half of it.
+            probation_s: how long a new connection must last before it is reported as up, in s: a server that accepts
+                connections only to close them is not up.
             limits: bounds for messages that are decoded. Of larger ones only the arrival counts.
             largest_message_bytes: a message above this size ends the connection.
             read_only: nothing is published or offered on the robot.
@@ -244,7 +246,7 @@ class RosbridgeMiddleware(MappingNode):
         resolved = self.require_advertised(topic)
         complete(self._advertised[resolved], message)  # raises MessageError
         if not self._client.read_only:
-            self._connection.publish(resolved, message)
+            self._connection.send(Publish(resolved, message))
 
     def has_listeners(self, topic: str) -> bool:
         if self._outputs is not None:
@@ -288,7 +290,7 @@ class RosbridgeMiddleware(MappingNode):
         with self._lock:
             self._services.append(resolved)
             if not self._client.read_only:
-                self._connection.services.add(resolved, type_name, lambda request: self.answer(handler, request))
+                self._connection.offer(resolved, type_name, lambda request: self.answer(handler, request))
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
         timer = super().create_timer(period_s, callback, steady=steady)
@@ -312,7 +314,7 @@ class RosbridgeMiddleware(MappingNode):
             for topic in self._advertised:
                 self._connection.unadvertise(topic)
             for service in self._services:
-                self._connection.services.remove(service)
+                self._connection.withdraw(service)
             if self._sim_time_s is not None:
                 self._connection.subscriptions.remove(CLOCK, self._clock_receiver)
         self._client.forget(self)

@@ -1,45 +1,38 @@
-"""Services over one connection: calls of the server's services, and answers to calls of services offered here."""
+"""Calls of the server's services, and what its rosapi knows of topics that bring no samples."""
 
 from __future__ import annotations
 
 import asyncio
 import itertools
-import threading
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Awaitable, Callable, Container, Dict, Mapping, NamedTuple, Optional, Tuple
 
 from robot_health_monitor.core.errors import LinkError, MessageError, ServiceError
 from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.middleware import canonical_type
+from robot_health_monitor.core.hints import Answer, explain, similar_topics
 
 from ..protocol import Id, Operation, operations
 
-Handler = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]
+"""Calls a service of the server: name, request, time limit in s."""
 
 _LONGEST_ERROR = 200
+_TIMEOUT_S = 5.0
+_MOST_CANDIDATES = 3
+"""Similar topics of which the server is asked for publishers, for one question."""
 
 
 class ServiceCalls:
     """Calls of the server's services that wait for their response. Used in the event loop only."""
 
     def __init__(self, send: Callable[[Operation], None], down: Callable[[], Optional[str]]) -> None:
-        """Starts without calls.
-
-        Args:
-            send: sends an operation.
-            down: returns why the connection is down; None: it is up.
-        """
+        """Starts without calls; `down` returns why the connection is down, None while it is up."""
         self._send = send
         self._down = down
         self._waiting: Dict[Id, asyncio.Future[Any]] = {}
         self._numbers = itertools.count()
 
     async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
-        """Calls a service and returns its response.
-
-        Args:
-            service: its name.
-            request: the fields.
-            timeout_s: how long to wait for the response, in s.
+        """Calls a service and returns its response, which must come within `timeout_s`.
 
         Raises:
             LinkError: the connection is down, or went down during the call.
@@ -78,52 +71,66 @@ class ServiceCalls:
                 future.set_exception(LinkError(cause))
 
 
-class OfferedServices:
-    """Services that nodes on this side offer. `add` and `remove` may be called from any thread."""
+class _Question(NamedTuple):
+    topic: str
+    type_name: str
+    own_topics: Container[str]
 
-    def __init__(self, send: Callable[[Operation], None]) -> None:
-        """Starts without services.
+
+class PublisherLookup:
+    """Finds why a topic brings no samples, as far as the server's rosapi knows: without rosapi there is no reason.
+
+    Asks the server, one call after the other. Used in the event loop only.
+    """
+
+    def __init__(self, call: Call) -> None:
+        """Asks nothing yet."""
+        self._call = call
+        self._questions: Dict[Tuple[str, str], Tuple[_Question, Answer]] = {}
+        self._task: Optional[asyncio.Task[None]] = None
+
+    def look_up(self, topic: str, type_name: str, own_topics: Container[str], answer: Answer) -> None:
+        """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`.
 
         Args:
-            send: sends an operation; drops it while the connection is down.
+            topic: the resolved topic.
+            type_name: the configured type; empty: any.
+            own_topics: the topics that the node itself uses.
+            answer: receives the text.
         """
-        self._send = send
-        self._lock = threading.RLock()
-        self._services: Dict[str, Tuple[str, Handler]] = {}
+        self._questions[topic, type_name] = _Question(topic, type_name, own_topics), answer
+        if self._task is None or self._task.done():
+            self._task = asyncio.get_event_loop().create_task(self._ask())
 
-    def add(self, service: str, type_name: str, handler: Handler) -> None:
-        """Offers a service.
-
-        Args:
-            service: its name.
-            type_name: its type.
-            handler: called in the event loop with the request; returns the response, or raises ServiceError.
-        """
-        with self._lock:
-            self._services[service] = canonical_type(type_name), handler
-            self._send(operations.AdvertiseService(service, canonical_type(type_name)))
-
-    def remove(self, service: str) -> None:
-        """Ends an `add`."""
-        with self._lock:
-            if self._services.pop(service, None) is not None:
-                self._send(operations.UnadvertiseService(service))
-
-    def send_all(self) -> None:
-        """Offers every service on a new connection."""
-        with self._lock:
-            for service, (type_name, _) in self._services.items():
-                self._send(operations.AdvertiseService(service, type_name))
-
-    def answer(self, request: operations.CallService) -> None:
-        """Sends the response to a request."""
-        _, handler = self._services.get(request.service, ("", None))
-        arguments = request.args if isinstance(request.args, dict) else {}
-        values: object = "this service is not offered here"
-        answered = False
-        if handler is not None:
+    async def _ask(self) -> None:
+        while self._questions:
+            waiting = list(self._questions.values())
+            self._questions.clear()
             try:
-                values, answered = dict(handler(arguments)), True
-            except (ServiceError, MessageError) as error:
-                values = str(error)
-        self._send(operations.ServiceResponse(request.service, values, answered, request.id))
+                topics = _types_by_topic(await self._call("/rosapi/topics", {}, _TIMEOUT_S))
+                while waiting:
+                    question, answer = waiting[0]
+                    answer(await self._explain(question, topics))
+                    del waiting[0]
+            except (LinkError, MessageError, ServiceError):
+                for _, answer in waiting:
+                    answer(None)
+
+    async def _explain(self, question: _Question, topics: Mapping[str, str]) -> Optional[str]:
+        topic, type_name, own_topics = question
+        if await self._has_publisher(topic):
+            return explain(topic, type_name, [topics[topic]], ()) if topics.get(topic) else None
+        similar = similar_topics(topic, type_name, topics, own_topics)[:_MOST_CANDIDATES]
+        return explain(topic, type_name, [], [name for name in similar if await self._has_publisher(name)])
+
+    async def _has_publisher(self, topic: str) -> bool:
+        values = await self._call("/rosapi/publishers", {"topic": topic}, _TIMEOUT_S)
+        return bool(values.get("publishers"))
+
+
+def _types_by_topic(values: Mapping[str, Any]) -> Mapping[str, str]:
+    """Returns the type of each topic in an answer of `/rosapi/topics`; empty where the server does not know it."""
+    names, types = values.get("topics"), values.get("types")
+    if not isinstance(names, list) or not isinstance(types, list):
+        return {}
+    return {name: str(type_name) for name, type_name in zip(names, types) if isinstance(name, str)}

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Protocol, Set, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Protocol, Set, Tuple
 
 from robot_health_monitor.core.errors import LinkError, ServiceError
 from robot_health_monitor.core.middleware import canonical_type
 
 from ..protocol import Operation, operations
+from .services import Call
 
 _TYPE_PERIOD_S = 1.0
 _TYPE_TIMEOUT_S = 5.0
-
-Call = Callable[[str, Mapping[str, Any], float], Awaitable[Mapping[str, Any]]]
 
 
 class Receiver(Protocol):
@@ -38,12 +37,7 @@ class Subscriptions:
     """The subscriptions of one connection. `add` and `remove` may be called from any thread."""
 
     def __init__(self, send: Callable[[Operation], None], call: Call) -> None:
-        """Starts without subscriptions.
-
-        Args:
-            send: sends an operation; drops it while the connection is down.
-            call: calls a service of the server: name, request, time limit in s.
-        """
+        """Starts without subscriptions; `send` drops operations while the connection is down."""
         self._send = send
         self._call = call
         self._lock = threading.RLock()
@@ -74,11 +68,7 @@ class Subscriptions:
                 self._send(operations.Unsubscribe(topic, _subscription_id(topic)))
 
     def send_all(self, compression: str) -> None:
-        """Sends every subscription, on a new connection.
-
-        Args:
-            compression: `cbor` for this project's server, `none` for any other.
-        """
+        """Sends every subscription, on a new connection: with `cbor` to this project's server, else with `none`."""
         with self._lock:
             self._compression = compression
             for topic in self._types:

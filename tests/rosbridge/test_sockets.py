@@ -1,4 +1,4 @@
-"""Turns of a connection, and the size of a read."""
+"""Reading in turns and in pieces, floods, and cancellations that must not be lost."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import json
 import socket as sockets
 import ssl
 import threading
-from typing import Any, AsyncIterator, List
+from typing import Any, AsyncIterator, List, Optional
 
 import aiohttp
 import cbor2
@@ -21,6 +21,7 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 
 from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError
 from robot_health_monitor.rosbridge.client import RosbridgeClient
+from robot_health_monitor.rosbridge.client.connection import ConnectBackoff
 from robot_health_monitor.rosbridge.protocol.codec import decode
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
@@ -610,9 +611,9 @@ async def test_a_server_that_does_not_read_loses_publications_and_then_the_conne
     assert queue._bytes <= 4_000_000
     assert watched.ups == [True]
     text = "A" * 1_000_000
-    connection.services.add("/s", text, lambda request: {})
+    connection.offer("/s", text, lambda request: {})
     await until(lambda: watched.ups[:2] == [True, False])
-    connection.services.remove("/s")
+    connection.withdraw("/s")
     await watched.close()
     finished.set()
     await server.close()
@@ -654,3 +655,34 @@ def test_tls_and_a_clients_certificate_carry_a_connection(tmp_path: Any) -> None
         await watched.close()
 
     run()
+
+
+def delays(held: List[Optional[float]]) -> List[float]:
+    backoff = ConnectBackoff(chance=lambda: 1.0)
+    return [backoff.next_s(held_s) for held_s in held]
+
+
+def test_delays_grow_while_a_server_cannot_be_reached_but_stay_short() -> None:
+    assert delays([None] * 7) == [0.2, 0.4, 0.8, 1.2, 1.2, 1.2, 1.2]
+
+
+def test_delays_grow_to_half_a_minute_while_a_server_accepts_and_closes() -> None:
+    assert delays([0.01] * 10) == pytest.approx([0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 30.0, 30.0])
+
+
+def test_delays_grow_while_connections_break_within_ten_seconds() -> None:
+    assert delays([9.9] * 6) == [0.2, 0.4, 0.8, 1.2, 1.2, 1.2]
+
+
+def test_a_connection_that_held_for_ten_seconds_starts_the_delays_again() -> None:
+    assert delays([None, None, None, 10.0, None]) == [0.2, 0.4, 0.8, 0.2, 0.4]
+
+
+def test_a_server_that_becomes_unreachable_after_many_short_connections_is_tried_often_again() -> None:
+    assert delays([0.01] * 9 + [None])[-2:] == [30.0, 1.2]
+
+
+def test_delays_are_spread_between_half_and_all_of_their_length() -> None:
+    firsts = [ConnectBackoff().next_s(None) for _ in range(200)]
+    assert all(0.1 <= first <= 0.2 for first in firsts)
+    assert len(set(firsts)) > 100

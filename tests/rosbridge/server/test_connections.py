@@ -1,4 +1,7 @@
-"""Connections as clients see them: TLS, sizes, errors in JSON. test_torture.py attacks them."""
+"""The limit of connections; connections as clients see them: TLS, sizes, errors in JSON; what is logged of them.
+
+test_torture.py attacks them.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,11 @@ from aiohttp.http_exceptions import BadStatusLine
 from harness.rosbridge_peer import Robot, with_robot
 
 from robot_health_monitor.rosbridge.server.connections import ClientLog, Connections, Stage, connection_limit
+
+try:
+    import trustme
+except ImportError:
+    trustme = None
 
 
 class Connection:
@@ -124,12 +132,13 @@ def test_the_time_without_a_request_begins_anew_after_each_request() -> None:
     assert connections.waiting_since_s(connection) is None
 
 
-trustme = pytest.importorskip("trustme", reason="trustme, which makes certificates, is not installed")
-AUTHORITY = trustme.CA()
 TLS = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-AUTHORITY.issue_cert("127.0.0.1").configure_cert(TLS)
 TRUST = ssl.create_default_context()
-AUTHORITY.configure_trust(TRUST)
+if trustme is not None:
+    AUTHORITY = trustme.CA()
+    AUTHORITY.issue_cert("127.0.0.1").configure_cert(TLS)
+    AUTHORITY.configure_trust(TRUST)
+needs_trustme = pytest.mark.skipif(trustme is None, reason="trustme, which makes certificates, is not installed")
 
 
 async def size(request: web.Request) -> web.Response:
@@ -150,6 +159,7 @@ async def answer(robot: Robot, sent: bytes) -> Tuple[int, object]:
     return int(head.split()[1]), json.loads(body)
 
 
+@needs_trustme
 @with_robot(ssl_context=TLS, routes=lambda client_of: [web.post("/size", size)])
 async def test_tls_serves_requests_and_websockets(robot: Robot) -> None:
     url = robot.url.replace("http:", "https:")
@@ -163,6 +173,7 @@ async def test_tls_serves_requests_and_websockets(robot: Robot) -> None:
     await robot.until(lambda: len(robot.server._connections) == 0)
 
 
+@needs_trustme
 @with_robot(ssl_context=TLS, auth_timeout_s=0.3)
 async def test_a_handshake_that_fails_or_never_ends_is_forgotten(robot: Robot) -> None:
     for sent in (b"", b"\x16\x03\x01\x02\x00\x01", b"GET / HTTP/1.1\r\n\r\n"):

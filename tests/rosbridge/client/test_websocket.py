@@ -1,14 +1,53 @@
-"""Whether a server still answers, in virtual time."""
+"""Looking up hosts in threads that nothing waits for, whether a server answers, and the send queue."""
 
 from __future__ import annotations
 
 import asyncio
+import socket
+import threading
 from typing import Any, Awaitable, Callable, List, Optional
 
 import pytest
 from harness.virtual_loop import run_in_virtual_time
 
-from robot_health_monitor.rosbridge.client.liveness import wait_until_unanswered
+pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
+
+from robot_health_monitor.rosbridge.client.websocket import HostLookup, SendQueue, wait_until_unanswered
+
+
+def test_the_addresses_are_numeric() -> None:
+    (found, *_) = asyncio.run(HostLookup().resolve("localhost", 9090, socket.AF_INET))
+    assert (found["hostname"], found["host"], found["port"]) == ("localhost", "127.0.0.1", 9090)
+    assert found["family"] == socket.AF_INET
+
+
+def test_an_unknown_host_is_an_os_error() -> None:
+    with pytest.raises(OSError):
+        asyncio.run(HostLookup().resolve("no-such-robot.invalid", 9090))
+
+
+def test_a_look_up_that_hangs_is_joined_and_not_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: List[Any] = []
+    release = threading.Event()
+    real = socket.getaddrinfo
+
+    def hang(host: str, *arguments: Any, **options: Any) -> Any:
+        asked.append(host)
+        release.wait()
+        return real("127.0.0.1", *arguments, **options)
+
+    async def run() -> None:
+        lookup = HostLookup()
+        for _ in range(3):
+            with pytest.raises(asyncio.TimeoutError):
+                await asyncio.wait_for(lookup.resolve("robot", 9090), 0.01)
+        assert asked == ["robot"]
+        release.set()
+        assert (await lookup.resolve("robot", 9090))[0]["host"] == "127.0.0.1"
+
+    monkeypatch.setattr(socket, "getaddrinfo", hang)
+    asyncio.run(run())
+
 
 PERIOD_S = 5.0
 DAY_S = 86_400.0
@@ -112,3 +151,38 @@ def test_a_connection_that_has_ended_cannot_be_asked() -> None:
         assert await server.wait_until_unanswered() <= 8.0
 
     run_in_virtual_time(run())
+
+
+def test_messages_leave_in_the_order_in_which_they_came() -> None:
+    async def scenario() -> None:
+        queue = SendQueue()
+        assert queue.put("one") and queue.put(b"two")
+        assert [await queue.get(), await queue.get()] == ["one", b"two"]
+
+    asyncio.run(scenario())
+
+
+def test_what_does_not_fit_is_refused_and_counted_until_there_is_room() -> None:
+    async def scenario() -> None:
+        queue = SendQueue(bound_bytes=10)
+        assert queue.put("123456")
+        assert not queue.put("12345")
+        assert queue.put("1234")
+        assert queue.dropped == 1
+        await queue.get()
+        assert queue.put("123456")
+
+    asyncio.run(scenario())
+
+
+def test_a_reader_waits_for_the_next_message() -> None:
+    async def scenario() -> None:
+        queue = SendQueue()
+        for text in ("first", "second"):
+            reading = asyncio.ensure_future(queue.get())
+            await asyncio.sleep(0)
+            assert not reading.done()
+            queue.put(text)
+            assert await reading == text
+
+    asyncio.run(scenario())
