@@ -21,9 +21,10 @@ _SAME_TIME_S = 1.0
 
 
 class SignalHistory(Protocol):
-    """The part of a history that belongs to one robot. No method raises.
+    """The part of a history that belongs to one robot. No method raises; all but `record` return at once.
 
-    The calls take effect in their order: a state from `save` never replaces a newer one from `record`.
+    The calls take effect in their order: a state from `save` never replaces a newer one from `record`. An empty state
+    means that its signal is no longer watched: the stored state is deleted.
     """
 
     @property
@@ -40,33 +41,20 @@ class SignalHistory(Protocol):
         """Returns when the robot was last watched before this run, in seconds since 1970; None if that is unknown."""
 
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
-        """Stores a transition and its signal's state in one transaction; called before the outlets receive it.
+        """Stores a transition and its signal's new state in one transaction; called before the outlets receive it.
 
-        Returns when it is committed, or after 0.2 s.
-
-        Args:
-            transition: the transition.
-            saved: state of its signal from now on; empty: the signal is no longer watched, its state is deleted.
-            evidence: samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`; of
-                `frequency_hz` the rates.
+        The evidence is samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`; of
+        `frequency_hz` the rates. Returns when it is committed, or after 0.2 s.
         """
 
     def save(self, states: Mapping[str, SavedSignal]) -> None:
-        """Stores the states of signals, and returns at once.
-
-        Args:
-            states: the signals whose state changed, by name; empty state: as in `record`.
-        """
+        """Stores the states that changed, by the names of their signals."""
 
     def record_reset(self) -> None:
-        """Stores that latches were cleared; returns at once."""
+        """Stores that latches were cleared."""
 
     def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
-        """Stores the configuration in force; returns at once.
-
-        Args:
-            configuration: the given settings of each signal by its name, those of the node under the empty name.
-        """
+        """Stores the given settings of each signal by its name, those of the node under the empty name."""
 
 
 class Continuity:
@@ -81,14 +69,11 @@ class Continuity:
         self._offset_s = 0.0
 
     def restore(self, now_s: float, *, at_first_call: bool) -> Changes:
-        """Restores the state of the previous run.
+        """Restores the state of the previous run; returns the transitions that it causes.
 
         Args:
             now_s: the time in seconds.
             at_first_call: there is no time yet: restore with the time of the first sample or tick.
-
-        Returns:
-            The transitions that it causes.
         """
         states = self._history.restore()
         self._saved = dict(states)
@@ -99,16 +84,15 @@ class Continuity:
         """Stores a transition with the state of its signal."""
         name, now_s = transition.signal, transition.now_s
         wall_s = self._history.wall_s()
-        offset_s = wall_s - now_s
         saved = self._monitor.snapshot(name, now_s, wall_s)
         samples = self._monitor.window_samples(name, MAX_EVIDENCE)
         if transition.statistic == "frequency_hz":  # the values of arrivals say nothing: their rate is the evidence
             samples = self._monitor.shown_samples(name, MAX_EVIDENCE - 1)
             if isinstance(transition.value, float):
                 samples = [*samples, (now_s, transition.value)]
-        evidence = [(time_s + offset_s, value) for time_s, value in samples]
-        self._note(name, saved)
-        self._history.record(transition, saved, evidence)
+        self._saved[name] = saved
+        offset_s = wall_s - now_s
+        self._history.record(transition, saved, [(time_s + offset_s, value) for time_s, value in samples])
 
     def save(self, now_s: float) -> None:
         """Saves the states that changed since they were saved last."""
@@ -118,7 +102,9 @@ class Continuity:
         if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
             self._offset_s = wall_s - now_s
             self._at_rest_since_s = {}
-        changed: Dict[str, SavedSignal] = {name: {} for name in self._saved.keys() - monitor.signals()}
+        changed: Dict[str, SavedSignal] = {
+            name: {} for name, saved in self._saved.items() if saved and name not in monitor.signals()
+        }
         for name in monitor.signals():
             at_rest_since_s = monitor.at_rest_since_s(name)
             if at_rest_since_s is not None:
@@ -131,8 +117,7 @@ class Continuity:
             if not _is_same(saved, self._saved.get(name, {})):
                 changed[name] = saved
         if changed:
-            for name, saved in changed.items():
-                self._note(name, saved)
+            self._saved.update(changed)
             self._history.save(changed)
 
     def record_reset(self, now_s: float) -> None:
@@ -142,28 +127,15 @@ class Continuity:
 
     def forget(self) -> None:
         """Deletes the states: the robot is no longer watched."""
-        if self._saved:
-            self._history.save({name: {} for name in self._saved})
-            self._saved = {}
+        states: Dict[str, SavedSignal] = {name: {} for name, saved in self._saved.items() if saved}
+        self._saved = {}
+        if states:
+            self._history.save(states)
 
     def record_configuration(self, sections: Mapping[str, Mapping[str, Any]]) -> None:
-        """Stores the configuration in force.
-
-        Args:
-            sections: the settings of each signal by its name, those of the node under the empty name.
-        """
-        self._history.record_configuration(
-            {
-                name: {key: value for key, value in section.items() if value is not None}
-                for name, section in sections.items()
-            }
-        )
-
-    def _note(self, name: str, saved: SavedSignal) -> None:
-        if saved:
-            self._saved[name] = saved
-        else:
-            self._saved.pop(name, None)
+        """Stores the configuration in force: as in `SignalHistory`, but settings may be None."""
+        given = {name: {k: value for k, value in keys.items() if value is not None} for name, keys in sections.items()}
+        self._history.record_configuration(given)
 
 
 def _is_same(state: SavedSignal, saved: SavedSignal) -> bool:

@@ -52,14 +52,7 @@ class ConfigError(ValueError):
     """Further mistakes of the same configuration, found in the same pass."""
 
     def __init__(self, problem: str, path: Path = (), file: str = "", line: Optional[int] = None) -> None:
-        """Stores where the problem is.
-
-        Args:
-            problem: what was expected and what was found.
-            path: keys down to the one in question.
-            file: the file that contains it; empty if it did not come from a file.
-            line: line in `file`, counted from 1.
-        """
+        """The problem is what was expected and what was found; `file` is empty, or has `path` in `line`, from 1 on."""
         where = file if line is None else f"{file}:{line}"
         super().__init__(": ".join(part for part in (where, ".".join(map(_shown, path)), problem) if part))
         self.problem = problem
@@ -106,22 +99,14 @@ class Problems:
         self.errors: List[ConfigError] = []
 
     def add(self, error: ConfigError) -> None:
-        """Adds an error and its `others`.
-
-        Raises:
-            ConfigError: there are `LIMIT` errors.
-        """
+        """Adds an error and its `others`; raises them when there are `LIMIT`."""
         self.errors.extend(error.all)
         if len(self.errors) >= self.LIMIT:
             del self.errors[self.LIMIT :]
             self.raise_if_any()
 
     def raise_if_any(self) -> None:
-        """Raises the first error, which carries the rest in `others`.
-
-        Raises:
-            ConfigError: there is an error.
-        """
+        """Raises the first error, if there is one; it carries the rest in `others`."""
         if self.errors:
             first, *others = self.errors
             error = ConfigError(first.problem, first.path, first.file, first.line)
@@ -136,10 +121,9 @@ class Problems:
         self, kind: Optional[Type[BaseException]], error: Optional[BaseException], traceback: Optional[TracebackType]
     ) -> bool:
         """Collects a ConfigError; other exceptions pass."""
-        if not isinstance(error, ConfigError):
-            return False
-        self.add(error)
-        return True
+        if isinstance(error, ConfigError):
+            self.add(error)
+        return isinstance(error, ConfigError)
 
 
 class MessageError(ValueError):

@@ -37,7 +37,7 @@ def summary_of(faults: Mapping[str, Fault]) -> Tuple[Level, str]:
 
 
 class Faults:
-    """The faults of one node, by part. May be used from any thread.
+    """The faults of one node, by part, or those that belong to no single node. May be used from any thread.
 
     Bounded to 100 parts; the faults of further ones are one fault, which ends when any part works again. A part that
     still fails then reports again.
@@ -47,6 +47,14 @@ class Faults:
         """Starts without faults."""
         self._lock = threading.Lock()
         self._faults: Dict[str, Fault] = {}
+        self._receivers: List[Faults] = []
+
+    def add(self, receiver: Faults) -> None:
+        """Passes on these faults, present and later ones, to a node that shows them."""
+        with self._lock:
+            self._receivers.append(receiver)
+            for part, fault in self._faults.items():
+                receiver.report(part, fault.text, fault.level)
 
     def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
         """Reports a fault, in place of an earlier one of the same part.
@@ -58,6 +66,8 @@ class Faults:
         """
         text = printable(" ".join(text.split()))
         with self._lock:
+            for receiver in self._receivers:
+                receiver.report(part, text, level)
             if part not in self._faults and len(self._faults) >= _MAX_PARTS:
                 part, text = OTHER_PARTS, f"more than {_MAX_PARTS} faults, the last one of {part}: {text}"
             self._faults[part] = Fault(level, text)
@@ -68,11 +78,11 @@ class Faults:
             with self._lock:
                 self._faults.pop(part, None)
                 self._faults.pop(OTHER_PARTS, None)
+                for receiver in self._receivers:
+                    receiver.clear(part)
 
     def current(self) -> Mapping[str, Fault]:
         """Returns a copy of the faults, by part, oldest first."""
-        if not self._faults:
-            return {}
         with self._lock:
             return dict(self._faults)
 
@@ -84,35 +94,3 @@ class Faults:
             self.report(part, f"{type(error).__name__}: {error}")
         else:
             self.clear(part)
-
-
-class SharedFaults(Faults):
-    """Faults that belong to no single node, passed on to every node that shows them."""
-
-    def __init__(self) -> None:
-        """Starts without faults and without nodes."""
-        super().__init__()
-        self._receivers: List[Faults] = []
-        self._sharing = threading.Lock()
-
-    def add(self, receiver: Faults) -> None:
-        """Adds the faults of a node."""
-        with self._sharing:
-            self._receivers.append(receiver)
-            for part, fault in self.current().items():
-                receiver.report(part, fault.text, fault.level)
-
-    def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
-        """Reports a fault to every node."""
-        with self._sharing:
-            super().report(part, text, level)
-            for receiver in self._receivers:
-                receiver.report(part, text, level)
-
-    def clear(self, part: str) -> None:
-        """Reports to every node that a part works again."""
-        with self._sharing:
-            if part in self.current():
-                super().clear(part)
-                for receiver in self._receivers:
-                    receiver.clear(part)

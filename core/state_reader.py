@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any, Mapping, NamedTuple, Optional
 
 from .errors import MessageError
@@ -36,18 +37,13 @@ class UnusableStateError(MessageError):
 
 
 class Saved:
-    """Reads one mapping of a saved state; missing keys are their defaults."""
+    """Reads one mapping of a saved state; missing keys are their defaults.
+
+    `path` is the dotted path of its keys. What is not of the expected form raises UnusableStateError.
+    """
 
     def __init__(self, values: object, path: str = "") -> None:
-        """Opens a mapping.
-
-        Args:
-            values: what was found.
-            path: dotted path of its keys, for errors.
-
-        Raises:
-            UnusableStateError: it is not a mapping.
-        """
+        """Opens a mapping."""
         if not isinstance(values, Mapping):
             raise UnusableStateError(f"{path or 'state'}: expected a mapping, got {datum_text(values)}")
         self._values = values
@@ -80,13 +76,9 @@ class Saved:
         value = self._values.get(key)
         if value is None:
             return None
-        try:
-            number = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
-        except OverflowError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise self._unexpected(key, "a finite number")
-        return number
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
+            return float(value)
+        raise self._unexpected(key, "a finite number")
 
     def duration_s(self, key: str) -> float:
         """Returns a duration in seconds, 0 if it is missing or negative."""
@@ -99,22 +91,18 @@ class Saved:
             raise self._unexpected(key, "a level")
         return Level[name]
 
+    def _unexpected(self, key: str, expected: str) -> UnusableStateError:
+        found = datum_text(self._values.get(key))
+        return UnusableStateError(f"{self._name(key)}: expected {expected}, got {found}")
+
     def _name(self, key: str) -> str:
         return f"{self._path}.{key}" if self._path else key
-
-    def _unexpected(self, key: str, expected: str) -> UnusableStateError:
-        return UnusableStateError(f"{self._name(key)}: expected {expected}, got {datum_text(self._values.get(key))}")
 
 
 def known_s(state: object, wall_s: float) -> float:
     """Returns for how long a signal has been known to be at its announced level, in seconds.
 
-    Args:
-        state: its saved state.
-        wall_s: until when, in seconds since 1970.
-
-    Returns:
-        Infinity if the state does not say.
+    That is until `wall_s`, in seconds since 1970. Infinity if the saved state does not say.
     """
     try:
         saved = Saved(state)
@@ -133,10 +121,8 @@ def without_latch(state: SavedSignal) -> SavedSignal:
 
 
 def age_s(since: Optional[float], wall_s: float) -> float:
-    """Returns how long ago a saved time was, in seconds.
+    """Returns how long ago a saved time was, in seconds; 0 for None, and if the clock went back since.
 
-    Args:
-        since: the time in seconds since 1970; None: now.
-        wall_s: now, in seconds since 1970; the clock may have gone back since the state was saved.
+    Both times are in seconds since 1970.
     """
     return 0.0 if since is None else min(max(0.0, wall_s - since), LONGEST_S)

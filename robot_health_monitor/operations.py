@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Protocol
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
-from robot_health_monitor.core.faults import SharedFaults
+from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.middleware import Middleware, Severity
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
@@ -68,7 +68,7 @@ class Operations:
         """
         self._clock = clock
         self.config = config
-        self.faults = SharedFaults()
+        self.faults = Faults()
         """Faults of its parts. Add the faults of the node that shows them."""
         self.history: Optional[History] = None
         """None: neither a history nor notifications are configured, nor is one always kept."""

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from robot_health_monitor.core.faults import Fault, Faults, SharedFaults
+from robot_health_monitor.core.faults import Fault, Faults
 from robot_health_monitor.core.model import Level
 
 
@@ -82,7 +82,7 @@ def test_a_guarded_call_lets_an_interrupt_through() -> None:
 
 
 def test_shared_faults_reach_nodes_that_are_added_later_too() -> None:
-    shared, early, late = SharedFaults(), Faults(), Faults()
+    shared, early, late = Faults(), Faults(), Faults()
     shared.add(early)
     shared.report("history", "disk full")
     shared.add(late)
