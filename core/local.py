@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Opt
 from .errors import ConfigError, ServiceError
 from .hints import Answer, explain, similar_topics
 from .mapping_node import CLOCK, MappingNode, MappingSubscription
-from .middleware import Graph, Message, NodeInfo, Severity, split_type_name
+from .middleware import Callback, Graph, Message, NodeInfo, Severity, split_type_name
 from .standard_messages import check_type, complete, definition, is_stamped
 
 
@@ -201,13 +201,7 @@ class LocalMiddleware(MappingNode):
         return bool(self._bus._listeners.get(self.require_advertised(topic)))
 
     def subscribe(
-        self,
-        topic: str,
-        type_name: str,
-        callback: Callable[[Any, float], None],
-        *,
-        field: Optional[str] = "",
-        latched: bool = False,
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> MappingSubscription:
         resolved = self.resolve(topic)
         subscription = MappingSubscription(self, resolved, type_name, field, callback)

@@ -17,7 +17,7 @@ from .faults import Faults
 from .field_path import ABSENT, mapping_getter
 from .formatting import printable
 from .hints import Answer, Hints
-from .middleware import Message, Result, Severity, resolve_name
+from .middleware import Callback, Message, OnChange, Result, Severity, resolve_name
 from .parameters import Parameter
 from .standard_messages import check_field, complete
 from .timers import ClockTimer, ClockTimers
@@ -39,26 +39,17 @@ class Delivery(Protocol):
     """The part of a subscription that `MappingNode.call_back` needs."""
 
     active: bool
-    callback: Callable[[Any, float], None]
+    callback: Callback
 
 
 class MappingSubscription:
     """A subscription that reads one field from messages that are mappings. Implements `middleware.Subscription`."""
 
-    def __init__(
-        self,
-        node: MappingNode,
-        topic: str,
-        type_name: str,
-        field: Optional[str],
-        callback: Callable[[Any, float], None],
-        *,
-        null_is_nan: bool = False,
-    ) -> None:
-        """Binds the field, with arguments as of `Middleware.subscribe` and the resolved topic.
+    null_is_nan = False
+    """Whether a None is a NaN, which JSON has no number for. Not with an index in the field: the array is too short."""
 
-        With `null_is_nan`, a None is a NaN, which JSON has no number for. Not with an index in `field`: there, None
-        means that the array is too short.
+    def __init__(self, node: MappingNode, topic: str, type_name: str, field: Optional[str], callback: Callback) -> None:
+        """Binds the field, with arguments as of `Middleware.subscribe` and the resolved topic.
 
         Raises:
             ConfigError: `field` is not a path, or the type is known not to have it.
@@ -73,7 +64,7 @@ class MappingSubscription:
         self._type_name = type_name
         self._field = field
         self._get: Callable[[Any], Any] = _arrival if field is None else mapping_getter(field)
-        self._null_is_nan = null_is_nan and bool(field) and "[" not in str(field)
+        self._null_is_nan = self.null_is_nan and bool(field) and "[" not in str(field)
         self._has_failed = False
 
     def deliver(self, message: Message) -> None:
@@ -101,9 +92,9 @@ class MappingSubscription:
         if not self._has_failed:
             self._has_failed = True
             type_name = self._type_name or self._node.type_of(self.topic)
-            type_text = f" ({type_name})" if type_name else ""
+            shown = f"{self.topic} ({type_name})" if type_name else self.topic
             available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
-            text = f"{self.topic}{type_text} has no field {self._field}; available: {available}"
+            text = f"{shown} has no field {self._field}; available: {available}"
             self._node.log(Severity.ERROR, printable(text))
 
 
@@ -119,14 +110,10 @@ class MappingNode(abc.ABC):
         clock: Callable[[], float],
         use_sim_time: bool = False,
     ) -> None:
-        """Creates a node that is not connected to anything.
+        """Creates a node that is not connected to anything, by its fully qualified name.
 
-        Args:
-            name: fully qualified name, `/robot1/alert_system`.
-            parameters: its configuration, nested as in the file under `ros__parameters`.
-            remap: names as the node uses them (relative or absolute) to the names to use instead.
-            clock: monotonic seconds.
-            use_sim_time: the node's time is what `set_sim_time` sets, and 0 before that.
+        `remap` maps names as the node uses them (relative or absolute) to the names to use instead. `clock` returns
+        monotonic seconds. With `use_sim_time`, the node's time is what `set_sim_time` sets, and 0 before that.
         """
         self.name = name
         self.faults = Faults()
@@ -135,7 +122,7 @@ class MappingNode(abc.ABC):
         self._lock = threading.RLock()
         self._clock = clock
         self._given = parameters
-        self._on_change: Optional[Callable[[Mapping[str, Any]], str]] = None
+        self._on_change: Optional[OnChange] = None
         self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
         self._resolved: Dict[str, str] = {}
         self._advertised: Dict[str, str] = {}
@@ -167,9 +154,7 @@ class MappingNode(abc.ABC):
     def given_parameters(self) -> Mapping[str, Any]:
         return self._given
 
-    def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
-    ) -> None:
+    def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         self._on_change = on_change
 
     def set_parameters(self, tree: Mapping[str, Any]) -> str:
@@ -179,14 +164,12 @@ class MappingNode(abc.ABC):
             ConfigError: the node rejects it; the old values stay in force.
         """
         with self._lock:
-            changes = ""
-            if self._on_change is not None:
-                try:
-                    changes = self._on_change(tree)
-                except ConfigError:
-                    raise
-                except Exception as error:
-                    raise ConfigError(self.log_failure(error)) from error
+            try:
+                changes = "" if self._on_change is None else self._on_change(tree)
+            except ConfigError:
+                raise
+            except Exception as error:
+                raise ConfigError(self.log_failure(error)) from error
             self._given = tree
             return changes
 
@@ -213,10 +196,9 @@ class MappingNode(abc.ABC):
             self.set_sim_time(now_s)
 
     def set_sim_time(self, now_s: float) -> None:
-        """Sets simulated time, which may go back; calls the timers that are due.
+        """Sets simulated time, which may go back; calls the timers that are due, first the messages that waited for it.
 
-        The first call also delivers the messages that waited for it. As in ROS, a time of 0 is no time: messages wait
-        again.
+        As in ROS, a time of 0 is no time: messages wait again.
         """
         with self._lock:
             if self._sim_time_s is None or now_s < 0.0:
@@ -246,11 +228,7 @@ class MappingNode(abc.ABC):
         return known
 
     def require_advertised(self, topic: str) -> str:
-        """Returns the resolved name of a topic.
-
-        Raises:
-            MessageError: it is not advertised.
-        """
+        """Returns the resolved name of a topic; raises MessageError if it is not advertised."""
         resolved = self.resolve(topic)
         if resolved not in self._advertised:
             raise MessageError(f"{self.name} has not advertised {resolved}")
@@ -284,8 +262,7 @@ class MappingNode(abc.ABC):
     def answer(self, handler: Callable[[Message], Message], request: Message) -> Message:
         """Calls a service's handler under the node's lock.
 
-        Raises:
-            ServiceError: the node is closed, or the handler raised, which is one ERROR line in the log.
+        Raises ServiceError if the node is closed, or if the handler raised, which is one ERROR line in the log.
         """
         with self._lock:
             if self.closed:
@@ -320,14 +297,11 @@ def read_clock(message: Message) -> Optional[float]:
         return None
     seconds = stamp.get("secs", stamp.get("sec"))
     nanoseconds = stamp.get("nsecs", stamp.get("nanosec", 0))
-    if not (_is_part_of_stamp(seconds) and _is_part_of_stamp(nanoseconds)):
-        return None
+    for part in (seconds, nanoseconds):
+        if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part < _STAMP_LIMIT:
+            return None
     return float(seconds + nanoseconds / 1e9)
 
 
 def _arrival(message: Message) -> float:
     return 1.0
-
-
-def _is_part_of_stamp(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < _STAMP_LIMIT

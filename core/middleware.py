@@ -33,6 +33,12 @@ from .parameters import Parameter
 Message = Mapping[str, Any]
 """A message, request or response in rosbridge's form."""
 
+Callback = Callable[[Any, float], None]
+"""Receives a value and the time of its arrival, in s."""
+
+OnChange = Callable[[Mapping[str, Any]], str]
+"""Takes a proposed configuration; see `Middleware.declare_parameters`."""
+
 Result = TypeVar("Result")
 
 NOTHING_CHANGED = "nothing changed"
@@ -98,9 +104,7 @@ class Middleware(Protocol):
             ConfigError: the middleware's parameters are not a mapping.
         """
 
-    def declare_parameters(
-        self, parameters: Sequence[Parameter], on_change: Callable[[Mapping[str, Any]], str]
-    ) -> None:
+    def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         """Makes `parameters` visible, by dotted names, and changeable at run time; called once.
 
         `on_change` is called with the whole proposed tree, nested as `given_parameters` returns it. It returns what
@@ -137,13 +141,7 @@ class Middleware(Protocol):
         """
 
     def subscribe(
-        self,
-        topic: str,
-        type_name: str,
-        callback: Callable[[Any, float], None],
-        *,
-        field: Optional[str] = "",
-        latched: bool = False,
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
         """Calls `callback(value, now_s)` for every message, with the time of its arrival.
 

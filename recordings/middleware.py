@@ -18,15 +18,13 @@ from robot_health_monitor.core.formatting import count_text, list_text
 from robot_health_monitor.core.hints import Answer, similar_topics, with_similar
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
-from robot_health_monitor.core.middleware import Message, Severity, canonical_type
+from robot_health_monitor.core.middleware import Callback, Message, Severity, canonical_type
 from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
 
 from .decoding import types_of
 from .reading import Recordings
 from .recording import Channel, RecordingError
-
-Callback = Callable[[Any, float], None]
 
 _LONGEST_SILENCE_S = 86_400.0
 """Timers run through a gap of this length; the rest of a longer one is skipped. One message with a damaged time would

@@ -22,7 +22,7 @@ import rospy.topics
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.middleware import Message, Severity, resolve_name
+from robot_health_monitor.core.middleware import Callback, Message, Severity, resolve_name
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
 from robot_health_monitor.runtime.native_node import Log, NativeNode, OnChange
@@ -104,13 +104,7 @@ class Ros1Middleware(NativeNode):
         return bool(publisher.get_num_connections())
 
     def subscribe(
-        self,
-        topic: str,
-        type_name: str,
-        callback: Callable[[Any, float], None],
-        *,
-        field: Optional[str] = "",
-        latched: bool = False,
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
         resolved = self._resolve(topic)
         cls, get = self._choose_reader(rospy.resolve_name(resolved), type_name, field)

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.middleware import Message, Severity
+from robot_health_monitor.core.middleware import Callback, Message, Severity
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.runtime.native_node import NativeNode, OnChange
 
@@ -109,13 +109,7 @@ class Ros2Middleware(NativeNode):
         return bool(publisher.get_subscription_count())
 
     def subscribe(
-        self,
-        topic: str,
-        type_name: str,
-        callback: Callable[[Any, float], None],
-        *,
-        field: Optional[str] = "",
-        latched: bool = False,
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
         subscription = Subscription(self._resolve(topic), _native_name(topic), callback, field, latched)
         with self._lock:
@@ -333,7 +327,7 @@ class Subscription:
 
     topic: str
     native_name: str
-    callback: Callable[[Any, float], None]
+    callback: Callback
     field: Optional[str]
     is_latched: bool = False
     get: Callable[[Any], Any] = _arrival

@@ -8,19 +8,17 @@ from __future__ import annotations
 import abc
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.hints import Answer, Hints
-from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, Result, Severity
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, OnChange, Result, Severity
 from robot_health_monitor.core.native_messages import NativeMessages
 
 __all__ = ["Log", "NativeNode", "OnChange", "apply_change", "log_failure"]
 
 Log = Callable[[Severity, str], None]
-OnChange = Callable[[Mapping[str, Any]], str]
-"""Applies a whole configuration; returns what changed, or raises to refuse it. See `Middleware.declare_parameters`."""
 
 
 class NativeNode(abc.ABC):

@@ -16,6 +16,7 @@ from ..model import Level, Sample, Status
 from ..monitor import Monitor
 from ..parameters import Parameter, read_parameters
 from ..score import health_score
+from ..sensors.configuration import METRICS
 from ..signal_config import LONGEST_S, SignalConfig, read_signal
 from .node import DIAGNOSTICS, FLOAT_TYPE, base_name, describe_changes, host_name, refuse_changes
 
@@ -26,12 +27,7 @@ AGGREGATOR_PARAMETERS = (
     Parameter(
         "stale_after_s", float, 5.0, "an input without a sample for longer than this is missing, in s", 0.001, LONGEST_S
     ),
-    Parameter(
-        "inputs",
-        tuple,
-        ("battery_level", "temperature", "cpu_usage"),
-        "topics that are averaged, Float32; []: nothing is published",
-    ),
+    Parameter("inputs", tuple, tuple(METRICS), "topics that are averaged, Float32; []: nothing is published"),
     Parameter(
         "method",
         str,

@@ -44,10 +44,6 @@ _Source = Tuple[str, str, str, str]
 """Where a signal comes from: its name, topic, type and field."""
 
 
-def _not_silenced(signal: str) -> Optional[str]:
-    return None
-
-
 class AlertSystem:
     """Judges every configured signal and emits each transition once to every outlet.
 
@@ -63,7 +59,7 @@ class AlertSystem:
         log_alerts: bool = True,
         history: Optional[SignalHistory] = None,
         announce_pauses: bool = True,
-        silence_of: Callable[[str], Optional[str]] = _not_silenced,
+        silence_of: Callable[[str], Optional[str]] = lambda signal: None,
         self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
         """Starts watching.

@@ -13,7 +13,7 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.hints import Answer
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription
-from robot_health_monitor.core.middleware import Message, Middleware, Severity, split_type_name
+from robot_health_monitor.core.middleware import Callback, Message, Middleware, Severity, split_type_name
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer
@@ -152,15 +152,17 @@ class RosbridgeClient:
 class _Subscription(MappingSubscription):
     """One node's subscription to one field of a topic; a `Receiver` of the connection."""
 
+    null_is_nan = True
+
     def __init__(
         self,
         node: RosbridgeMiddleware,
         topic: str,
         type_name: str,
         field: Optional[str],
-        callback: Callable[[Any, float], None],
+        callback: Callback,
     ) -> None:
-        super().__init__(node, topic, type_name, field, callback, null_is_nan=True)
+        super().__init__(node, topic, type_name, field, callback)
         self.arrivals_only = field is None
         self._faults = node.faults
         self._limit_mb = node.limits.message_bytes / 1e6
@@ -255,13 +257,7 @@ class RosbridgeMiddleware(MappingNode):
         return not self._client.read_only
 
     def subscribe(
-        self,
-        topic: str,
-        type_name: str,
-        callback: Callable[[Any, float], None],
-        *,
-        field: Optional[str] = "",
-        latched: bool = False,
+        self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> _Subscription:
         subscription = _Subscription(self, self.resolve(topic), type_name, field, callback)
         with self._lock:

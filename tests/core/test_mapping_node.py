@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping, Tuple
+from typing import Any, List, Mapping, Tuple, Type
 
 import pytest
 from harness.parameters import set_parameter
@@ -27,12 +27,16 @@ class Node(MappingNode):
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         answer(f"{topic} is not connected")
 
-    def subscription(self, field: str = "data", **options: Any) -> Tuple[MappingSubscription, List[Tuple[Any, float]]]:
+    def subscription(
+        self, field: str = "data", kind: Type[MappingSubscription] = MappingSubscription
+    ) -> Tuple[MappingSubscription, List[Tuple[Any, float]]]:
         received: List[Tuple[Any, float]] = []
-        subscription = MappingSubscription(
-            self, "/in", "", field, lambda value, now_s: received.append((value, now_s)), **options
-        )
+        subscription = kind(self, "/in", "", field, lambda value, now_s: received.append((value, now_s)))
         return subscription, received
+
+
+class FromJson(MappingSubscription):
+    null_is_nan = True
 
 
 def clock(seconds: int) -> Mapping[str, Any]:
@@ -96,10 +100,10 @@ def test_a_clock_message_has_the_stamp_of_ros_1_or_ros_2(stamp: object, time_s: 
 
 def test_a_null_is_a_nan_where_that_is_asked_for_but_not_behind_an_index() -> None:
     node = Node()
-    subscription, received = node.subscription(null_is_nan=True)
+    subscription, received = node.subscription(kind=FromJson)
     subscription.deliver({"data": None})
     assert received[0][0] != received[0][0]
-    indexed, received = node.subscription("cells[5]", null_is_nan=True)
+    indexed, received = node.subscription("cells[5]", FromJson)
     indexed.deliver({"cells": [1.0]})
     assert received == [(None, 10.0)]
 
