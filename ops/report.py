@@ -267,8 +267,9 @@ _Places = Mapping[Tuple[str, str], int]
 
 
 def _signal_table(report: Report, plotted: _Places, several: bool) -> Iterable[str]:
-    numbers = 2 if several else 1  # the first columns are texts
-    kinds = [f' class="{"number" if at >= numbers else "file"}"' if at else "" for at in range(len(report.header))]
+    kinds = ["", ' class="file"'] if several else [""]
+    numbers = len(kinds)  # the columns before are texts
+    kinds += [' class="number"'] * (len(report.header) - numbers)
     heads = (f'<th scope="col"{kind}>{_text(head)}</th>' for kind, head in zip(kinds, report.header))
     yield f'<div class="signals table"><table><thead><tr>{"".join(heads)}</tr></thead><tbody>'
     for row in report.rows:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import os
 import re
 import sys
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Protocol, Sequence, Tuple
 
 from robot_health_monitor.core.config import (
     MonitorConfig,
@@ -23,6 +24,7 @@ from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Middleware, split_type_name
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.standard_messages import MESSAGES, PACKAGES, messages
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.configuration import SECTIONS, OpsConfig, read_ops
 from robot_health_monitor.runtime.interrupts import Interrupts
@@ -30,7 +32,6 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 from .arguments import Parser
 from .exit_codes import ExitCode
 from .fleet_configuration import is_fleet_file, read_entries
-from .message_types import check_field, known_definitions
 
 _NODES: Mapping[str, Callable[[Middleware], Any]] = {
     "alert_system": AlertSystem,
@@ -174,6 +175,61 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
         except ConfigError as error:
             problems.add(error.below(path))
     return unknown
+
+
+class Definitions(Protocol):
+    """Definitions of messages: `NativeMessages`, or the module `messages` of an adapter."""
+
+    def message_class(self, type_name: str) -> Any:
+        """Returns the class of a type; raises ConfigError if it is unknown."""
+
+    def field_getter(self, topic: str, type_name: str, field: str) -> Any:
+        """Returns a function that reads a field; raises ConfigError if the type has no such field."""
+
+
+def known_definitions() -> List[Definitions]:
+    """Returns the definitions that are available, the best first: those of ROS, then the standard packages."""
+    version = os.environ.get("ROS_VERSION", "")
+    try:
+        if version == "1":
+            from robot_health_monitor.ros1 import messages as ros1_messages
+
+            return [ros1_messages, messages]
+        if version == "2":
+            from robot_health_monitor.ros2 import messages as ros2_messages
+
+            return [ros2_messages, messages]
+    except ImportError:
+        pass  # only the environment of ROS is there
+    return [messages]
+
+
+def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str) -> bool:
+    """Checks a type, `package/Type`, and the path of a field (empty: only the type) in the first definitions of it.
+
+    Returns:
+        Whether the type is known.
+
+    Raises:
+        ConfigError: the type does not exist (its path is `type`), or has no such field (its path is `field`).
+    """
+    for each in definitions:
+        try:
+            each.message_class(type_name)
+        except ConfigError:
+            continue
+        try:
+            each.field_getter(topic, type_name, field)
+        except ConfigError as error:
+            raise ConfigError(error.problem, ("field",)) from None
+        return True
+    split = split_type_name(type_name)
+    if split is None or split[0] not in PACKAGES:
+        return False
+    spelling = "/".join(split)
+    close = difflib.get_close_matches(spelling, MESSAGES, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    raise ConfigError(f"expected a message type, got {spelling}, which does not exist{hint}", ("type",))
 
 
 def _source_defaults(name: str) -> Sequence[Tuple[str, str]]:

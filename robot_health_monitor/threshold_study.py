@@ -8,7 +8,8 @@ import os
 import re
 import sys
 from collections import Counter
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import MonitorConfig, Section, read_monitor
 from robot_health_monitor.core.errors import ConfigError
@@ -40,7 +41,7 @@ def suggest_thresholds(arguments: argparse.Namespace) -> None:
         ConfigError: the configuration cannot be used, or the recordings have no signal.
         RecordingError: a recording cannot be read.
     """
-    study = _Study(arguments.recordings, arguments.namespace)
+    study = _Study(arguments.recordings, arguments.namespace.strip("/"))
     if arguments.thresholds:
         study.take_thresholds(arguments.thresholds)
     else:
@@ -51,7 +52,8 @@ def suggest_thresholds(arguments: argparse.Namespace) -> None:
     sys.stdout.write(text)
 
 
-class _Group(NamedTuple):
+@dataclass
+class _Group:
     """Recordings that overlap in time, which are read together."""
 
     paths: List[str]
@@ -96,7 +98,7 @@ class _Study:
     def __init__(self, paths: Sequence[str], namespace: str) -> None:
         self.problems: List[str] = []
         self._paths = list(paths)
-        self._namespace = namespace.strip("/")
+        self._namespace = namespace
         self._groups, self._channels = self._open(paths)
         self._duration_s = sum(group.end_ns - group.start_ns for group in self._groups) / 1e9
         self._file: Optional[YamlFile] = None
@@ -125,9 +127,10 @@ class _Study:
         groups: List[_Group] = []
         for group in sorted(found, key=lambda each: each.start_ns):
             if groups and group.start_ns <= groups[-1].end_ns:
-                last = groups.pop()
-                group = _Group([*last.paths, *group.paths], last.start_ns, max(last.end_ns, group.end_ns))
-            groups.append(group)
+                groups[-1].paths += group.paths
+                groups[-1].end_ns = max(groups[-1].end_ns, group.end_ns)
+            else:
+                groups.append(group)
         return groups, list(channels)
 
     def take_thresholds(self, name: str) -> None:
@@ -224,27 +227,23 @@ class _Study:
         measured = self._measured[name]
         if not measured.values.count or measured.values.min < 0.0 or measured.values.max > 100.0:
             return
-        is_fraction = measured.values.max <= 1.0
-        settings["scale"] = 100.0 if is_fraction else 1.0
-        settings.update({"unit": "%", "valid_min": 0.0, "valid_max": 100.0})
-        self._notes[name] = (
-            "scale: the recorded values are 0 to 1"
-            if is_fraction
-            else "scale: the recorded values exceed 1, although the definition says 0 to 1"
-        )
+        scale, seen = 1.0, "exceed 1, although the definition says 0 to 1"
+        if measured.values.max <= 1.0:
+            scale, seen = 100.0, "are 0 to 1"
+        settings.update({"scale": scale, "unit": "%", "valid_min": 0.0, "valid_max": 100.0})
+        self._notes[name] = f"scale: the recorded values {seen}"
         config = self._checked({"signals": self._placed({name: settings})})
-        measured.scale(settings["scale"], config.signals[name])
+        measured.scale(scale, config.signals[name])
 
     def _drop_useless(self, suggestions: Dict[str, Suggestion]) -> None:
         """Drops fields without bounds of a topic that has others, and its arrivals unless all fields are dropped."""
         with_bounds = {self._topics[name] for name, suggestion in suggestions.items() if suggestion.has_bounds}
         for name, topic in self._optional.items():
-            arrivals = self._given[name]["field"] == ""
-            if suggestions[name].has_bounds or (arrivals and topic not in with_bounds):
+            field = self._given[name]["field"]
+            if suggestions[name].has_bounds or (not field and topic not in with_bounds):
                 continue
             suggestion = suggestions.pop(name)
-            if not arrivals:
-                field = self._given[name]["field"]
+            if field:
                 self._notes[topic] = self._notes.get(topic, "") + f"{field}: {suggestion.left_out[0]}\n"
             del self._given[name]
 
@@ -299,11 +298,7 @@ class _Study:
     def _located(self, error: ConfigError) -> ConfigError:
         if self._file is None:
             return error
-        first, *others = [
-            ConfigError(each.problem, (*self._section.path, *each.path), each.file, each.line) for each in error.all
-        ]
-        first.others = tuple(others)
-        return self._file.locate(first)
+        return self._file.locate(error.below(self._section.path))
 
     def _recorded_topics(self) -> str:
         return list_text(sorted({channel.topic for channel in self._channels})) or "no topic"
@@ -346,6 +341,10 @@ class _Study:
         if name in self._notes:
             lines.append(f"        # {self._notes[name]}")
 
+        def add(text: str, key: str, comment: str) -> None:
+            unit = "s" if key.endswith("_s") else str(settings.get("unit", ""))
+            lines.append(f"        {text}".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, comment])))
+
         def alerts_of(key: str, value: Any) -> str:
             if key in BOUNDS:
                 return f"{count_text(alerts.by_bound[name, value], 'alert')} in {hours}; "
@@ -356,17 +355,17 @@ class _Study:
             if key in suggestion.seen:
                 other, why = suggestion.seen[key]
                 evidence += f"{'; ' * bool(evidence)}suggested: {_yaml(other)}; {why}"
-            text = f"        {key}: {_yaml(value)}"
-            lines.append(f"{text:<{_COLUMN}}# {_unit(key, settings)}given; {evidence}" if evidence else text)
+            if evidence:
+                add(f"{key}: {_yaml(value)}", key, f"given; {evidence}")
+            else:
+                lines.append(f"        {key}: {_yaml(value)}")
         for key in _ORDER:
             if key in suggestion.settings:
                 value, evidence = suggestion.settings[key]
-                text = f"        {key}: {_yaml(value)}"
-                lines.append(f"{text:<{_COLUMN}}# {_unit(key, settings)}{alerts_of(key, value)}{evidence}")
+                add(f"{key}: {_yaml(value)}", key, f"{alerts_of(key, value)}{evidence}")
             elif key in suggestion.seen and key not in settings:
                 value, evidence = suggestion.seen[key]
-                text = f"        # {key}: {_yaml(value)}"
-                lines.append(f"{text:<{_COLUMN}}# {_unit(key, settings)}{evidence}")
+                add(f"# {key}: {_yaml(value)}", key, evidence)
         lines += [f"        # {reason}" for reason in suggestion.left_out]
         topic = self._topics[name]
         is_last = [each for each in self._given if self._topics[each] == topic][-1] == name
@@ -390,11 +389,6 @@ def _yaml(value: Any) -> str:
 
 
 _NOT_TEXT = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
-
-
-def _unit(key: str, settings: Mapping[str, Any]) -> str:
-    unit = "s" if key.endswith("_s") else str(settings.get("unit", ""))
-    return f"{unit}; " if unit else ""
 
 
 def _hours(seconds: float) -> str:
