@@ -16,133 +16,98 @@ _COLUMNS = 24
 _UNITS = {"%": "percent", "degC": "celsius", "°C": "celsius", "V": "volt", "A": "amp", "Hz": "hertz", "s": "s"}
 """Grafana's names of units; others are shown as they are."""
 _LEVELS = (("0", "OK", "green"), ("1", "WARN", "orange"), ("2", "ERROR", "red"), ("3", "STALE", "purple"))
+_LINK_STATES = (("0", "up", "green"), ("1", "down", "red"))
+
+_FIRING = f'ALERTS{{alertname="{ALERT}", alertstate="firing", {_ROBOT}}}'
+_LINK_DOWN = f"1 - max by (robot) (robot_health_link_up{{{_ROBOT}}})"
+_TRANSITIONS = f'sum by (robot, signal, to) (increase(robot_health_transitions_total{{{_ROBOT}, to!="OK"}}[1h]))'
+_SAMPLES = f"sum by (robot, quality) (rate(robot_health_samples_total{{{_ROBOT}}}[$__rate_interval]))"
+_SINCE_TICK = "time() - robot_health_last_tick_timestamp_seconds"
 
 
 def export_dashboard(config: MonitorConfig) -> str:
-    """Returns a dashboard in JSON, to import into Grafana.
+    """Returns a dashboard in JSON, to import into Grafana, for the signals and bounds of a configuration.
 
     It has the variables `datasource` and `robot`.
-
-    Args:
-        config: the signals and their bounds.
     """
     rows: List[List[Dict[str, Any]]] = [
         [
-            _panel("stat", "Robots", [("count(count by (robot) (robot_health_level))", "")], 4, 4),
-            _levels_count("Robots not OK", 4),
-            _panel("table", "Firing alerts", [(_firing(), "")], 16, 8, instant=True),
+            _panel("stat", "Robots", "count(count by (robot) (robot_health_level))", "", 4, 4),
+            _robots_not_ok(),
+            _panel("table", "Firing alerts", _FIRING, "", 16, 8, instant=True),
         ],
-        [_timeline("Worst level per robot", worst_level(_ROBOT), "{{robot}}", 24, 8)],
-        [_timeline("Link", f"1 - max by (robot) (robot_health_link_up{{{_ROBOT}}})", "{{robot}}", 24, 4, _LINK_STATES)],
-        *([_plot(signal), _signal_levels(signal)] for signal in config.signals.values() if signal.name != LINK),
+        [_timeline("Worst level per robot", _worst_level(_ROBOT), 24, 8)],
+        [_timeline("Link", _LINK_DOWN, 24, 4, _LINK_STATES)],
+        *(_signal_row(signal) for signal in config.signals.values() if signal.name != LINK),
         [
-            _panel("timeseries", "Alerts per hour", [(_transitions(), "{{robot}} {{signal}} {{to}}")], 12, 8),
-            _panel("timeseries", "Samples per second", [(_samples(), "{{robot}} {{quality}}")], 12, 8),
+            _panel("timeseries", "Alerts per hour", _TRANSITIONS, "{{robot}} {{signal}} {{to}}", 12, 8),
+            _panel("timeseries", "Samples per second", _SAMPLES, "{{robot}} {{quality}}", 12, 8),
         ],
         [
-            _panel("timeseries", "Time since the last tick", [(_LAST_TICK, "{{instance}}")], 12, 6, unit="s"),
-            _panel("timeseries", "Notifications waiting", [(_WAITING, "{{instance}}")], 12, 6),
+            _panel("timeseries", "Time since the last tick", _SINCE_TICK, "{{instance}}", 12, 6, unit="s"),
+            _panel("timeseries", "Notifications waiting", "robot_health_notifications_waiting", "{{instance}}", 12, 6),
         ],
-    ]  # fmt: skip
+    ]
+    source = {"name": "datasource", "label": "Data source", "type": "datasource", "query": "prometheus"}
+    robot = {
+        "name": "robot", "label": "Robot", "type": "query", "datasource": _DATASOURCE,
+        "query": {"query": "label_values(robot_health_level, robot)", "refId": "robots"},
+        "refresh": 2,  # at each change of the time range
+        "sort": 1, "multi": True, "includeAll": True, "allValue": ".*", "current": {"text": "All", "value": "$__all"},
+    }  # fmt: skip
     dashboard = {
-        "title": "Robot health",
-        "uid": "robot-health",
-        "tags": ["robots"],
-        "schemaVersion": 36,
-        "refresh": "10s",
-        "time": {"from": "now-1h", "to": "now"},
-        "templating": {"list": _variables()},
-        "panels": _placed(rows),
-    }
+        "title": "Robot health", "uid": "robot-health", "tags": ["robots"], "schemaVersion": 36, "refresh": "10s",
+        "time": {"from": "now-1h", "to": "now"}, "templating": {"list": [source, robot]}, "panels": _placed(rows),
+    }  # fmt: skip
     return json.dumps(dashboard, indent=1) + "\n"
 
 
-def worst_level(which: str, by: str = "robot") -> str:
+def _worst_level(which: str) -> str:
     """Returns an expression for the worst level: OK < WARN < STALE < ERROR, which is not the order of the numbers."""
     of_these = f"robot_health_level{{{which}}}"
-    return " or ".join(f"max by ({by}) ({of_these}{condition})" for condition in (" == 2", " == 3", ""))
+    return " or ".join(f"max by (robot) ({of_these}{condition})" for condition in (" == 2", " == 3", ""))
 
 
-_LAST_TICK = "time() - robot_health_last_tick_timestamp_seconds"
-_WAITING = "robot_health_notifications_waiting"
-_LINK_STATES = (("0", "up", "green"), ("1", "down", "red"))
-
-
-def _firing() -> str:
-    return f'ALERTS{{alertname="{ALERT}", alertstate="firing", {_ROBOT}}}'
-
-
-def _transitions() -> str:
-    return f'sum by (robot, signal, to) (increase(robot_health_transitions_total{{{_ROBOT}, to!="OK"}}[1h]))'
-
-
-def _samples() -> str:
-    return f"sum by (robot, quality) (rate(robot_health_samples_total{{{_ROBOT}}}[$__rate_interval]))"
-
-
-def _variables() -> List[Dict[str, Any]]:
-    robots = {
-        "name": "robot",
-        "label": "Robot",
-        "type": "query",
-        "datasource": _DATASOURCE,
-        "query": {"query": "label_values(robot_health_level, robot)", "refId": "robots"},
-        "refresh": 2,  # at each change of the time range
-        "sort": 1,
-        "multi": True,
-        "includeAll": True,
-        "allValue": ".*",
-        "current": {"text": "All", "value": "$__all"},
-    }
-    return [{"name": "datasource", "label": "Data source", "type": "datasource", "query": "prometheus"}, robots]
-
-
-def _plot(signal: SignalConfig) -> Dict[str, Any]:
-    """Returns the plot of a signal's value, with its bounds as lines."""
+def _signal_row(signal: SignalConfig) -> List[Dict[str, Any]]:
+    """Returns the plot of a signal's value, with its bounds as lines, and the timeline of its levels."""
     expression = f'robot_health_value{{{_ROBOT}, signal="{signal.name}"}}'
     unit = {"rate": f"suffix:{signal.unit}/s", "frequency_hz": "hertz"}.get(
         signal.statistic, _UNITS.get(signal.unit, f"suffix:{signal.unit}" if signal.unit else "none")
     )
-    panel = _panel("timeseries", signal.name, [(expression, "{{robot}}")], 16, 8, unit=unit)
+    panel = _panel("timeseries", signal.name, expression, "{{robot}}", 16, 8, unit=unit)
     defaults = panel["fieldConfig"]["defaults"]
     defaults["thresholds"] = {"mode": "absolute", "steps": _steps(signal)}
     if signal.bounds:
         defaults["custom"] = {"thresholdsStyle": {"mode": "line+area"}}
-    return panel
+    levels = f'max by (robot) (robot_health_level{{{_ROBOT}, signal="{signal.name}"}})'
+    return [panel, _timeline(f"{signal.name}: level", levels, 8, 8)]
 
 
 def _steps(signal: SignalConfig) -> List[Mapping[str, Any]]:
     """Returns the colours by value: Grafana's thresholds apply from their value upwards."""
-    colors = {"error": "red", "warn": "orange"}
-    below = [(signal.error_below, "error"), (signal.warn_below, "warn")]
-    above = [(signal.warn_above, "warn"), (signal.error_above, "error")]
-    set_below = [(bound, level) for bound, level in below if bound is not None]
+    below = [(signal.error_below, "red"), (signal.warn_below, "orange")]
+    above = [(signal.warn_above, "orange"), (signal.error_above, "red")]
     steps: List[Mapping[str, Any]] = []
     start = None
-    for bound, level in set_below:
-        steps.append({"color": colors[level], "value": start})
-        start = bound
+    for bound, color in below:
+        if bound is not None:
+            steps.append({"color": color, "value": start})
+            start = bound
     steps.append({"color": "transparent", "value": start})
-    steps += [{"color": colors[level], "value": bound} for bound, level in above if bound is not None]
-    return steps
+    return steps + [{"color": color, "value": bound} for bound, color in above if bound is not None]
 
 
-def _signal_levels(signal: SignalConfig) -> Dict[str, Any]:
-    expression = f'max by (robot) (robot_health_level{{{_ROBOT}, signal="{signal.name}"}})'
-    return _timeline(f"{signal.name}: level", expression, "{{robot}}", 8, 8)
-
-
-def _levels_count(title: str, width: int) -> Dict[str, Any]:
-    panel = _panel("stat", title, [(f"count(({worst_level('')}) > 0) or vector(0)", "")], width, 4)
+def _robots_not_ok() -> Dict[str, Any]:
+    panel = _panel("stat", "Robots not OK", f"count(({_worst_level('')}) > 0) or vector(0)", "", 4, 4)
     steps = [{"color": "green", "value": None}, {"color": "red", "value": 1}]
     panel["fieldConfig"]["defaults"]["thresholds"] = {"mode": "absolute", "steps": steps}
     return panel
 
 
 def _timeline(
-    title: str, expression: str, legend: str, width: int, height: int, states: Sequence[Tuple[str, str, str]] = _LEVELS
+    title: str, expression: str, width: int, height: int, states: Sequence[Tuple[str, str, str]] = _LEVELS
 ) -> Dict[str, Any]:
-    panel = _panel("state-timeline", title, [(expression, legend)], width, height)
+    panel = _panel("state-timeline", title, expression, "{{robot}}", width, height)
     options = {value: {"text": text, "color": color} for value, text, color in states}
     panel["fieldConfig"]["defaults"]["mappings"] = [{"type": "value", "options": options}]
     return panel
@@ -151,32 +116,27 @@ def _timeline(
 def _panel(
     kind: str,
     title: str,
-    queries: Sequence[Tuple[str, str]],
+    expression: str,
+    legend: str,
     width: int,
     height: int,
     *,
     unit: str = "none",
     instant: bool = False,
 ) -> Dict[str, Any]:
-    targets = [
-        {
-            "refId": chr(ord("A") + number),
-            "datasource": _DATASOURCE,
-            "expr": expression,
-            "legendFormat": legend or "__auto",
-            **({"instant": True, "range": False, "format": "table"} if instant else {}),
-        }
-        for number, (expression, legend) in enumerate(queries)
-    ]
-    return {
-        "type": kind,
-        "title": title,
+    target: Dict[str, Any] = {
+        "refId": "A",
         "datasource": _DATASOURCE,
-        "targets": targets,
-        "gridPos": {"w": width, "h": height},
-        "options": {},
-        "fieldConfig": {"defaults": {"unit": unit}, "overrides": []},
+        "expr": expression,
+        "legendFormat": legend or "__auto",
     }
+    if instant:
+        target.update(instant=True, range=False, format="table")
+    return {
+        "type": kind, "title": title, "datasource": _DATASOURCE, "targets": [target],
+        "gridPos": {"w": width, "h": height}, "options": {},
+        "fieldConfig": {"defaults": {"unit": unit}, "overrides": []},
+    }  # fmt: skip
 
 
 def _placed(rows: Sequence[Sequence[Dict[str, Any]]]) -> List[Dict[str, Any]]:

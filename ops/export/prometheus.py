@@ -14,7 +14,7 @@ A rule that says more than PromQL can express gets a comment, and a line in `Exp
 from __future__ import annotations
 
 import json
-from typing import List, NamedTuple, Optional, Sequence
+from typing import List, Mapping, NamedTuple, Sequence
 
 from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
@@ -26,7 +26,8 @@ from ..notifications.alertmanager import ALERT, SEVERITIES
 
 BEYOND = "robot_health:beyond_bound"
 """Recorded series: the value of a signal while it is beyond a bound, with its hysteresis."""
-_OPERATORS = {"below": "<", "above": ">"}
+_OPERATORS, _COMPARISONS = {"below": "<", "above": ">"}, {"below": "lt", "above": "gt"}
+"""Those of PromQL, and those of templates."""
 _UNITS = {"rate": "{}/s", "frequency_hz": "Hz"}
 REPORTED, SCRAPED = "robot_health:reported_at", "robot_health:scraped_at"
 """Recorded series: when a monitor last reported a robot, and when it was last scraped."""
@@ -72,7 +73,8 @@ def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_
     """
     lines: List[str] = _HEADER.format(interval=_duration(interval_s), alert=ALERT).splitlines()
     problems: List[str] = []
-    lines += ["groups:", f"  - name: {_name_of_group(robots)}", f"    interval: {_duration(interval_s)}", "    rules:"]
+    name = json.dumps("robot_health" + "".join(f" {name}" for name in robots))
+    lines += ["groups:", f"  - name: {name}", f"    interval: {_duration(interval_s)}", "    rules:"]
     for signal in config.signals.values():
         if signal.name != LINK:
             lines += _Rules(config, signal, robots, problems).lines()
@@ -89,37 +91,32 @@ class _Rules:
         self._signal = signal
         self._robots = robots
         self._problems = problems
-        self._unit = _UNITS.get(signal.statistic, "{}").format(signal.unit)
+        unit = _UNITS.get(signal.statistic, "{}").format(signal.unit)
+        self._unit = unit.replace("{{", '{{ "{{" }}')  # a template reads `{{` as an action
 
     def lines(self) -> List[str]:
-        lines = ["", f"      # {self._signal.name}"]
+        signal = self._signal
+        lines = ["", f"      # {signal.name}"]
         for level in ("ERROR", "WARN"):
-            sides = [side for side in _OPERATORS if self._bound(level, side) is not None]
-            for side in sides:
-                lines += self._record(level, side)
-            if sides:
+            found = {side: getattr(signal, f"{level.lower()}_{side}") for side in _OPERATORS}
+            bounds = {side: bound for side, bound in found.items() if bound is not None}
+            for side, bound in bounds.items():
+                lines += self._beyond_rule(level, side, bound)
+            if bounds:
                 lines += self._comments(level)
             if level == "ERROR":
-                lines += self._error(sides)
-            elif sides:
-                signal = self._signal
+                lines += self._error(bounds)
+            elif bounds:
                 times = signal.for_s, signal.keep_firing_for_s
-                lines += _alert(signal.name, level, self._crossed(level, sides), self._reason(level, sides), *times)
-        if self._signal.stale_after_s > 0.0:
-            lines += self._stale()
-        return lines
+                lines += _alert(signal.name, level, self._crossed(level, bounds), self._reason(bounds), *times)
+        return lines + (self._stale() if signal.stale_after_s > 0.0 else [])
 
     def _metric(self, metric: str, aggregation: str = "max", signal: str = "", over: str = "") -> str:
         """Returns a metric of a signal, one series per robot: several monitors may watch one robot."""
         selected = f"robot_health_{metric}" + _selector(self._robots, f'signal="{signal or self._signal.name}"')
         return f"{aggregation} by (robot, signal) ({f'max_over_time({selected}{over})' if over else selected})"
 
-    def _bound(self, level: str, side: str) -> Optional[float]:
-        bound: Optional[float] = getattr(self._signal, f"{level.lower()}_{side}")
-        return bound
-
-    def _record(self, level: str, side: str) -> List[str]:
-        bound = self._bound(level, side) or 0.0
+    def _beyond_rule(self, level: str, side: str, bound: float) -> List[str]:
         operator = _OPERATORS[side]
         value = self._metric("value", "min" if side == "below" else "max")
         expression = f"{value} {operator} {_number(bound)}"
@@ -127,15 +124,14 @@ class _Rules:
             clears_at = _number(self._clears_at(side, bound))
             before = self._beyond(level, f', side="{side}"')
             expression += f"\nor ({value} {operator} {clears_at} and on (robot, signal) {before})"
-        labels = f"{{signal: {self._signal.name}, level: {level}, side: {side}}}"
-        return ["", f"      - record: {BEYOND}", f"        labels: {labels}", *_block("expr", expression)]
+        return _record(BEYOND, expression, f"signal: {self._signal.name}, level: {level}, side: {side}")
 
     def _beyond(self, level: str, further: str = "") -> str:
         return BEYOND + _selector(self._robots, f'signal="{self._signal.name}", level="{level}"{further}')
 
     def _comments(self, level: str) -> List[str]:
         """Reports what the rule of a level cannot express."""
-        signal = self._signal
+        signal, condition = self._signal, self._signal.only_if
         lost = []
         if signal.latch:
             lost.append("latch: the alert ends when the rule no longer fires")
@@ -145,8 +141,8 @@ class _Rules:
             lost.append("repeat_s: set repeat_interval in Alertmanager")
         if signal.statistic != "last":
             lost.append(f"an undefined {signal.statistic}: the alert ends when the window has too few samples")
-        if signal.only_if is not None and self._follows_statistic(signal.only_if):
-            lost.append(f"only_if: the metric of {signal.only_if.signal} is a statistic, not its latest value")
+        if condition is not None and self._follows_statistic(condition):
+            lost.append(f"only_if: the metric of {condition.signal} is a statistic, not its latest value")
         self._problems += [f"{signal.name} {level}: not expressed: {each}" for each in lost]
         return [f"      # Not expressed: {each}." for each in lost]
 
@@ -154,92 +150,85 @@ class _Rules:
         followed = self._config.signals.get(condition.signal)
         return followed is not None and followed.statistic != "last"
 
-    def _crossed(self, level: str, sides: Sequence[str]) -> str:
+    def _crossed(self, level: str, bounds: Mapping[str, float]) -> str:
         """Returns an expression for: a bound of a level is crossed, and the condition holds."""
         condition = self._signal.only_if
-        aggregation = "min" if sides == ["below"] else "max"
+        aggregation = "min" if [*bounds] == ["below"] else "max"
         expression = f"{aggregation} by (robot, signal) ({self._beyond(level)})"
         if condition is not None and not self._follows_statistic(condition):
             expression += f"\nunless on (robot) ({self._contradiction(condition)})"
         return expression
 
-    def _error(self, sides: Sequence[str]) -> List[str]:
+    def _error(self, bounds: Mapping[str, float]) -> List[str]:
         """Returns the rule of ERROR: a bound is crossed, or the data are invalid. The value of the latter is NaN.
 
         Each has its own duration; `for` is the shorter one.
         """
         signal = self._signal
-        for_s, keep_s = (signal.error_for_s, signal.error_keep_firing_for_s) if sides else (signal.invalid_for_s, 0.0)
+        for_s, keep_s = (signal.error_for_s, signal.error_keep_firing_for_s) if bounds else (signal.invalid_for_s, 0.0)
         shorter_s = min(for_s, signal.invalid_for_s)
         valid, further_s = self._metric("data_valid"), signal.invalid_for_s - shorter_s
         invalid = f"{valid} == 0"
         if further_s:
             lately = self._metric("data_valid", over=f"[{_duration(further_s)}]")
             invalid = f"{lately} == 0 and {valid[:-1]} offset {_duration(further_s)}) == 0"
-        if not sides:
+        if not bounds:
             return _alert(signal.name, "ERROR", invalid, "invalid data", shorter_s, keep_s)
-        crossed, lines = self._crossed("ERROR", sides), []
+        crossed, lines = self._crossed("ERROR", bounds), []
         if for_s > shorter_s:
             since = _SINCE + _selector(self._robots, f'signal="{signal.name}"')
             expression = f"(\n{since} or time() + 0 * (\n{crossed}\n)\n)\nand on (robot, signal) (\n{crossed}\n)"
-            lines += ["", f"      - record: {_SINCE}", f"        labels: {{signal: {signal.name}}}"]
-            lines += _block("expr", expression)
+            lines = _record(_SINCE, expression, f"signal: {signal.name}")
             firing = f'signal="{signal.name}", level="ERROR", alertname="{ALERT}", alertstate="firing"'
             lasted = f"time() - {since} >= {_number(for_s - shorter_s)} or ALERTS{_selector(self._robots, firing)}"
             crossed = f"({crossed})\nand on (robot, signal) ({lasted})"
         expression = f"({invalid}) * NaN\nor on (robot, signal) ({crossed})"
-        reason = f"{{{{ if ne $value $value }}}}invalid data{{{{ else }}}}{self._reason('ERROR', sides)}{{{{ end }}}}"
+        reason = f"{{{{ if ne $value $value }}}}invalid data{{{{ else }}}}{self._reason(bounds)}{{{{ end }}}}"
         return [*lines, *_alert(signal.name, "ERROR", expression, reason, shorter_s, keep_s)]
 
     def _contradiction(self, condition: Condition) -> str:
         """Returns an expression for: the other signal is known, and the condition on it does not hold."""
-        other = condition.signal
-        number = _number(condition.number)
+        other, number = condition.signal, _number(condition.number)
         value = self._metric("value", signal=other)
-        if condition.comparison in ("below", "above"):
-            holds = "<" if condition.comparison == "below" else ">"
-            fails = f"{value} {'>=' if holds == '<' else '<='} {number}"
+        if condition.comparison in _OPERATORS:
+            fails = f"{value} {'>=' if condition.comparison == 'below' else '<='} {number}"
         else:
             close = _number(abs(condition.number) * 1e-6)
             fails = f"abs({value} - {number}) {'>' if condition.comparison == 'is' else '<='} {close}"
         known = f"{self._metric('level', signal=other)} != 3 and {self._metric('data_valid', signal=other)} == 1"
         return f"{fails} and {known}"
 
-    def _reason(self, level: str, sides: Sequence[str]) -> str:
+    def _reason(self, bounds: Mapping[str, float]) -> str:
         """Returns the template of the reason, worded as in the line of the monitor's alert."""
         signal = self._signal
-        value = with_unit('{{ $value | printf "%.4g" }}', _escaped(self._unit))
+        value = with_unit('{{ $value | printf "%.4g" }}', self._unit)
         if signal.statistic != "last":
             value = f"{'rate' if signal.statistic == 'frequency_hz' else signal.statistic} {value}"
-        bounds = {side: self._bound(level, side) or 0.0 for side in sides}
-        named = {side: f"{side} {self._with_unit(bound)}" for side, bound in bounds.items()}
-        if len(sides) == 1 and not signal.hysteresis:
-            return f"{value} is {named[sides[0]]}"
-        comparisons = {"below": "lt", "above": "gt"}
+        named = {side: f"{side} {with_unit(bound_text(bound), self._unit)}" for side, bound in bounds.items()}
+        if len(bounds) == 1 and not signal.hysteresis:
+            return f"{value} is {''.join(named.values())}"
+        # A template compares a floating-point number only with another one, so 20 is written as 20.0.
         cases = "else ".join(
-            f"if {comparisons[side]} $value {_float(bound)} }}}}is {named[side]}{{{{ " for side, bound in bounds.items()
+            f"if {_COMPARISONS[side]} $value {float(bound)!r} }}}}is {named[side]}{{{{ "
+            for side, bound in bounds.items()
         )
-        clears = " or ".join(self._with_unit(self._clears_at(side, bound)) for side, bound in bounds.items())
+        clearing = (bound_text(self._clears_at(side, bound)) for side, bound in bounds.items())
+        clears = " or ".join(with_unit(bound, self._unit) for bound in clearing)
         return f"{value} {{{{ {cases}else }}}}was {' or '.join(named.values())}, clears at {clears}{{{{ end }}}}"
 
     def _clears_at(self, side: str, bound: float) -> float:
         return bound + self._signal.hysteresis if side == "below" else bound - self._signal.hysteresis
 
-    def _with_unit(self, number: float) -> str:
-        return with_unit(bound_text(number), _escaped(self._unit))
-
     def _stale(self) -> List[str]:
         signal = self._signal
         level, samples = self._metric("level"), self._metric("samples_total", "sum")
         longer_than_grace = _duration(signal.startup_grace_s + 0.001)
-        earlier = f"{level[:-1]} offset {longer_than_grace})"
         expression = (
             f"{level} == 3\n"
-            f"and ({samples} > 0 or {earlier} == 3)\n"
+            f"and ({samples} > 0 or {level[:-1]} offset {longer_than_grace}) == 3)\n"
             f"unless on (robot) robot_health_link_up{_selector(self._robots)} == 0"
         )
-        limit = duration_text(signal.stale_after_s)
-        return _alert(signal.name, "STALE", expression, f"no sample (limit {limit})")
+        return _alert(signal.name, "STALE", expression, f"no sample (limit {duration_text(signal.stale_after_s)})")
 
 
 def _link_rule(robots: Sequence[str]) -> List[str]:
@@ -247,8 +236,8 @@ def _link_rule(robots: Sequence[str]) -> List[str]:
     link = f"robot_health_link_up{_selector(robots)}"
     lately = f"min_over_time({link}[{_duration(LINK_CONFIG.keep_firing_for_s)}])"
     expression = f"max by (robot) ({link}) == 0\nor (max by (robot) ({lately}) == 0 and on (robot) {link})"
-    return ["", "      # The link to a robot; while it is down, its other alerts stay as they are.",
-            *_alert(LINK, "ERROR", expression, "down")]  # fmt: skip
+    comment = "      # The link to a robot; while it is down, its other alerts stay as they are."
+    return ["", comment, *_alert(LINK, "ERROR", expression, "down")]
 
 
 def _monitor_rules(robots: Sequence[str], interval_s: float) -> List[str]:
@@ -256,11 +245,13 @@ def _monitor_rules(robots: Sequence[str], interval_s: float) -> List[str]:
     selector = _selector(robots)
     ticked = "robot_health_last_tick_timestamp_seconds"
     limit_s = max(30.0, 4.0 * interval_s)
-    reported = f"max by (job, instance, robot) (time() + 0 * robot_health_level{selector})"
-    before = (
+    reported = (
+        f"max by (job, instance, robot) (time() + 0 * robot_health_level{selector})\n"
+        "or (\n"
         f"last_over_time({REPORTED}{selector}[{_MEMORY}])\n"
         f"> on (job, instance) group_left last_over_time({SCRAPED}[{_MEMORY}]) - {_number(interval_s)}\n"
-        "and on (job, instance) up == 0"
+        "and on (job, instance) up == 0\n"
+        ")"
     )
     expression = (
         f"max by (robot) ({REPORTED}{selector})\n"
@@ -270,27 +261,31 @@ def _monitor_rules(robots: Sequence[str], interval_s: float) -> List[str]:
     )
     return [
         "", "      # The monitor of a robot does not work, or cannot be scraped.",
-        "", f"      - record: {SCRAPED}", *_block("expr", f"max by (job, instance) (time() + 0 * {ticked})"),
-        "", f"      - record: {REPORTED}", *_block("expr", f"{reported}\nor (\n{before}\n)"),
+        *_record(SCRAPED, f"max by (job, instance) (time() + 0 * {ticked})"),
+        *_record(REPORTED, reported),
         *_alert("monitor", "ERROR", expression, "does not run", for_s=2.0 * interval_s),
     ]  # fmt: skip
+
+
+def _record(name: str, expression: str, labels: str = "") -> List[str]:
+    return ["", f"      - record: {name}", *([f"        labels: {{{labels}}}"] if labels else []), *_expr(expression)]
 
 
 def _alert(
     signal: str, level: str, expression: str, reason: str, for_s: float = 0.0, keep_firing_for_s: float = 0.0
 ) -> List[str]:
-    lines = ["", f"      - alert: {ALERT}", *_block("expr", expression)]
-    if for_s > 0.0:
-        lines.append(f"        for: {_duration(for_s)}")
-    if keep_firing_for_s > 0.0:
-        lines.append(f"        keep_firing_for: {_duration(keep_firing_for_s)}")
-    lines.append(f"        labels: {{signal: {signal}, level: {level}, severity: {SEVERITIES[Level[level]]}}}")
+    times = {"for": for_s, "keep_firing_for": keep_firing_for_s}
     summary = json.dumps(f"{_ROBOT}{signal} {level}: {reason}")
-    return [*lines, f"        annotations: {{summary: {summary}}}"]
+    return [
+        "", f"      - alert: {ALERT}", *_expr(expression),
+        *(f"        {key}: {_duration(time_s)}" for key, time_s in times.items() if time_s > 0.0),
+        f"        labels: {{signal: {signal}, level: {level}, severity: {SEVERITIES[Level[level]]}}}",
+        f"        annotations: {{summary: {summary}}}",
+    ]  # fmt: skip
 
 
-def _block(key: str, text: str) -> List[str]:
-    return [f"        {key}: |-", *(f"          {line}" for line in text.splitlines())]
+def _expr(expression: str) -> List[str]:
+    return ["        expr: |-", *(f"          {line}" for line in expression.splitlines())]
 
 
 def _selector(robots: Sequence[str], further: str = "") -> str:
@@ -304,10 +299,6 @@ def _selector(robots: Sequence[str], further: str = "") -> str:
     return f"{{{', '.join(matchers)}}}" if matchers else ""
 
 
-def _name_of_group(robots: Sequence[str]) -> str:
-    return json.dumps("robot_health" + "".join(f" {name}" for name in robots))
-
-
 def _duration(seconds: float) -> str:
     """Returns a duration as Prometheus reads it; it resolves milliseconds."""
     whole, milliseconds = divmod(round(seconds * 1000.0), 1000)
@@ -317,13 +308,3 @@ def _duration(seconds: float) -> str:
 def _number(value: float) -> str:
     """Returns a number that PromQL reads without loss."""
     return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
-
-
-def _float(value: float) -> str:
-    """Returns a number that a template reads as a floating-point number: it compares only like with like."""
-    return repr(float(value))
-
-
-def _escaped(text: str) -> str:
-    """Returns a text that a template does not read as an action."""
-    return text.replace("{{", '{{ "{{" }}')
