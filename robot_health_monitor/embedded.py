@@ -137,11 +137,7 @@ class EmbeddedMonitor:
             await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
 
     async def reload(self) -> str:
-        """Reads the configuration file again; see `Reload`. A node that rejects it logs that, and keeps its values.
-
-        Raises:
-            ConfigError: the file cannot be used; nothing has changed.
-        """
+        """Reads the configuration file again; see `Reload`. A node that rejects it logs that, and keeps its values."""
         if self._file is None:
             return NOTHING_CHANGED
         return self._use_file(await run_in_daemon_thread(partial(read_yaml, self._file.file)))
@@ -208,11 +204,7 @@ class EmbeddedMonitor:
 
 
 def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
-    """Returns the sections of a file by the node that they are for.
-
-    Raises:
-        ConfigError: none is for alert_system, or several are for one of `NODES`.
-    """
+    """Returns the sections of a file by their nodes; ConfigError: alert_system has none, or one of `NODES` several."""
     try:
         found = list_sections(file.tree)
         for node in NODES:

@@ -31,12 +31,7 @@ _WIDTH, _COLUMN = 100, 22
 
 
 def help_text(executable: str, ros: str) -> str:
-    """Returns the text.
-
-    Args:
-        executable: battery_sensor, aggregator, alert_system or health_monitor.
-        ros: ROS 1 or ROS 2.
-    """
+    """Returns the text for an executable of `ROS 1` or `ROS 2`."""
     below = "/" if ros == "ROS 1" else "."  # between the keys of a parameter's name
     own: Mapping[str, List[_Row]] = {
         "battery_sensor": [

@@ -62,8 +62,8 @@ class Operations:
 
         Args:
             config: the contents of an ops.yaml.
-            wall_time_s: seconds since 1970.
-            clock: monotonic seconds.
+            wall_time_s: returns seconds since 1970.
+            clock: returns monotonic seconds.
             always_history: keep a history in memory if no file is configured, for the web page.
         """
         self._clock = clock
@@ -75,7 +75,7 @@ class Operations:
         self.silences: Optional[Silences] = None
         """None: as `history`."""
         self.notifier: Optional[Notifier] = None
-        """None: no targets are configured."""
+        """None: as `history`."""
         self._alert_systems: Dict[str, AlertSystem] = {}
         self._histories: Dict[str, RobotHistory] = {}
         self._fed_s = float("-inf")
@@ -83,13 +83,11 @@ class Operations:
         if config.history is not None or config.notify or always_history:
             from robot_health_monitor.ops.active_silences import Silences
             from robot_health_monitor.ops.history.history import History
+            from robot_health_monitor.ops.notifications import Notifier
 
             # Without a file, the history is in memory.
             self.history = History(config.history, wall_time_s, self.faults)
             self.silences = Silences(self.history, self.faults, wall_time_s)
-        if self.history is not None:
-            from robot_health_monitor.ops.notifications import Notifier
-
             self.notifier = Notifier(
                 self.history, config.notify, self.silences, self.faults, wall_time_s, self.is_simulated
             )
@@ -100,13 +98,9 @@ class Operations:
         return self.config.server
 
     def use(self, config: OpsConfig) -> List[str]:
-        """Applies the targets of another configuration; may take some seconds. The rest needs a restart.
+        """Applies the targets of another configuration and returns what changed; the rest needs a restart.
 
-        Returns:
-            What changed.
-
-        Raises:
-            ConfigError: the targets cannot be replaced now.
+        May take some seconds. Raises ConfigError if the targets cannot be replaced now.
         """
         texts = []
         if config.notify != self.config.notify and self.notifier is not None:
@@ -130,18 +124,7 @@ class Operations:
         announce_pauses: bool = True,
         self_report: SelfReport = EMPTY_REPORT,
     ) -> AlertSystem:
-        """Starts the alert_system of a robot, with its part of the history.
-
-        Args:
-            middleware: its connection.
-            outlets: as for `AlertSystem`.
-            log_alerts: as for `AlertSystem`.
-            announce_pauses: as for `AlertSystem`.
-            self_report: as for `AlertSystem`; the notifications are added.
-
-        Raises:
-            ConfigError: its configuration cannot be used.
-        """
+        """Starts the alert_system of a robot, with its part of the history; arguments and errors: `AlertSystem`."""
         robot = robot_name(middleware)
         self.end_robot(robot)  # a robot that is started anew
         history = None if self.history is None else self.history.of_robot(robot)
@@ -169,11 +152,7 @@ class Operations:
     def start_only(
         self, middleware: Middleware, outlets: Mapping[str, Outlet] = _NO_OUTLETS, *, log_alerts: bool = True
     ) -> AlertSystem:
-        """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use.
-
-        Raises:
-            ConfigError: its configuration cannot be used.
-        """
+        """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use."""
         alert_system = self.start(middleware, outlets, log_alerts=log_alerts, self_report=self.self_report())
         self.faults.add(middleware.faults)
         self.log_summary(middleware.log)
@@ -231,7 +210,7 @@ class Operations:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Closes everything."""
+        """Closes everything, as `close`."""
         self.close()
 
     def close(self) -> None:
@@ -257,23 +236,15 @@ class Operations:
             self.notifier.note_tick()
 
     def _close(self) -> None:
-        if self.notifier is not None:
-            self.notifier.close()
-        if self.silences is not None:
-            self.silences.close()
-        if self.history is not None:
-            self.history.close()
+        for part in (self.notifier, self.silences, self.history):
+            if part is not None:
+                part.close()
 
 
 def open_operations(
     file: str, wall_time_s: Callable[[], float] = time.time, *, always_history: bool = False
 ) -> Operations:
-    """Reads an ops.yaml and opens what it configures.
-
-    Args:
-        file: its path; a relative one is relative to the working directory. Empty: none.
-        wall_time_s: seconds since 1970.
-        always_history: as for `Operations`.
+    """Reads an ops.yaml and opens what it configures; arguments as for `Operations`, empty `file`: none.
 
     Raises:
         ConfigError: it cannot be used; nothing has been opened.

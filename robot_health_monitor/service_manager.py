@@ -19,12 +19,7 @@ class ServiceManager:
     def __init__(
         self, environment: MutableMapping[str, str] = os.environ, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Takes the variables of systemd out of the environment: they are not for commands that this process starts.
-
-        Args:
-            environment: the environment variables.
-            clock: monotonic seconds.
-        """
+        """Takes the variables of systemd out of the environment: they are not for commands that this process starts."""
         self._clock = clock
         self._address = environment.pop("NOTIFY_SOCKET", "")
         limit_us = environment.pop("WATCHDOG_USEC", "")
@@ -41,9 +36,7 @@ class ServiceManager:
     def alive(self, tick_age_s: float) -> None:
         """Sends a sign of life if one is due. To be called in the thread that runs the ticks.
 
-        Args:
-            tick_age_s: time since the last tick of the monitor, in s. If it is too long, nothing is sent, and systemd
-                restarts the process.
+        If the last tick of the monitor was too long ago, nothing is sent, and systemd restarts the process.
         """
         period_s = self.watchdog_period_s
         if period_s is None or tick_age_s > max(_LONGEST_TICK_AGE_S, self._limit_s):

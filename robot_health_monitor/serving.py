@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import os
 import ssl
-from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault, Faults
@@ -71,14 +71,13 @@ def server_settings(
 ) -> ServerSettings:
     """Returns the settings of a server: those of the command line, then of the parameters, then of ops.yaml.
 
+    Raises ConfigError if the token file cannot be used.
+
     Args:
         config: parameters of alert_system.
         options: section `server` of an ops.yaml; None: there is none.
         arguments: options of a command that serves; None: of a node, which has none.
         tokens: reads the token.
-
-    Raises:
-        ConfigError: the token file cannot be used.
     """
     from robot_health_monitor.ops.configuration import ServerOptions
 
@@ -101,32 +100,48 @@ def server_settings(
     )
 
 
-def make_server(
-    middleware: ServedMiddleware,
-    alert_system: str,
+def _make_server(
+    node: ServedMiddleware,
     settings: ServerSettings,
-    parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
-    web: WebInterface,
+    alert_system: str,
+    robots: Callable[[], Sequence[AlertSystem]],
+    operations: Operations,
     *,
+    parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
+    process_faults: Callable[[], Mapping[str, Fault]] = dict,
     threads: bool,
-) -> Server:
-    """Returns a server that is not started.
+) -> Tuple[Server, WebInterface]:
+    """Returns a server that is not started, and its page.
 
     Args:
-        middleware: a node for the server; not closed here.
-        alert_system: the fully qualified name of the alert node; `*` as in file names.
+        node: a node for the server; not closed here.
         settings: where it listens and what clients may do.
+        alert_system: the fully qualified name of the alert node; `*` as in file names.
+        robots: returns the alert_systems of the robots that are watched now.
+        operations: what the page shows besides.
         parameters: what clients may read of the nodes' parameters, by the full name of the node.
-        web: the page and its API.
-        threads: whether the middleware calls back from other threads than the server's loop.
+        process_faults: returns the faults of the monitor that belong to no robot, by part.
+        threads: whether the node is called back, and robots are judged, in other threads than the server's loop.
 
     Raises:
         ConfigError: the address is not protected, or the certificate cannot be used.
         ModuleNotFoundError: a library is not installed.
     """
+    from robot_health_monitor.ops.web import WebInterface
     from robot_health_monitor.rosbridge.server import Server
     from robot_health_monitor.rosbridge.server.access import monitor_access
 
+    notifier = operations.notifier
+    web = WebInterface(
+        robots,
+        threads=threads,
+        history=operations.history,
+        silences=operations.silences,
+        notifications_waiting=int if notifier is None else lambda: notifier.waiting,
+        process_faults=process_faults,
+    )
+    for robot in robots():
+        web.watch(robot)
     access = monitor_access(
         alert_system,
         publish=settings.allow_publish,
@@ -135,8 +150,8 @@ def make_server(
         origins=settings.origins,
         token=settings.token,
     )
-    return Server(
-        middleware,
+    server = Server(
+        node,
         host=settings.address,
         port=settings.port,
         access=access,
@@ -146,14 +161,11 @@ def make_server(
         on_close=(web.close,),
         ssl_context=_tls_context(settings),
     )
+    return server, web
 
 
 def _tls_context(settings: ServerSettings) -> Optional[ssl.SSLContext]:
-    """Returns the TLS context of a server; None: without TLS.
-
-    Raises:
-        ConfigError: certificate and key cannot be used.
-    """
+    """Returns the TLS context of a server, None: without TLS; ConfigError: certificate and key cannot be used."""
     if not settings.tls_certificate:
         return None
     for file in (settings.tls_certificate, settings.tls_key):
@@ -201,51 +213,13 @@ class Served(Protocol):
         """Calls back in the loop with each alert_system that is added later."""
 
 
-def make_web(
-    robots: Callable[[], Sequence[AlertSystem]],
-    operations: Operations,
-    *,
-    process_faults: Callable[[], Mapping[str, Fault]] = dict,
-    threads: bool,
-) -> WebInterface:
-    """Returns the page and its API, for `make_server`.
-
-    Args:
-        robots: returns the alert_systems of the robots that are watched now.
-        operations: history, silences and notifications.
-        process_faults: returns the faults of the monitor that belong to no robot, by part.
-        threads: whether robots are judged in other threads than the server's loop.
-
-    Raises:
-        ModuleNotFoundError: a library is not installed.
-    """
-    from robot_health_monitor.ops.web import WebInterface
-
-    notifier = operations.notifier
-    web = WebInterface(
-        robots,
-        threads=threads,
-        history=operations.history,
-        silences=operations.silences,
-        notifications_waiting=int if notifier is None else lambda: notifier.waiting,
-        process_faults=process_faults,
-    )
-    for alert_system in robots():
-        web.watch(alert_system)
-    return web
-
-
-def report_web(web: WebInterface, log: Callable[[Severity, str], None], settings: ServerSettings, port: int) -> None:
-    """Logs the address of the page, and what is missing.
-
-    Args:
-        web: the page and its API.
-        log: writes a line.
-        settings: those of the server.
-        port: its port.
-    """
+def _report_start(
+    server: Server, web: WebInterface, settings: ServerSettings, log: Callable[[Severity, str], None], subject: str = ""
+) -> None:
+    """Logs the addresses of a server and its page, and what is missing."""
     scheme = "https" if settings.tls_certificate else "http"
-    log(Severity.INFO, f"web page: {page_address(settings.address, port, scheme)}")
+    log(Severity.INFO, f"{subject}serving on {settings.scheme}://{settings.address}:{server.port}")
+    log(Severity.INFO, f"web page: {page_address(settings.address, server.port, scheme)}")
     missing = web.missing()
     if missing is not None:
         log(Severity.WARN, missing)
@@ -276,26 +250,34 @@ async def serve(
     """
     node = monitor.bus.node("rosbridge")
     try:
-        web = make_web(lambda: monitor.alert_systems, operations, process_faults=monitor.process_faults, threads=False)
-        server = make_server(node, monitor.alert_system_pattern, settings, monitor.parameters, web, threads=False)
+        server, web = _make_server(
+            node,
+            settings,
+            monitor.alert_system_pattern,
+            lambda: monitor.alert_systems,
+            operations,
+            parameters=monitor.parameters,
+            process_faults=monitor.process_faults,
+            threads=False,
+        )
         await server.start()
     except ModuleNotFoundError as error:
-        node.close()
-        monitor.faults.report(_FAULT, f"{_OFF}: {_missing(error)}")
-        return None
+        problem = _missing(error)
     except OSError as error:
-        node.close()
-        problem = f"port {settings.port} of {settings.address} cannot be opened: {_cause(error)}"
+        problem = _not_opened(settings, error)
         if required:
+            node.close()
             raise ConfigError(f"{problem}; --port 0 picks a free one") from None
-        monitor.faults.report(_FAULT, f"{_OFF}: {problem}; --port chooses another")
-        return None
-    monitor.on_new_alert_system(web.watch)
-    _show_log(monitor, server)
-    operations.note_server(server)
-    node.log(Severity.INFO, f"serving on {settings.scheme}://{settings.address}:{server.port}")
-    report_web(web, node.log, settings, server.port)
-    return server
+        problem += "; --port chooses another"
+    else:
+        monitor.on_new_alert_system(web.watch)
+        _show_log(monitor, server)
+        operations.note_server(server)
+        _report_start(server, web, settings, node.log)
+        return server
+    node.close()
+    monitor.faults.report(_FAULT, f"{_OFF}: {problem}")
+    return None
 
 
 async def stop_serving(server: Server) -> None:
@@ -328,20 +310,26 @@ def serve_in_thread(
         tokens = TokenFiles(lambda text: middleware.log(Severity.WARN, text))
         settings = server_settings(alert_system.monitor.config, operations.server, tokens=tokens)
         node = create_node()
-        given = middleware.given_parameters()
-        web = make_web(lambda: [alert_system], operations, threads=True)
-        server = make_server(node, middleware.name, settings, lambda: {middleware.name: given}, web, threads=True)
+        given = {middleware.name: middleware.given_parameters()}
+        server, web = _make_server(
+            node,
+            settings,
+            middleware.name,
+            lambda: [alert_system],
+            operations,
+            parameters=lambda: given,
+            threads=True,
+        )
         thread = ServerThread(server)
     except ModuleNotFoundError as error:
         problem = _missing(error)
     except ConfigError as error:
         problem = str(error)
     except OSError as error:
-        problem = f"port {settings.port} of {settings.address} cannot be opened: {_cause(error)}"
+        problem = _not_opened(settings, error)
     else:
         operations.note_server(server)
-        node.log(Severity.INFO, f"rosbridge: serving on {settings.scheme}://{settings.address}:{server.port}")
-        report_web(web, node.log, settings, server.port)
+        _report_start(server, web, settings, node.log, "rosbridge: ")
         return thread
     if node is not None:
         node.close()
@@ -353,9 +341,10 @@ def _missing(error: ModuleNotFoundError) -> str:
     return f"install {' '.join(missing_libraries(error, *ROSBRIDGE))}"
 
 
-def _cause(error: OSError) -> str:
+def _not_opened(settings: ServerSettings, error: OSError) -> str:
     """Returns what the operating system says; asyncio puts the address before it."""
-    return os.strerror(error.errno) if error.errno else str(error)
+    cause = os.strerror(error.errno) if error.errno else str(error)
+    return f"port {settings.port} of {settings.address} cannot be opened: {cause}"
 
 
 def _show_log(monitor: Served, server: Server) -> None:

@@ -7,6 +7,8 @@ descriptors 1 and 2 become pipes that never block, and a thread per stream copie
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import io
 import os
 import select
@@ -33,7 +35,7 @@ class StandardStreams:
 
     def __init__(self) -> None:
         """Changes nothing until it is entered."""
-        self._on_change: OnChange = _ignore_change
+        self._on_change: OnChange = lambda name, problem: None
         self._copies: List[_Copy] = []
 
     def __enter__(self) -> StandardStreams:
@@ -71,7 +73,8 @@ class _Copy:
         self._original = os.dup(number)
         is_terminal = os.isatty(self._original)
         self._read_end, write_end = os.pipe()
-        _enlarge(write_end)
+        with contextlib.suppress(OSError):  # the default is 64 KB
+            fcntl.fcntl(write_end, _F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(write_end, False)
         os.dup2(write_end, number)
         os.close(write_end)
@@ -82,19 +85,14 @@ class _Copy:
         self._thread.start()
 
     def close(self) -> None:
-        try:
+        with contextlib.suppress(OSError, ValueError):  # what does not fit into the pipe is lost
             getattr(sys, self._name).flush()
-        except (OSError, ValueError):
-            pass  # what does not fit into the pipe is lost
         setattr(sys, self._name, self._python_stream)
         os.dup2(self._original, self._number)  # closes the pipe: the thread reads to its end
         join_unless_blocked(self._thread, self._original, _DRAIN_S)
 
     def _run(self) -> None:
-        while True:
-            data = os.read(self._read_end, _CHUNK_BYTES)
-            if not data:
-                break
+        for data in iter(lambda: os.read(self._read_end, _CHUNK_BYTES), b""):
             self._write(data)
 
     def _write(self, data: bytes) -> None:
@@ -139,12 +137,9 @@ class _Stream(io.TextIOWrapper):
 
 
 def join_unless_blocked(thread: threading.Thread, file: int, patience_s: float) -> None:
-    """Waits until a thread that writes has ended; gives up if the file takes no data, or after 5 s.
+    """Waits until a thread that writes to a file descriptor has ended; gives up after 5 s.
 
-    Args:
-        thread: writes what is left to `file` and ends.
-        file: the file descriptor.
-        patience_s: the file may take no data for this long.
+    Or if the file has taken no data after `patience_s`.
     """
     thread.join(patience_s)
     poll = select.poll()
@@ -152,16 +147,3 @@ def join_unless_blocked(thread: threading.Thread, file: int, patience_s: float) 
     end_s = time.monotonic() + _BUSY_S
     while thread.is_alive() and poll.poll(0) and time.monotonic() < end_s:
         thread.join(0.05)
-
-
-def _enlarge(pipe: int) -> None:
-    try:
-        import fcntl
-
-        fcntl.fcntl(pipe, _F_SETPIPE_SZ, _PIPE_BYTES)
-    except (ImportError, OSError):
-        pass  # the default is 64 KB
-
-
-def _ignore_change(name: str, problem: str) -> None:
-    pass

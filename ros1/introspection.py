@@ -61,11 +61,7 @@ class Ros1ServedMiddleware(Ros1Middleware):
             raise ServiceError(f"{resolved}: the call failed: {error}") from None
 
     def _wait_for_service(self, service: str, deadline_s: float) -> str:
-        """Returns the address of a service as soon as it exists.
-
-        Raises:
-            ServiceError: it does not exist in time, or the master does not answer.
-        """
+        """Returns the address of a service as soon as it exists; raises ServiceError if it does not in time."""
         while True:
             address = self._master.find_service(service)
             if address is not None:
@@ -76,10 +72,9 @@ class Ros1ServedMiddleware(Ros1Middleware):
 
     def message_definition(self, type_name: str) -> str:
         try:
-            text: str = messages.message_class(type_name)._full_text
+            return str(messages.message_class(type_name)._full_text)
         except ConfigError:
             return ""
-        return text
 
     def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Any:
         """As `core.middleware.ServedMiddleware`; a topic that this process reads with its class is serialized again."""
@@ -105,13 +100,11 @@ def _call(service: str, address: str, type_name: str, request: Message, deadline
         ServiceError: the service reports an error.
         OSError: the connection failed, or the deadline passed (TimeoutError, socket.timeout).
     """
-    with _connect(address, deadline_s) as connection:
+    parts = urlsplit(address)
+    with socket.create_connection((parts.hostname or "", parts.port or 0), _left_s(deadline_s)) as connection:
         cls = messages.service_class(type_name) if type_name else None
-        header = {
-            "callerid": rospy.get_name(),
-            "service": service,
-            "md5sum": _ANY_MD5 if cls is None else cls._md5sum,
-        }
+        checksum = _ANY_MD5 if cls is None else cls._md5sum
+        header = {"callerid": rospy.get_name(), "service": service, "md5sum": checksum}
         rosgraph.network.write_ros_handshake_header(connection, header)
         (length,) = struct.unpack("<I", _receive(connection, 4, deadline_s))
         answer = rosgraph.network.decode_ros_handshake_header(
@@ -127,11 +120,6 @@ def _call(service: str, address: str, type_name: str, request: Message, deadline
     if not succeeded:
         raise ServiceError(data.decode("utf-8", "replace"))
     return messages.to_mapping(cls._response_class().deserialize(data))
-
-
-def _connect(address: str, deadline_s: float) -> socket.socket:
-    parts = urlsplit(address)
-    return socket.create_connection((parts.hostname or "", parts.port or 0), _left_s(deadline_s))
 
 
 def _receive(connection: socket.socket, length: int, deadline_s: float) -> bytes:

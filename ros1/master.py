@@ -42,17 +42,14 @@ SystemState = Tuple[_State, _State, _State]
 
 
 class Master:
-    """The ROS master of ROS_MASTER_URI. May be used from any thread."""
+    """The ROS master of ROS_MASTER_URI. May be used from any thread. Calls raise ServiceError if it does not answer."""
 
     def __init__(self, caller: str, timeout_s: float = _TIMEOUT_S) -> None:
-        """Does not connect yet.
+        """Does not connect yet. Raises ServiceError if ROS_MASTER_URI is not an address.
 
         Args:
             caller: name of the node that calls.
             timeout_s: limit for connecting and for each wait for the response, in s.
-
-        Raises:
-            ServiceError: ROS_MASTER_URI is not an address.
         """
         try:
             self.uri: str = rosgraph.get_master_uri()
@@ -71,59 +68,31 @@ class Master:
         return True
 
     def system_state(self) -> SystemState:
-        """Returns publishers, subscribers and services, each a list of (name, [node, ...]).
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Returns publishers, subscribers and services, each a list of (name, [node, ...])."""
         return self._read(_state, "getSystemState")
 
     def topic_types(self) -> Dict[str, str]:
-        """Returns the type of each topic.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Returns the type of each topic."""
         return self._read(_types, "getTopicTypes")
 
     def find_service(self, name: str) -> Optional[str]:
-        """Returns the address of a service, `rosrpc://host:port`; None if there is no such service.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Returns the address of a service, `rosrpc://host:port`; None if there is no such service."""
         return self._read(_text, "lookupService", name, default=None)
 
     def parameter(self, name: str, default: Any) -> Any:
-        """Returns a parameter, or `default` if it is not set.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Returns a parameter, or `default` if it is not set."""
         return self._call("getParam", name, default=default)
 
     def set_parameter(self, name: str, value: Any) -> None:
-        """Sets a parameter; a mapping replaces everything below it.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Sets a parameter; a mapping replaces everything below it."""
         self._call("setParam", name, value)
 
     def delete_parameter(self, name: str) -> None:
-        """Deletes a parameter and everything below it, if it is set.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Deletes a parameter and everything below it, if it is set."""
         self._call("deleteParam", name, default=None)
 
     def identity(self, node: str) -> Optional[Tuple[Any, ...]]:
-        """Returns what differs after a restart of the master; None if this master does not know the node.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Returns what differs after a restart of the master; None if this master does not know the node."""
         calls = xmlrpc.client.MultiCall(self._proxy(self._timeout_s))
         calls.lookupNode(self._caller, node)
         calls.getPid(self._caller)
@@ -168,22 +137,15 @@ class MasterWatch(threading.Thread):
     """Checks every few seconds that the master still knows this node."""
 
     def __init__(
-        self,
-        master: Master,
-        node: str,
-        on_change: Callable[[str, Level], None],
-        period_s: float = 2.0,
+        self, master: Master, node: str, on_change: Callable[[str, Level], None], period_s: float = 2.0
     ) -> None:
-        """Prepares the thread.
+        """Prepares the thread. Raises ServiceError if the master does not answer.
 
         Args:
             master: the master, which knows the node now.
             node: name of the node of this process.
             on_change: called with what is wrong and how bad it is; empty and OK: the master answers again.
             period_s: pause between two checks in s.
-
-        Raises:
-            ServiceError: the master does not answer.
         """
         super().__init__(name="master watch", daemon=True)
         self.lost = threading.Event()

@@ -31,7 +31,10 @@ _OVERRIDES = tuple(parameter.name for parameter in NODE_PARAMETERS)
 
 
 class NodeParameters:
-    """Reads the parameters of one logical node, and puts them back when a change was refused."""
+    """Reads the parameters of one logical node, and puts them back when a change was refused.
+
+    Raises ServiceError if the master does not answer.
+    """
 
     def __init__(self, master: Master, node: str) -> None:
         """Does not read yet; `node` is the full name."""
@@ -54,7 +57,6 @@ class NodeParameters:
 
         Raises:
             ConfigError: a value stands where a mapping is expected, or a parameter is set in both places.
-            ServiceError: the master does not answer.
         """
         self._found = self._master.parameter(self._node, {})
         if not isinstance(self._found, dict):
@@ -94,13 +96,7 @@ class NodeParameters:
         return {"success": accepted, "message": text}
 
     def keep(self) -> None:
-        """Keeps what was read last as the values in force, for this node and for one that is started again.
-
-        Does nothing for a node that reads no parameters.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Keeps what was read last, if anything, as the values in force for this node and one that is started again."""
         if self._given is None:
             return
         self._accepted = self._found
@@ -108,11 +104,7 @@ class NodeParameters:
             self._master.set_parameter(f"{self._node}/{_ACCEPTED_KEY}", self._found)
 
     def put_back(self) -> bool:
-        """Replaces what was read last by the values in force; returns whether that changed anything.
-
-        Raises:
-            ServiceError: the master does not answer.
-        """
+        """Replaces what was read last by the values in force; returns whether that changed anything."""
         if self._accepted is None or self._accepted == self._found:
             return False
         if isinstance(self._found, dict):
@@ -135,11 +127,7 @@ class NodeParameters:
 
 
 def set_log_level(parameters: Mapping[str, Any]) -> None:
-    """Sets the log level of this process to that of a configuration.
-
-    Raises:
-        ConfigError: it is not a level.
-    """
+    """Sets the log level of this process to that of a configuration; raises ConfigError if it is not a level."""
     level = _LOG_LEVEL.read(parameters.get(_LOG_LEVEL.name, _LOG_LEVEL.default), (_LOG_LEVEL.name,))
     logging.getLogger("rosout").setLevel(level)
 

@@ -37,12 +37,7 @@ class Ros1Process:
     """One ROS 1 node, with one logical node or several."""
 
     def __init__(self, executable: str, interrupts: Interrupts) -> None:
-        """Does nothing yet.
-
-        Args:
-            executable: name of the ROS node, which `__name:=` may change.
-            interrupts: SIGINT and SIGTERM.
-        """
+        """Does nothing yet; `executable` is the name of the ROS node, which `__name:=` may change."""
         self.middlewares: List[Ros1Middleware] = []
         self._executable = executable
         self._interrupts = interrupts

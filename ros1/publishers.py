@@ -15,12 +15,7 @@ class PublisherLookup:
     """Asks the master in a thread, which ends when it has answered: neither a callback nor a tick waits for it."""
 
     def __init__(self, master: Master, own_topics: Callable[[], Container[str]]) -> None:
-        """Asks nothing yet.
-
-        Args:
-            master: the master.
-            own_topics: returns the resolved topics that the node itself uses; called in the thread.
-        """
+        """Asks nothing yet; `own_topics` returns the resolved topics that the node itself uses, in the thread."""
         self._master = master
         self._own_topics = own_topics
         self._lock = threading.Lock()

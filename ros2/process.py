@@ -25,7 +25,7 @@ from robot_health_monitor.core.model import Level
 
 from .introspection import Ros2ServedMiddleware
 from .middleware import Ros2Middleware
-from .parameter_files import ParameterFiles
+from .parameters import ParameterFiles
 
 if TYPE_CHECKING:
     from robot_health_monitor.runtime.interrupts import Interrupts
@@ -50,11 +50,7 @@ class Ros2Process:
     """One rclpy context, with one node or several."""
 
     def __init__(self, interrupts: Interrupts) -> None:
-        """Does nothing yet.
-
-        Args:
-            interrupts: SIGINT and SIGTERM.
-        """
+        """Does nothing yet."""
         self.middlewares: List[Ros2Middleware] = []
         self._interrupts = interrupts
         self._log_problem = ""
@@ -79,11 +75,7 @@ class Ros2Process:
         _check_domain(rclpy.utilities.get_default_context().get_domain_id())
 
     def create_node(self, name: str) -> Ros2Middleware:
-        """Creates the middleware of one node.
-
-        Raises:
-            ServiceError: the RMW refuses, for instance because of a network interface that does not exist.
-        """
+        """Creates the middleware of one node; raises ServiceError if the RMW refuses, as without network interface."""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # of rclpy, about the node that was not created
@@ -93,8 +85,8 @@ class Ros2Process:
             raise ServiceError(f"{rmw} cannot create a node; it may have printed the reason above: {error}") from None
         self.middlewares.append(middleware)
         if self._log_problem:
-            self.middlewares[-1].faults.report("log file", self._log_problem, Level.WARN)
-        return self.middlewares[-1]
+            middleware.faults.report("log file", self._log_problem, Level.WARN)
+        return middleware
 
     def create_served_node(self, alert_system: Ros2Middleware) -> Ros2ServedMiddleware:
         """Creates the node that a rosbridge server serves."""
@@ -147,15 +139,12 @@ class Ros2Process:
 def choose_executor(
     wanted: str, nodes: List[Any], log: Callable[[Severity, str], None]
 ) -> Tuple[Any, Callable[[], None]]:
-    """Chooses the executor of all nodes, and adds them to it.
+    """Chooses the executor of all nodes and adds them to it; returns it and the function that spins it.
 
     Args:
         wanted: auto, events or single. auto: rclpy's EventsExecutor if it works here, else the single-threaded one.
         nodes: the nodes.
         log: where a choice that differs from an explicit wish is logged.
-
-    Returns:
-        The executor and the function that spins it.
     """
     if wanted != "single":
         try:
@@ -211,11 +200,7 @@ def _probe(executor: Any, nodes: List[Any]) -> str:
 
 
 def _check_domain(domain_id: int) -> None:
-    """Checks that DDS has ports for this domain. Fast DDS would end the process in the middle of its output.
-
-    Raises:
-        ConfigError: it has none.
-    """
+    """Raises ConfigError if DDS has no ports for this domain: Fast DDS would end the process in mid-output."""
     if domain_id > _MAX_DOMAIN_ID and rclpy.get_rmw_implementation_identifier() != "rmw_zenoh_cpp":
         raise ConfigError(f"expected at most {_MAX_DOMAIN_ID}, got {domain_id}", ("ROS_DOMAIN_ID",))
 

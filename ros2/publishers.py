@@ -18,10 +18,7 @@ class PublisherLookup:
     """Reads the graph, which does not wait for the network."""
 
     def __init__(
-        self,
-        node: Node,
-        own_topics: Callable[[], Container[str]],
-        qos_of: Callable[[str], Sequence[QoSProfile]],
+        self, node: Node, own_topics: Callable[[], Container[str]], qos_of: Callable[[str], Sequence[QoSProfile]]
     ) -> None:
         """Reads nothing yet.
 

@@ -34,11 +34,7 @@ class Backoff:
         return self._delay_s > 0.0
 
     def next_s(self, longest_s: Optional[float] = None) -> float:
-        """Notes a failure and returns the delay before the next attempt, in s.
-
-        Args:
-            longest_s: the longest delay of this attempt, in s; None: that of all.
-        """
+        """Notes a failure and returns the delay before the next attempt, in s; `longest_s` limits this one, in s."""
         longest_s = self._longest_s if longest_s is None else longest_s
         self._delay_s = min(max(2.0 * self._delay_s, self._first_s), longest_s)
         return self._delay_s * (1.0 - self._spread + self._spread * self._chance())

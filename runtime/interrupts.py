@@ -30,9 +30,8 @@ class Interrupts:
     def __init__(self, patience_s: Optional[float] = None) -> None:
         """Changes nothing until it is entered.
 
-        Args:
-            patience_s: KeyboardInterrupt is raised after all if the context is still entered this many seconds after
-                the first signal, because something hangs; None: never. Uses SIGALRM.
+        If something hangs and the context is still entered `patience_s` after the first signal, KeyboardInterrupt is
+        raised after all (with SIGALRM); None: never.
         """
         self.came = False
         """Whether a signal has come."""
@@ -92,11 +91,7 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def wait_until(self, predicate: Callable[[], bool]) -> None:
-        """Waits until `predicate()` is true; checks every 0.2 s.
-
-        Raises:
-            KeyboardInterrupt: a signal has come.
-        """
+        """Waits until `predicate()` is true; checks every 0.2 s. Raises KeyboardInterrupt if a signal has come."""
         while not predicate():
             self.check()
             time.sleep(_POLL_PERIOD_S)

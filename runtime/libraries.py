@@ -25,14 +25,7 @@ class MissingLibraryError(ServiceError):
 
 @contextlib.contextmanager
 def libraries(*names: str) -> Iterator[None]:
-    """Turns a failed import into an error that names everything that is missing.
-
-    Args:
-        names: the modules that are needed here.
-
-    Raises:
-        MissingLibraryError: an import in the block failed.
-    """
+    """Turns a failed import in the block into a `MissingLibraryError` that names every one of these that is missing."""
     try:
         yield
     except ImportError as error:
@@ -43,12 +36,7 @@ def libraries(*names: str) -> Iterator[None]:
 
 
 def missing_libraries(error: ImportError, *names: str) -> List[str]:
-    """Returns the packages that are missing: of the import that failed, and of the others that are needed with it.
-
-    Args:
-        error: why an import failed.
-        names: the modules that are needed.
-    """
+    """Returns the packages that are missing: of the import that failed, and of the modules that are needed with it."""
     missing = {name for name in names if not _can_be_imported(name)}
     if isinstance(error, ModuleNotFoundError) and error.name:
         missing.add(error.name.partition(".")[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Callable, Dict, Optional
 
 from robot_health_monitor.core.middleware import Severity
@@ -17,21 +18,13 @@ class LogLimit:
     """Lets a number of lines per kind and minute pass."""
 
     def __init__(self, most: int = 1, clock: Callable[[], float] = time.monotonic) -> None:
-        """Starts with nothing written.
-
-        Args:
-            most: most lines of a kind in a minute.
-            clock: monotonic seconds.
-        """
+        """Starts with nothing written; `most` is the most lines of a kind in a minute, `clock` gives monotonic s."""
         self._most = most
         self._clock = clock
         self._minutes: Dict[str, _Minute] = {}
 
     def take(self, kind: str = "") -> Optional[int]:
-        """Call before a line is written.
-
-        Args:
-            kind: lines of one kind share the limit; after 100 kinds, further ones share one.
+        """Call before a line is written; after 100 kinds, further ones share their limit.
 
         Returns:
             How many lines of the kind were left out in the minute before; None: this one is to be left out.
@@ -50,27 +43,20 @@ class LogLimit:
         return left_out
 
 
+@dataclass
 class _Minute:
     """The lines of one kind since the begin of a minute."""
 
-    __slots__ = ("begin_s", "left_out", "written")
-
-    def __init__(self, begin_s: float) -> None:
-        self.begin_s = begin_s
-        self.written = 0
-        self.left_out = 0
+    begin_s: float
+    written: int = 0
+    left_out: int = 0
 
 
 class LimitedLog:
     """Writes one line per kind and minute, with the number of lines that were left out since the last one."""
 
     def __init__(self, write: Callable[[Severity, str], None], clock: Callable[[], float]) -> None:
-        """Starts with nothing written.
-
-        Args:
-            write: writes a line.
-            clock: monotonic seconds.
-        """
+        """Starts with nothing written; `clock` gives monotonic seconds."""
         self._write = write
         self._limit = LogLimit(clock=clock)
 

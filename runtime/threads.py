@@ -7,7 +7,6 @@ would delay the exit by half a minute, and a folder on a server that does not an
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import queue
 import select
 import socket
@@ -70,31 +69,12 @@ class MonotonicEvent:
 
 
 async def run_in_daemon_thread(function: Callable[[], Result]) -> Result:
-    """Returns the result of a function that is called in a separate thread.
-
-    Cancelling the wait abandons the thread.
-
-    Raises:
-        Exception: what the function raised.
-    """
-    loop = asyncio.get_event_loop()
-    done: asyncio.Future[Result] = loop.create_future()
-
-    def settle(result: Callable[[], None]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(lambda: None if done.done() else result())
-
-    def run() -> None:
-        try:
-            value = function()
-        except Exception as error:
-            failure = error
-            settle(lambda: done.set_exception(failure))
-        else:
-            settle(lambda: done.set_result(value))
-
-    threading.Thread(target=run, name="may hang", daemon=True).start()
-    return await done
+    """Returns or raises what a function does in a separate thread. Cancelling the wait abandons the thread."""
+    pool = ThreadPool("may hang", threads=1, most_pending=1)
+    try:
+        return await pool.run(function)
+    finally:
+        pool.close()
 
 
 class ThreadPool:
@@ -104,7 +84,7 @@ class ThreadPool:
         """Starts no thread yet.
 
         Args:
-            name: of the threads.
+            name: name of the threads.
             threads: most threads.
             most_pending: most functions that run or wait.
             timeout_s: longest time that `run` waits for a function, in s; None: for ever.
@@ -119,7 +99,7 @@ class ThreadPool:
         """Functions that run or wait."""
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> asyncio.Future[Result]:
-        """Runs `function(*arguments)` in a thread, unless the future is cancelled before. Called in the loop.
+        """Runs a function in a thread, unless the future is cancelled before. Called in the loop.
 
         Raises:
             ServiceError: too many functions are pending.
@@ -135,11 +115,10 @@ class ThreadPool:
         return future
 
     async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Runs `function(*arguments)` in a thread and returns its result.
+        """Returns or raises what a function does in a thread.
 
         Raises:
             ServiceError: too many functions are pending, or it took too long.
-            Exception: what the function raised.
         """
         future = self.submit(function, *arguments)
         if self._timeout_s is None:
@@ -197,10 +176,9 @@ class LoopThread:
         return self._thread.is_alive()
 
     def call(self, coroutine: Coroutine[Any, Any, Result], timeout_s: float = 30.0) -> Result:
-        """Runs a coroutine in the loop and returns its result. Not to be called in the loop.
+        """Returns or raises what a coroutine does in the loop. Not to be called in the loop.
 
         Raises:
-            Exception: what the coroutine raised.
             concurrent.futures.TimeoutError: it took longer than `timeout_s`.
         """
         return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(timeout_s)

@@ -19,7 +19,7 @@ LARGEST_TOKEN = 1024
 
 
 class TokenFiles:
-    """Reads token files, and reads them again at each reload. A pipe gives its token once: that one is kept."""
+    """Finds tokens, again at each reload. A pipe gives its token once: that one is kept."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
         """Reads nothing yet; `warn` is called with one line if other users may read a file."""
@@ -28,13 +28,19 @@ class TokenFiles:
         self._of_files: Set[str] = set()
 
     def find(self, file: str) -> str:
-        """Does what `find_token` does. A pipe in place of a file is an error: reading it could take for ever."""
+        """Returns the token in a file or, if `file` is empty, in the environment; empty: there is none.
+
+        Raises:
+            ConfigError: as `read_token_file`, or if a pipe is in place of the file: reading it could take for ever.
+        """
+        if not file:
+            return _find_in_environment()
         if file in self._of_pipes:
             return self._of_pipes[file]
-        is_pipe = file != "" and _is_pipe(file)
+        is_pipe = _is_pipe(file)
         if is_pipe and file in self._of_files:
             raise ConfigError("expected a file, as before, got a pipe", file=file)
-        token = find_token(file, self._warn)
+        token = read_token_file(file, self._warn)
         if is_pipe:
             self._of_pipes[file] = token
         else:
@@ -50,18 +56,7 @@ class TokenFiles:
         return token
 
 
-def find_token(file: str, warn: Callable[[str], object]) -> str:
-    """Returns the token from a file or, without a file, from the environment; empty: there is none.
-
-    Args:
-        file: path of the file; empty: none.
-        warn: called with one line if other users may read the file.
-
-    Raises:
-        ConfigError: the file cannot be read or holds no token.
-    """
-    if file:
-        return read_token_file(file, warn)
+def _find_in_environment() -> str:
     token = os.environ.get(TOKEN_VARIABLE, "").strip()
     problem = _problem(token) if token else ""
     if problem:
@@ -73,12 +68,11 @@ def read_token_file(file: str, warn: Callable[[str], object]) -> str:
     """Returns the token in a file, without the white space around it.
 
     Args:
-        file: path of the file; `~` is the home directory.
-        warn: called with one line if other users may read the file.
+        file: its path; `~` is the home directory.
+        warn: called with one line if other users may read it.
 
     Raises:
-        ConfigError: the file cannot be read, is empty, or holds more than one token; the error names the file and
-            never the contents.
+        ConfigError: it cannot be read, is empty, or holds more than one token; never names the contents.
     """
     path = os.path.expanduser(file)
     try:

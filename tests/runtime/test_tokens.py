@@ -10,7 +10,7 @@ from typing import List
 import pytest
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.runtime.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, TokenFiles, find_token, read_token_file
+from robot_health_monitor.runtime.tokens import LARGEST_TOKEN, TOKEN_VARIABLE, TokenFiles, read_token_file
 
 
 def write(folder: Path, contents: bytes, mode: int = 0o600) -> str:
@@ -69,16 +69,16 @@ def test_a_file_that_every_user_may_read_is_a_warning(tmp_path: Path) -> None:
 
 def test_the_file_comes_before_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(TOKEN_VARIABLE, "other ")
-    assert find_token(write(tmp_path, b"s3cret"), no_warning) == "s3cret"
-    assert find_token("", no_warning) == "other"
+    assert TokenFiles(no_warning).find(write(tmp_path, b"s3cret")) == "s3cret"
+    assert TokenFiles(no_warning).find("") == "other"
     monkeypatch.delenv(TOKEN_VARIABLE)
-    assert find_token("", no_warning) == ""
+    assert TokenFiles(no_warning).find("") == ""
 
 
 def test_an_unusable_token_in_the_environment_is_not_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(TOKEN_VARIABLE, "s3c ret")
     with pytest.raises(ConfigError) as caught:
-        find_token("", no_warning)
+        TokenFiles(no_warning).find("")
     assert TOKEN_VARIABLE in str(caught.value) and "s3c" not in str(caught.value)
 
 
