@@ -23,7 +23,7 @@ from .live_session import choose_output, run_session
 from .operations import Operations, open_operations
 from .output.events import Events
 from .reloading import OpsReload, Reloads
-from .serving import DEFAULT_ADDRESS, DEFAULT_PORT, ServerSettings, serve, stop_serving
+from .serving import ServerSettings, serve, settings_of, stop_serving
 
 if TYPE_CHECKING:
     from .fleet import Fleet, Robot
@@ -148,18 +148,8 @@ def server_settings(
     """
     if arguments.port is None and options is None:
         return None
-    options = options or ServerOptions()
-    port = options.port if arguments.port is None else arguments.port
-    return ServerSettings(
-        port=DEFAULT_PORT if port is None else port,
-        address=arguments.host or options.address or DEFAULT_ADDRESS,
-        token=tokens.find_own(options.token_file) if options.token_file else "",
-        allow_publish=options.allow_publish,
-        allow_call=options.allow_call,
-        allow_offer=options.allow_offer,
-        tls_certificate=options.tls_certificate,
-        tls_key=options.tls_key,
-    )
+    token = tokens.find_own(options.token_file) if options and options.token_file else ""
+    return settings_of(options, token, port=arguments.port, address=arguments.host)
 
 
 def _attach(operations: Operations, fleet: Fleet) -> None:

@@ -135,7 +135,7 @@ class OpsReload:
             self._server.use_token(new.token)
             texts.append("server: the token changed, every client has to present the new one")
         self._settings = new
-        others = [name for name in new._fields if name != "token" and getattr(new, name) != getattr(old, name)]
+        others = [name for name, value in vars(new).items() if name != "token" and value != getattr(old, name)]
         if others:
             texts.append(f"server: {', '.join(others)} takes effect after a restart")
         return texts

@@ -6,7 +6,8 @@ import argparse
 import asyncio
 import os
 import ssl
-from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Optional, Protocol, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault, Faults
@@ -14,13 +15,13 @@ from robot_health_monitor.core.local import LocalBus, LogLine
 from robot_health_monitor.core.middleware import Middleware, ServedMiddleware, Severity
 from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.outlets import Event, event_severity, event_text
+from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.libraries import ROSBRIDGE, missing_libraries
 from robot_health_monitor.runtime.tokens import TokenFiles
 
 if TYPE_CHECKING:
     from robot_health_monitor.core.config import MonitorConfig
     from robot_health_monitor.core.nodes import AlertSystem
-    from robot_health_monitor.ops.configuration import ServerOptions
     from robot_health_monitor.ops.web import WebInterface
     from robot_health_monitor.rosbridge.server import Server, ServerThread
 
@@ -34,10 +35,15 @@ _CLOSE_S = 2.5
 """Longest time to close the port and the connections; the server itself takes at most 2 s."""
 
 
-class ServerSettings(NamedTuple):
-    """Where a server listens, and what its clients may do besides reading."""
+@dataclass(frozen=True)
+class ServerSettings(ServerOptions):
+    """Where a server listens, and what its clients may do besides reading.
 
-    port: int
+    Patterns may contain `*` and `?` as in file names. Clients may always call rosapi, and `reset` and `reload` of
+    alert_system.
+    """
+
+    port: int = DEFAULT_PORT
     """0: a free one."""
     address: str = DEFAULT_ADDRESS
     """Any address except loopback requires a token."""
@@ -45,21 +51,22 @@ class ServerSettings(NamedTuple):
     """Token that clients must present; empty: none."""
     origins: Sequence[str] = ()
     """Origins of web pages that may connect, besides those of this machine."""
-    allow_publish: Sequence[str] = ()
-    """Topics that clients may publish on; `*` and `?` as in file names."""
-    allow_call: Sequence[str] = ()
-    """Services that clients may call, besides rosapi and `reset` and `reload` of alert_system."""
-    allow_offer: Sequence[str] = ()
-    """Services that clients may offer."""
-    tls_certificate: str = ""
-    """Path of the certificate (PEM); empty: no TLS."""
-    tls_key: str = ""
-    """Path of its private key (PEM)."""
 
     @property
     def scheme(self) -> str:
         """`ws` or `wss`."""
         return "wss" if self.tls_certificate else "ws"
+
+
+def settings_of(options: Optional[ServerOptions], token: str, **given: Any) -> ServerSettings:
+    """Returns settings: those that are given, then those of an ops.yaml, then the defaults. Empty ones are not set."""
+    named = {**vars(options or ServerOptions()), **{name: value for name, value in given.items() if _is_set(value)}}
+    named = {name: value for name, value in named.items() if name != "token_file" and _is_set(value)}
+    return ServerSettings(token=token, **named)
+
+
+def _is_set(value: object) -> bool:
+    return value == 0 or bool(value)  # port 0 is a free one
 
 
 def server_settings(
@@ -79,24 +86,17 @@ def server_settings(
         arguments: options of a command that serves; None: of a node, which has none.
         tokens: reads the token.
     """
-    from robot_health_monitor.ops.configuration import ServerOptions
-
-    options = options or ServerOptions()
     given = vars(arguments) if arguments is not None else {}
     port = given.get("port")
-    if port is None:
-        port = config.rosbridge_port or (DEFAULT_PORT if options.port is None else options.port)
     address = config.rosbridge_address if config.rosbridge_address != DEFAULT_ADDRESS else ""
-    return ServerSettings(
-        port=port,
-        address=given.get("host") or address or options.address or DEFAULT_ADDRESS,
-        token=tokens.find_own(given.get("token_file") or config.rosbridge_token_file or options.token_file),
-        origins=given.get("origin") or (),
-        allow_publish=given.get("allow_publish") or options.allow_publish,
-        allow_call=given.get("allow_call") or options.allow_call,
-        allow_offer=given.get("allow_offer") or options.allow_offer,
-        tls_certificate=options.tls_certificate,
-        tls_key=options.tls_key,
+    token_file = given.get("token_file") or config.rosbridge_token_file or (options.token_file if options else "")
+    return settings_of(
+        options,
+        tokens.find_own(token_file),
+        port=(config.rosbridge_port or None) if port is None else port,
+        address=given.get("host") or address,
+        origins=given.get("origin"),
+        **{name: given.get(name) for name in ("allow_publish", "allow_call", "allow_offer")},
     )
 
 

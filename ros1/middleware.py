@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 import time
 import weakref
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Container, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 import genpy
 import rospy
@@ -22,6 +22,7 @@ import rospy.topics
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.hints import Answer, explain, similar_topics
 from robot_health_monitor.core.middleware import Callback, Message, Severity, resolve_name
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
@@ -31,7 +32,6 @@ from robot_health_monitor.runtime.threads import MonotonicEvent
 from . import messages
 from .master import Master
 from .parameters import NodeParameters, set_log_level
-from .publishers import PublisherLookup
 
 _LOG = {
     Severity.DEBUG: rospy.logdebug,
@@ -303,6 +303,52 @@ class _Decoder:
             self._message = cls().deserialize(native._buff)
             self._native = native
         return self._message
+
+
+class PublisherLookup:
+    """Asks the master in a thread, which ends when it has answered: neither a callback nor a tick waits for it."""
+
+    def __init__(self, master: Master, own_topics: Callable[[], Container[str]]) -> None:
+        """Asks nothing yet; `own_topics` returns the resolved topics that the node itself uses, in the thread."""
+        self._master = master
+        self._own_topics = own_topics
+        self._lock = threading.Lock()
+        self._questions: Dict[Tuple[str, str], Answer] = {}
+        self._is_asking = False
+
+    def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
+        """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`."""
+        with self._lock:
+            self._questions[topic, type_name] = answer
+            if not self._is_asking:
+                threading.Thread(target=self._ask, name="publisher lookup", daemon=True).start()
+                self._is_asking = True
+
+    def _ask(self) -> None:
+        while True:
+            with self._lock:
+                questions, self._questions = self._questions, {}
+                if not questions:
+                    self._is_asking = False
+                    return
+            published = self._published()
+            own = self._own_topics()
+            for (topic, type_name), answer in questions.items():
+                answer(None if published is None else _explain(topic, type_name, published, own))
+
+    def _published(self) -> Optional[Mapping[str, str]]:
+        """Returns the type of each topic that has a publisher; None: the master does not answer."""
+        try:
+            publishers, _, _ = self._master.system_state()
+            types = self._master.topic_types()
+        except ServiceError:
+            return None
+        return {topic: types.get(topic, "") for topic, nodes in publishers if nodes}
+
+
+def _explain(topic: str, type_name: str, published: Mapping[str, str], own: Container[str]) -> Optional[str]:
+    found = [published[topic]] if topic in published else []
+    return explain(topic, type_name, found, similar_topics(topic, type_name, published, own))
 
 
 class _Timer(threading.Thread):

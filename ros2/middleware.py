@@ -8,24 +8,26 @@ from __future__ import annotations
 
 import collections
 import functools
+import time
 from dataclasses import dataclass
-from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Container, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
 from robot_health_monitor.core.middleware import Callback, Message, Severity
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.runtime.native_node import NativeNode, OnChange
 
 from . import messages
 from .parameters import NodeParameters, ParameterNode
-from .publishers import PublisherLookup
 
 _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
@@ -42,6 +44,8 @@ _LOG: Mapping[Severity, Callable[[Any, str], object]] = {
 }
 """One line each: rclpy remembers the severity of each calling line."""
 _MOST_WAITING_FOR_CLOCK = 1000
+_TOPICS_PERIOD_S = 1.0
+"""Reading the list of all topics takes milliseconds on a large graph; several signals may need it at once."""
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
 
@@ -348,6 +352,51 @@ class _Channel:
     native: Any = None
     is_best_effort: bool = False
     readers: Tuple[Subscription, ...] = ()
+
+
+class PublisherLookup:
+    """Reads the graph, which does not wait for the network."""
+
+    def __init__(
+        self, node: Node, own_topics: Callable[[], Container[str]], qos_of: Callable[[str], Sequence[QoSProfile]]
+    ) -> None:
+        """Reads nothing yet.
+
+        Args:
+            node: rclpy's node.
+            own_topics: returns the resolved topics that the node itself uses.
+            qos_of: returns the QoS of the node's subscriptions to a topic.
+        """
+        self._node = node
+        self._own_topics = own_topics
+        self._qos_of = qos_of
+        self._topics: Mapping[str, str] = {}
+        self._read_s = float("-inf")
+
+    def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
+        """Answers at once: why a topic brings no samples; None if nothing is known. See `hints.Hints`."""
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        types = [publisher.topic_type for publisher in publishers]
+        text = explain(topic, type_name, types, self._similar(topic, type_name))
+        if publishers and text is None:
+            wanted = self._qos_of(topic)
+            offered = [publisher.qos_profile for publisher in publishers]
+            if wanted and not any(_is_compatible(one, other) for one in offered for other in wanted):
+                text = INCOMPATIBLE_QOS
+        answer(text)
+
+    def _similar(self, topic: str, type_name: str) -> Iterator[str]:
+        now_s = time.monotonic()
+        if now_s - self._read_s >= _TOPICS_PERIOD_S:
+            self._topics = {name: types[0] for name, types in self._node.get_topic_names_and_types() if types}
+            self._read_s = now_s
+        similar = similar_topics(topic, type_name, self._topics, self._own_topics())
+        return (name for name in similar if self._node.count_publishers(name))
+
+
+def _is_compatible(offered: QoSProfile, wanted: QoSProfile) -> bool:
+    compatibility, _ = qos_check_compatible(offered, wanted)
+    return bool(compatibility != QoSCompatibility.ERROR)
 
 
 class _Timer:

@@ -11,7 +11,7 @@ import queue
 import select
 import socket
 import threading
-from typing import Any, Callable, Coroutine, Optional, Tuple, TypeVar
+from typing import Any, Callable, Coroutine, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
 
@@ -22,7 +22,6 @@ _CLOSE_TIMEOUT_S = 5.0
 _WAIT_AFTER_ERROR_S = 1.0
 _LONGEST_WAIT_S = 86400.0
 """Of one call of `poll`, which takes at most 24 days."""
-_Job = Tuple["asyncio.Future[Any]", Callable[..., Any], Tuple[Any, ...]]
 
 
 class MonotonicEvent:

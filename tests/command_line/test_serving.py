@@ -89,7 +89,7 @@ def test_what_is_allowed_is_open() -> None:
         assert monitor.alert_system.monitor.fresh_value("battery_level") == 15.0
         assert (await peer.call("/alert_system/reset"))["result"] is True
 
-    with_client(LOCAL._replace(allow_publish=("/battery_*",)), use)
+    with_client(replace(LOCAL, allow_publish=("/battery_*",)), use)
 
 
 def test_the_token_is_in_no_parameter() -> None:
@@ -98,7 +98,7 @@ def test_the_token_is_in_no_parameter() -> None:
         found = [await peer.call("/rosapi/get_param", {"name": name, "default": ""}) for name in names]
         assert names and "s3cret" not in json.dumps(found)
 
-    with_client(LOCAL._replace(token="s3cret"), use)
+    with_client(replace(LOCAL, token="s3cret"), use)
 
 
 def test_the_monitors_own_status_counts_the_clients() -> None:
@@ -143,7 +143,7 @@ def test_an_address_that_others_can_reach_needs_a_token() -> None:
     async def run() -> None:
         with pytest.raises(ConfigError):
             await serve(
-                EmbeddedMonitor(source="none"), LOCAL._replace(address="0.0.0.0"), NO_OPERATIONS, required=False
+                EmbeddedMonitor(source="none"), replace(LOCAL, address="0.0.0.0"), NO_OPERATIONS, required=False
             )
 
     asyncio.run(run())
@@ -193,10 +193,11 @@ def test_the_command_line_comes_first_then_the_parameters_then_the_ops_yaml() ->
     assert of_arguments(options) == ServerSettings(1, "localhost", allow_call=("/a",), allow_publish=("/b",))
     assert of_arguments(ServerOptions(port=0)).port == 0
     parameters = replace(NO_PARAMETERS, rosbridge_port=2, rosbridge_address="::1")
-    assert of_arguments(options, parameters)[:2] == (2, "::1")
+    of_parameters = of_arguments(options, parameters)
+    assert (of_parameters.port, of_parameters.address) == (2, "::1")
     given = {"port": 3, "host": "127.0.0.2", "allow_call": ["/c"]}
     settings = of_arguments(options, parameters, **given)
-    assert settings[:2] == (3, "127.0.0.2")
+    assert (settings.port, settings.address) == (3, "127.0.0.2")
     assert (settings.allow_call, settings.allow_publish) == (["/c"], ("/b",))
 
 
