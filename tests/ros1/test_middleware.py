@@ -1,4 +1,4 @@
-"""What the port over rospy does beyond the port's promises: names, parameters, types and publishers as ROS 1 has them."""
+"""What the port over rospy does beyond the port's promises: names, parameters, types, publishers as ROS 1 has them."""
 
 from __future__ import annotations
 
