@@ -49,8 +49,8 @@ class EmbeddedMonitor:
             file: configuration of the nodes, each under its name; None: their defaults.
             robot: name of the robot, in place of the one in the file.
             source: source of all metrics, in place of the ones in the file: simulated, host or none.
-            clock: monotonic seconds.
-            wall_time_s: seconds since 1970, for the stamps of messages.
+            clock: returns monotonic seconds.
+            wall_time_s: returns seconds since 1970, for the stamps of messages.
             on_log: receives the log lines of the nodes; None keeps them in `bus.log_lines`.
             outlet: receives transitions and notices, which are then not logged; None: they are logged.
             start_alert_system: starts alert_system, with the arguments of `AlertSystem`; `Operations.start`.

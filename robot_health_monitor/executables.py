@@ -1,12 +1,6 @@
 """Runs the executables of ROS 1 and ROS 2: wires nodes, adapter and rosbridge server, and chooses the exit code.
 
-=========  ================================================================
-exit code  meaning
-=========  ================================================================
-0          ended by SIGINT, SIGTERM or a shutdown that ROS requested; --help
-2          the configuration cannot be used, or ROS is not installed
-3          failed; a supervisor may start it again
-=========  ================================================================
+Exit codes: SUCCESS when ended by a signal or by ROS, USAGE also without ROS, FAILED: a supervisor may start it again.
 """
 
 from __future__ import annotations
@@ -15,6 +9,7 @@ import os
 import sys
 import traceback
 from contextlib import ExitStack, closing
+from functools import partial
 from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Protocol, Sequence
 
 from robot_health_monitor.runtime.interrupts import Interrupts
@@ -26,8 +21,6 @@ from .standard_streams import StandardStreams
 # Slow imports are in functions: they run once Interrupts handles signals.
 if TYPE_CHECKING:
     from robot_health_monitor.core.nodes import AlertSystem
-
-    from .operations import Operations
 
 _SHORTEST_PERIOD_S = 0.1
 """Of signs of life to systemd, in s."""
@@ -119,16 +112,14 @@ def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Opt
 
 
 class _Running:
-    """A process, its nodes, and what is closed with them."""
+    """A process with its nodes, and what is closed before and after them."""
 
     def __init__(self, executable: str, process: Process, interrupts: Interrupts) -> None:
         self._executable = executable
         self._process = process
         self._interrupts = interrupts
         self._service_manager = ServiceManager()
-        self._before_nodes = ExitStack()
-        """Is closed before the nodes."""
-        self._after_nodes = ExitStack()
+        self._before_nodes, self._after_nodes = ExitStack(), ExitStack()
 
     def run(self, streams: StandardStreams) -> int:
         """Runs the nodes; returns the exit code."""
@@ -162,27 +153,18 @@ class _Running:
                 self._service_manager.stopping()
 
     def _start_nodes(self) -> Optional[AlertSystem]:
-        """Starts the nodes and, with alert_system, its operations and its rosbridge server; returns alert_system.
-
-        Raises:
-            ConfigError: the configuration of a node cannot be used.
-            KeyboardInterrupt: a signal has come.
-        """
-        process, names = self._process, EXECUTABLES[self._executable]
+        """Starts the nodes and, with alert_system, its operations and its rosbridge server; returns alert_system."""
         alert_system: Optional[AlertSystem] = None
-        for name in names:
+        for name in EXECUTABLES[self._executable]:
             self._interrupts.check()
-            has_no_sensors = len(names) > 1 and name == "battery_sensor" and _without_sensors(process.middlewares[0])
-            if not has_no_sensors:
-                alert_system = self._start_node(name) or alert_system
+            others = self._process.middlewares
+            if name == "battery_sensor" and others and others[0].given_parameters().get("sensors") == "none":
+                continue
+            alert_system = self._start_node(name) or alert_system
         return alert_system
 
     def _start_node(self, name: str) -> Optional[AlertSystem]:
-        """Starts a node; with the parameters with which it ran last if it refuses those that were given.
-
-        Raises:
-            ConfigError: it refuses both.
-        """
+        """Starts a node; if it refuses its parameters, with those with which it ran last. Returns alert_system."""
         from robot_health_monitor.core.errors import ConfigError
         from robot_health_monitor.core.faults import PARAMETERS_FAULT
         from robot_health_monitor.core.middleware import Severity
@@ -240,17 +222,13 @@ class _Running:
         alert_system = operations.start_only(middleware)
         self._before_nodes.callback(alert_system.save_state)
         if operations.server or alert_system.monitor.config.rosbridge_port:
-            self._serve(middleware, alert_system, operations)
+            from .serving import serve_in_thread
+
+            create_node = partial(self._process.create_served_node, middleware)
+            server = serve_in_thread(create_node, middleware, alert_system, operations)
+            if server is not None:
+                self._before_nodes.callback(server.close)
         return alert_system
-
-    def _serve(self, middleware: Middleware, alert_system: AlertSystem, operations: Operations) -> None:
-        from .serving import serve_in_thread
-
-        server = serve_in_thread(
-            lambda: self._process.create_served_node(middleware), middleware, alert_system, operations
-        )
-        if server is not None:
-            self._before_nodes.callback(server.close)
 
     def _keep_alive(self, alert_system: Optional[AlertSystem]) -> None:
         """Sends signs of life to systemd, if it asks for them, while the callbacks of a node run."""
@@ -269,10 +247,6 @@ class _Running:
                 middleware.faults.report(stream, problem)
             else:
                 middleware.faults.clear(stream)
-
-
-def _without_sensors(middleware: Middleware) -> bool:
-    return bool(middleware.given_parameters().get("sensors") == "none")
 
 
 def _print_error(executable: str, text: str) -> None:

@@ -10,7 +10,6 @@ import threading
 import time
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Protocol
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
@@ -33,7 +32,6 @@ _CLOSE_S = 1.9
 """Longest time to close everything: a disk or a target may hang."""
 _LATE_S = 5.0
 """Age of the last tick from which a robot is not monitored, in s: then there is no heartbeat."""
-_NO_OUTLETS: Mapping[str, Outlet] = MappingProxyType({})
 
 
 class ServerCounts(Protocol):
@@ -118,7 +116,7 @@ class Operations:
     def start(
         self,
         middleware: Middleware,
-        outlets: Mapping[str, Outlet] = _NO_OUTLETS,
+        outlets: Optional[Mapping[str, Outlet]] = None,
         *,
         log_alerts: bool = True,
         announce_pauses: bool = True,
@@ -131,7 +129,7 @@ class Operations:
         try:
             alert_system = AlertSystem(
                 middleware,
-                outlets,
+                outlets or {},
                 log_alerts=log_alerts,
                 history=history,
                 announce_pauses=announce_pauses,
@@ -150,7 +148,7 @@ class Operations:
         return alert_system
 
     def start_only(
-        self, middleware: Middleware, outlets: Mapping[str, Outlet] = _NO_OUTLETS, *, log_alerts: bool = True
+        self, middleware: Middleware, outlets: Optional[Mapping[str, Outlet]] = None, *, log_alerts: bool = True
     ) -> AlertSystem:
         """Starts the only alert_system of the process, as `start`; it shows the faults, and logs what is in use."""
         alert_system = self.start(middleware, outlets, log_alerts=log_alerts, self_report=self.self_report())
@@ -227,13 +225,10 @@ class Operations:
     def _note_tick(self, now_s: float) -> None:
         """Feeds the heartbeat while every robot is monitored; each robot calls this once a second."""
         steady_s = self._clock()
-        if steady_s - self._fed_s < TICK_PERIOD_S / 2.0:
-            return
-        self._fed_s = steady_s
-        if self.notifier is not None and all(
-            alert_system.tick_age_s < _LATE_S for alert_system in tuple(self._alert_systems.values())
-        ):
-            self.notifier.note_tick()
+        if self.notifier is not None and steady_s - self._fed_s >= TICK_PERIOD_S / 2.0:
+            self._fed_s = steady_s
+            if all(alert_system.tick_age_s < _LATE_S for alert_system in tuple(self._alert_systems.values())):
+                self.notifier.note_tick()
 
     def _close(self) -> None:
         for part in (self.notifier, self.silences, self.history):

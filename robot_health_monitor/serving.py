@@ -291,11 +291,11 @@ def serve_in_thread(
     alert_system: AlertSystem,
     operations: Operations,
 ) -> Optional[ServerThread]:
-    """Serves what alert_system watches, as its configuration says. A failure never stops the monitoring.
+    """Serves what alert_system watches, as its configuration and `operations` say. Never stops the monitoring.
 
     Args:
         create_node: creates the node for the server.
-        middleware: the node of alert_system.
+        middleware: that of alert_system.
         alert_system: the node that is served.
         operations: what the page shows besides, and the section `server` of an ops.yaml.
 

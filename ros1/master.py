@@ -69,15 +69,15 @@ class Master:
 
     def system_state(self) -> SystemState:
         """Returns publishers, subscribers and services, each a list of (name, [node, ...])."""
-        return self._read(_state, "getSystemState")
+        return self._read(_state, self._call("getSystemState"))
 
     def topic_types(self) -> Dict[str, str]:
         """Returns the type of each topic."""
-        return self._read(_types, "getTopicTypes")
+        return self._read(_types, self._call("getTopicTypes"))
 
     def find_service(self, name: str) -> Optional[str]:
         """Returns the address of a service, `rosrpc://host:port`; None if there is no such service."""
-        return self._read(_text, "lookupService", name, default=None)
+        return self._read(_text, self._call("lookupService", name, default=None))
 
     def parameter(self, name: str, default: Any) -> Any:
         """Returns a parameter, or `default` if it is not set."""
@@ -115,11 +115,10 @@ class Master:
             return default["default"]
         raise ServiceError(f"the ROS master at {self.uri} refused {method}: {text}")
 
-    def _read(self, read: Callable[[Any], _Value], method: str, *arguments: Any, **default: Any) -> _Value:
-        """Does what `_call` does; `read` checks the answer."""
-        value = self._call(method, *arguments, **default)
+    def _read(self, read: Callable[[Any], _Value], answer: Any) -> _Value:
+        """Returns what an answer contains."""
         try:
-            return read(value)
+            return read(answer)
         except _ERRORS as error:
             raise self._no_answer(error) from None
 

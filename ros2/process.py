@@ -31,10 +31,7 @@ if TYPE_CHECKING:
     from robot_health_monitor.runtime.interrupts import Interrupts
 
 _DEFAULTS = ("--ros-args", "-p", "start_type_description_service:=false", "--")
-"""Arguments before those of the user, which override them.
-
-Every ROS 2 knows the types of these nodes. Without the service that describes them, a node takes 0.2 MB less.
-"""
+"""Arguments before those of the user, which override them. Without the service, a node takes 0.2 MB less."""
 _PROBE_TOPIC = "~/_executor_probe"
 _PROBE_S = 2.0
 """How long the EventsExecutor may take to deliver its first message, in s."""

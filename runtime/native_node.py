@@ -16,8 +16,6 @@ from robot_health_monitor.core.hints import Answer, Hints
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, OnChange, Result, Severity
 from robot_health_monitor.core.native_messages import NativeMessages
 
-__all__ = ["Log", "NativeNode", "OnChange", "apply_change", "log_failure"]
-
 Log = Callable[[Severity, str], None]
 
 
@@ -109,29 +107,26 @@ class NativeNode(abc.ABC):
                     self._log_failure(error)
 
     def _log_failure(self, error: Exception) -> str:
-        return log_failure(self.log, error)
+        """Logs an exception of a callback as one line, which it returns."""
+        text = failure_text(error)
+        self.log(Severity.ERROR, text)
+        return text
 
 
-def log_failure(log: Log, error: Exception) -> str:
-    """Logs an exception of a callback as one line, which it returns."""
-    text = " ".join(f"{type(error).__name__} in a callback: {error}".split())
-    log(Severity.ERROR, text)
-    return text
+def failure_text(error: Exception) -> str:
+    """Returns the log line about an exception of a callback."""
+    return " ".join(f"{type(error).__name__} in a callback: {error}".split())
 
 
 def apply_change(apply: Callable[[], str], log: Log) -> Tuple[bool, str]:
-    """Applies new parameters and logs the outcome; returns whether they are accepted, and what changed or why not.
-
-    Args:
-        apply: applies them and returns what changed; raises to refuse them.
-        log: the log of the node.
-    """
+    """Applies new parameters and logs the outcome; returns whether they are accepted, and what changed or why not."""
     try:
         changes = apply()
     except (ConfigError, ServiceError) as error:
         reason = str(error)
     except Exception as error:
-        reason = log_failure(log, error)
+        reason = failure_text(error)
+        log(Severity.ERROR, reason)
     else:
         if changes != NOTHING_CHANGED:
             log(Severity.INFO, f"parameters changed: {changes}")

@@ -86,7 +86,7 @@ class ThreadPool:
             name: name of the threads.
             threads: most threads.
             most_pending: most functions that run or wait.
-            timeout_s: longest time that `run` waits for a function, in s; None: for ever.
+            timeout_s: longest time that `run` waits, in s; None: for ever.
         """
         self._name = name
         self._most_threads = threads
@@ -98,11 +98,7 @@ class ThreadPool:
         """Functions that run or wait."""
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> asyncio.Future[Result]:
-        """Runs a function in a thread, unless the future is cancelled before. Called in the loop.
-
-        Raises:
-            ServiceError: too many functions are pending.
-        """
+        """Runs a function in a thread, unless the future is cancelled before. Called in the loop. Raises as `run`."""
         if self.pending >= self._most_pending:
             raise ServiceError(f"busy: {self.pending} requests are pending")
         self.pending += 1
