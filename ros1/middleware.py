@@ -23,10 +23,10 @@ import rospy.topics
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.hints import Answer, explain, similar_topics
-from robot_health_monitor.core.middleware import Callback, Message, Severity, resolve_name
+from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity, resolve_name
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
-from robot_health_monitor.runtime.native_node import Log, NativeNode, OnChange
+from robot_health_monitor.runtime.native_node import Log, NativeNode
 from robot_health_monitor.runtime.threads import MonotonicEvent
 
 from . import messages

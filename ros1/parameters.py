@@ -15,9 +15,9 @@ from typing import Any, Dict, Iterator, Mapping, Optional
 from robot_health_monitor.core.config import NODE_PARAMETERS
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
 from robot_health_monitor.core.faults import PARAMETERS_FAULT, Faults
-from robot_health_monitor.core.middleware import Message
+from robot_health_monitor.core.middleware import Message, OnChange
 from robot_health_monitor.core.parameters import describe
-from robot_health_monitor.runtime.native_node import Log, OnChange, apply_change
+from robot_health_monitor.runtime.native_node import Log, apply_change
 
 from .master import Master
 

@@ -22,9 +22,9 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
-from robot_health_monitor.core.middleware import Callback, Message, Severity
+from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity
 from robot_health_monitor.core.parameters import Parameter
-from robot_health_monitor.runtime.native_node import NativeNode, OnChange
+from robot_health_monitor.runtime.native_node import NativeNode
 
 from . import messages
 from .parameters import NodeParameters, ParameterNode

@@ -17,9 +17,10 @@ from rclpy.node import Node
 
 from robot_health_monitor.core.config import NODE_PARAMETERS, load_config, sections
 from robot_health_monitor.core.errors import ConfigError, Path
+from robot_health_monitor.core.middleware import OnChange
 from robot_health_monitor.core.parameters import Parameter, unflatten
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.runtime.native_node import Log, OnChange, apply_change
+from robot_health_monitor.runtime.native_node import Log, apply_change
 
 EXECUTOR, USE_SIM_TIME = (
     next(parameter for parameter in NODE_PARAMETERS if parameter.name == name) for name in ("executor", "use_sim_time")

@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.hints import Answer, Hints
-from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, OnChange, Result, Severity
+from robot_health_monitor.core.middleware import NOTHING_CHANGED, Message, Result, Severity
 from robot_health_monitor.core.native_messages import NativeMessages
 
 Log = Callable[[Severity, str], None]
