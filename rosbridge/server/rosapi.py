@@ -7,18 +7,21 @@ Each call reads the graph once.
 from __future__ import annotations
 
 import json
-from itertools import starmap
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 from robot_health_monitor.core.definitions import Definition, Field
 from robot_health_monitor.core.errors import ServiceError
-from robot_health_monitor.core.middleware import Graph, canonical_type
+from robot_health_monitor.core.middleware import Graph, NodeInfo, canonical_type
 from robot_health_monitor.core.parameters import flatten
 
 from ..protocol import definitions
 
 PREFIX = "/rosapi/"
 _EXAMPLES = {"string": "", "bool": "False", "float32": "0.0", "float64": "0.0"}
+_OLD_NAMES = {"default_value": "default"}
+"""The name of a field in ROS 1."""
+
+Values = Mapping[str, Any]
 
 
 class Rosapi:
@@ -28,7 +31,7 @@ class Rosapi:
         self,
         graph: Callable[[], Graph],
         definition: Callable[[str], str],
-        parameters: Callable[[], Mapping[str, Mapping[str, Any]]],
+        parameters: Callable[[], Mapping[str, Values]],
         time_s: Callable[[], float],
     ) -> None:
         """Stores the sources.
@@ -44,11 +47,11 @@ class Rosapi:
         self._parameters = parameters
         self._time_s = time_s
         self.services: Mapping[str, str] = {
-            PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in _SERVICES
+            PREFIX + name: f"rosapi/{name.title().replace('_', '')}" for name in (*_OF_GRAPH, *_OTHERS)
         }
         """Type per service."""
 
-    def answer(self, service: str, args: object) -> Mapping[str, Any]:
+    def answer(self, service: str, args: object) -> Values:
         """Returns the response of a service. May block.
 
         Args:
@@ -58,96 +61,38 @@ class Rosapi:
         Raises:
             ServiceError: the service does not exist, or the graph cannot be read.
         """
-        found = _SERVICES.get(service[len(PREFIX) :]) if service.startswith(PREFIX) else None
-        if found is None:
-            raise ServiceError(f"no service {service}")
-        function, names = found
-        return function(self, *_texts(args, names))
+        name = service[len(PREFIX) :] if service.startswith(PREFIX) else ""
+        if name in _OF_GRAPH:
+            names, of_graph = _OF_GRAPH[name]
+            return of_graph(self._graph(), *_texts(args, names))
+        if name in _OTHERS:
+            names, function = _OTHERS[name]
+            return function(self, *_texts(args, names))
+        raise ServiceError(f"no service {service}")
 
-    def _topics(self) -> Mapping[str, Any]:
-        topics = self._graph().topics
-        return {"topics": list(topics), "types": list(topics.values())}
-
-    def _topics_for_type(self, type_name: str) -> Mapping[str, Any]:
-        return {"topics": _having(self._graph().topics, type_name)}
-
-    def _topic_type(self, topic: str) -> Mapping[str, Any]:
-        return {"type": self._graph().topics.get(topic, "")}
-
-    def _topics_and_raw_types(self) -> Mapping[str, Any]:
+    def _topics_and_raw_types(self) -> Values:
         topics = self._graph().topics
         texts = {type_name: self._definition(type_name) for type_name in set(topics.values())}
-        return {
-            "topics": list(topics),
-            "types": list(topics.values()),
-            "typedefs_full_text": [texts[type_name] for type_name in topics.values()],
-        }
+        types = list(topics.values())
+        return {"topics": list(topics), "types": types, "typedefs_full_text": [texts[one] for one in types]}
 
-    def _services(self) -> Mapping[str, Any]:
-        return {"services": list(self._graph().services)}
-
-    def _service_type(self, service: str) -> Mapping[str, Any]:
-        return {"type": self._graph().services.get(service, "")}
-
-    def _services_for_type(self, type_name: str) -> Mapping[str, Any]:
-        return {"services": _having(self._graph().services, type_name)}
-
-    def _service_node(self, service: str) -> Mapping[str, Any]:
-        nodes = [name for name, node in self._graph().nodes.items() if service in node.services]
-        return {"node": nodes[0] if nodes else ""}
-
-    def _service_providers(self, service: str) -> Mapping[str, Any]:
-        return {"providers": [name for name, node in self._graph().nodes.items() if service in node.services]}
-
-    def _service_host(self, service: str) -> Mapping[str, Any]:
-        return {"host": "localhost" if service in self._graph().services else ""}
-
-    def _nodes(self) -> Mapping[str, Any]:
-        return {"nodes": list(self._graph().nodes)}
-
-    def _node_details(self, name: str) -> Mapping[str, Any]:
-        node = self._graph().nodes.get(name)
-        if node is None:
-            return {"subscribing": [], "publishing": [], "services": []}
-        return {
-            "subscribing": list(node.subscribes),
-            "publishing": list(node.publishes),
-            "services": list(node.services),
-        }
-
-    def _publishers(self, topic: str) -> Mapping[str, Any]:
-        return {"publishers": [name for name, node in self._graph().nodes.items() if topic in node.publishes]}
-
-    def _subscribers(self, topic: str) -> Mapping[str, Any]:
-        return {"subscribers": [name for name, node in self._graph().nodes.items() if topic in node.subscribes]}
-
-    def _action_servers(self) -> Mapping[str, Any]:
-        return {"action_servers": []}
-
-    def _message_details(self, type_name: str) -> Mapping[str, Any]:
+    def _message_details(self, type_name: str) -> Values:
         found = definitions.parse(type_name, self._definition(type_name))
         return {"typedefs": [_typedef(name, one) for name, one in found.items() if one.fields or one.constants]}
 
-    def _service_request_details(self, type_name: str) -> Mapping[str, Any]:
-        return {"typedefs": list(starmap(_typedef, definitions.service_definition(type_name, False).items()))}
-
-    def _service_response_details(self, type_name: str) -> Mapping[str, Any]:
-        return {"typedefs": list(starmap(_typedef, definitions.service_definition(type_name, True).items()))}
-
-    def _get_time(self) -> Mapping[str, Any]:
+    def _get_time(self) -> Values:
         seconds, rest = divmod(self._time_s(), 1.0)
-        nanoseconds = int(rest * 1e9)
-        whole = int(seconds)
+        whole, nanoseconds = int(seconds), int(rest * 1e9)
         return {"time": {"secs": whole, "nsecs": nanoseconds, "sec": whole, "nanosec": nanoseconds}}
 
-    def _get_param_names(self) -> Mapping[str, Any]:
+    def _get_param_names(self) -> Values:
         return {"names": list(self._values())}
 
-    def _get_param(self, name: str, default: str) -> Mapping[str, Any]:
+    def _get_param(self, name: str, default: str) -> Values:
         values = self._values()
         return {"value": json.dumps(values[name]) if name in values else default or '""'}
 
-    def _has_param(self, name: str) -> Mapping[str, Any]:
+    def _has_param(self, name: str) -> Values:
         return {"exists": name in self._values()}
 
     def _values(self) -> Dict[str, Any]:
@@ -159,35 +104,53 @@ class Rosapi:
         }
 
 
-_SERVICES: Mapping[str, Tuple[Callable[..., Mapping[str, Any]], Sequence[str]]] = {
-    "topics": (Rosapi._topics, ()),
-    "topics_for_type": (Rosapi._topics_for_type, ("type",)),
-    "topic_type": (Rosapi._topic_type, ("topic",)),
-    "topics_and_raw_types": (Rosapi._topics_and_raw_types, ()),
-    "services": (Rosapi._services, ()),
-    "service_type": (Rosapi._service_type, ("service",)),
-    "services_for_type": (Rosapi._services_for_type, ("type",)),
-    "service_node": (Rosapi._service_node, ("service",)),
-    "service_providers": (Rosapi._service_providers, ("service",)),
-    "service_host": (Rosapi._service_host, ("service",)),
-    "nodes": (Rosapi._nodes, ()),
-    "node_details": (Rosapi._node_details, ("node",)),
-    "publishers": (Rosapi._publishers, ("topic",)),
-    "subscribers": (Rosapi._subscribers, ("topic",)),
-    "action_servers": (Rosapi._action_servers, ()),
-    "message_details": (Rosapi._message_details, ("type",)),
-    "service_request_details": (Rosapi._service_request_details, ("type",)),
-    "service_response_details": (Rosapi._service_response_details, ("type",)),
-    "get_time": (Rosapi._get_time, ()),
-    "get_param_names": (Rosapi._get_param_names, ()),
-    "get_param": (Rosapi._get_param, ("name", "default_value")),
-    "has_param": (Rosapi._has_param, ("name",)),
+def _node_details(graph: Graph, name: str) -> Values:
+    node = graph.nodes.get(name, NodeInfo((), (), ()))
+    return {
+        "subscribing": list(node.subscribes),
+        "publishing": list(node.publishes),
+        "services": list(node.services),
+    }
+
+
+def _service_details(type_name: str, *, response: bool) -> Values:
+    found = definitions.service_definition(type_name, response)
+    return {"typedefs": [_typedef(name, one) for name, one in found.items()]}
+
+
+def _nodes_with(graph: Graph, kind: str, name: str) -> List[str]:
+    """Returns the nodes of which `kind`, a field of NodeInfo, contains a topic or service."""
+    return [node for node, info in graph.nodes.items() if name in getattr(info, kind)]
+
+
+_OF_GRAPH: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
+    "topics": ((), lambda graph: {"topics": list(graph.topics), "types": list(graph.topics.values())}),
+    "topics_for_type": (("type",), lambda graph, type_name: {"topics": _having(graph.topics, type_name)}),
+    "topic_type": (("topic",), lambda graph, topic: {"type": graph.topics.get(topic, "")}),
+    "services": ((), lambda graph: {"services": list(graph.services)}),
+    "service_type": (("service",), lambda graph, service: {"type": graph.services.get(service, "")}),
+    "services_for_type": (("type",), lambda graph, type_name: {"services": _having(graph.services, type_name)}),
+    "service_node": (("service",), lambda graph, name: {"node": "".join(_nodes_with(graph, "services", name)[:1])}),
+    "service_providers": (("service",), lambda graph, name: {"providers": _nodes_with(graph, "services", name)}),
+    "service_host": (("service",), lambda graph, name: {"host": "localhost" if name in graph.services else ""}),
+    "nodes": ((), lambda graph: {"nodes": list(graph.nodes)}),
+    "node_details": (("node",), _node_details),
+    "publishers": (("topic",), lambda graph, topic: {"publishers": _nodes_with(graph, "publishes", topic)}),
+    "subscribers": (("topic",), lambda graph, topic: {"subscribers": _nodes_with(graph, "subscribes", topic)}),
 }
-"""Function and fields of the request per service; all fields are strings."""
+"""The services that need only the graph: the fields of their request, all of them strings, and their function."""
 
-
-_OLD_NAMES = {"default_value": "default"}
-"""The name of a field in ROS 1."""
+_OTHERS: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
+    "topics_and_raw_types": ((), Rosapi._topics_and_raw_types),
+    "action_servers": ((), lambda rosapi: {"action_servers": []}),
+    "message_details": (("type",), Rosapi._message_details),
+    "service_request_details": (("type",), lambda rosapi, name: _service_details(name, response=False)),
+    "service_response_details": (("type",), lambda rosapi, name: _service_details(name, response=True)),
+    "get_time": ((), Rosapi._get_time),
+    "get_param_names": ((), Rosapi._get_param_names),
+    "get_param": (("name", "default_value"), Rosapi._get_param),
+    "has_param": (("name",), Rosapi._has_param),
+}
 
 
 def _texts(args: object, names: Sequence[str]) -> List[str]:

@@ -111,9 +111,8 @@ class SlowClient(Protocol):
 class SlowClients:
     """Empties the send queues of slow clients, and disconnects those that do not catch up."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, timeout_s: float, log: Callable[[str], None]) -> None:
+    def __init__(self, timeout_s: float, log: Callable[[str], None]) -> None:
         """Starts without clients; those that are behind for longer than `timeout_s` are disconnected."""
-        self._loop = loop
         self._timeout_s = timeout_s
         self._log = log
         self._clients: Set[SlowClient] = set()
@@ -122,18 +121,19 @@ class SlowClients:
     def add(self, client: SlowClient) -> None:
         """Adds a client that is behind."""
         if client.queue.behind_since_s is None:
-            client.queue.behind_since_s = self._loop.time()
+            client.queue.behind_since_s = asyncio.get_event_loop().time()
         self._clients.add(client)
         if not self._running:
             self._running = True
-            self._loop.call_later(_PERIOD_S, self._flush)
+            asyncio.get_event_loop().call_later(_PERIOD_S, self._flush)
 
     def discard(self, client: SlowClient) -> None:
         """Removes a client that has left."""
         self._clients.discard(client)
 
     def _flush(self) -> None:
-        now_s = self._loop.time()
+        loop = asyncio.get_event_loop()
+        now_s = loop.time()
         for client in tuple(self._clients):
             queue = client.queue
             queue.flush()
@@ -147,4 +147,4 @@ class SlowClients:
                 client.abort()
         self._running = bool(self._clients)
         if self._running:
-            self._loop.call_later(_PERIOD_S, self._flush)
+            loop.call_later(_PERIOD_S, self._flush)

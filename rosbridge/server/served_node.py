@@ -45,7 +45,7 @@ class ServedNode:
         threads: bool,
         queue_bytes: int = 16_000_000,
     ) -> None:
-        """Prepares the access. Called in the server's loop.
+        """Prepares the access.
 
         Args:
             middleware: the node.
@@ -56,7 +56,6 @@ class ServedNode:
         self.middleware = middleware
         self.threads = threads
         self._added_services = added_services
-        self._loop = asyncio.get_event_loop()
         self._workers = ThreadPool("rosbridge", _THREADS, _MOST_PENDING)
         # Separate: services that do not respond must not block subscriptions.
         self._callers = ThreadPool("rosbridge-call", _MOST_CALLS, _MOST_CALLS)
@@ -97,9 +96,10 @@ class ServedNode:
             raise ServiceError(f"no response within {timeout_s:g} s") from None
 
     def hand_over(self, function: Callable[[Any], None]) -> Callable[[Any, float], None]:
-        """Returns a callback for the node's subscriptions that calls `function(value)` in the loop."""
+        """Returns a callback for the node's subscriptions that calls `function(value)` in the loop that runs now."""
         if not self.threads:
             return lambda value, now_s: function(value)
+        loop = asyncio.get_event_loop()
 
         def callback(value: Any, now_s: float) -> None:
             size = estimated_bytes(value)
@@ -112,7 +112,7 @@ class ServedNode:
                 wake = not self._waking
                 self._waking = True
             if wake:
-                self._wake()
+                self._wake(loop)
 
         return callback
 
@@ -162,9 +162,9 @@ class ServedNode:
         """Like `definition`, for the loop."""
         return await self.call(self.definition, type_name) if type_name else ""
 
-    def _wake(self) -> None:
+    def _wake(self, loop: asyncio.AbstractEventLoop) -> None:
         try:
-            self._loop.call_soon_threadsafe(self._deliver)
+            loop.call_soon_threadsafe(self._deliver)
         except RuntimeError:  # the loop has ended
             with self._lock:
                 self._messages.clear()
@@ -178,7 +178,7 @@ class ServedNode:
                 return
             message[0](message[1])
             if time.monotonic() > end_s:  # let other tasks of the loop run
-                self._loop.call_soon(self._deliver)
+                asyncio.get_event_loop().call_soon(self._deliver)
                 return
 
     def _next(self) -> Optional[Tuple[Callable[[Any], None], Any, int]]:

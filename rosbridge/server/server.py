@@ -12,17 +12,18 @@ small messages.
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import logging
 import ssl
 import time
-from typing import Any, Awaitable, Callable, Mapping, Optional, Sequence, Set
+from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, Set
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import ServedMiddleware, Severity
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.threads import LoopThread, ThreadPool
 
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
 from ..sockets import FloodError, Incoming, limit_reads
@@ -41,6 +42,7 @@ _UNAUTHENTICATED_BYTES = 65_536
 """Largest message of a client that authenticates with the operation `auth`."""
 _CLOSE_HANDSHAKE_S = 0.5
 _CLOSE_S = 1.0
+_CLOSE_THREAD_S = 4.0
 _MESSAGES = (WSMsgType.TEXT, WSMsgType.BINARY)
 # It warns about the subprotocols of every client that offers others than the server's, and quotes them.
 logging.getLogger("aiohttp.websocket").setLevel(logging.ERROR)
@@ -99,16 +101,10 @@ class Server:
         self._host = host
         self._require_protection(self.access.token)
         self._tokens = TokenCheck(self.access.token)
-        self._middleware = middleware
-        self._limits = limits
-        self._threads = threads
         self._heartbeat_s = heartbeat_s
-        self._call_timeout_s = call_timeout_s
         self._auth_timeout_s = auth_timeout_s
-        self._slow_client_timeout_s = slow_client_timeout_s
         self._max_clients = connection_limit(max_clients)
         self._ssl_context = ssl_context
-        self._parameters = parameters or self._own_parameters
         self._routes = routes
         self._on_close = on_close
         # Several nodes of one ROS 1 process share its log.
@@ -118,6 +114,24 @@ class Server:
         self._sockets: Set[web.WebSocketResponse] = set()
         self._dropped = 0
         self._runner: Optional[web.AppRunner] = None
+        node = ServedNode(middleware, self._added_services, threads=threads)
+        own_parameters = parameters or (lambda: {middleware.name: middleware.given_parameters()})
+        self._rosapi = Rosapi(node.graph, node.definition, own_parameters, time.time)
+        self.services = Services(node, self._rosapi, self.access, call_timeout_s)
+        """The services as clients see them."""
+        encoder = ThreadPool("rosbridge-encode", 1, 1_000)
+        self._parts = ServerParts(
+            self.access,
+            limits,
+            node,
+            Topics(node, encoder, limits, self.log),
+            Publications(node, self.access),
+            self.services,
+            SlowClients(slow_client_timeout_s, self.log),
+            encoder,
+            ThreadPool("rosbridge-decode", 1, 1_000),
+            self.log,
+        )
 
     async def start(self) -> None:
         """Opens the port.
@@ -126,11 +140,10 @@ class Server:
             OSError: the port is in use, or the address is not one of this machine.
         """
         loop = asyncio.get_event_loop()
-        self._create_parts(loop)
         # Later than `_authenticate`, which sends the client the reason.
         timeout_s = self._auth_timeout_s + _SWEEP_PERIOD_S
         self._connections = Connections(self._max_clients, timeout_s, loop.time, self._report_full)
-        application = web.Application(middlewares=[self._create_check()])
+        application = web.Application(middlewares=[self._check])
         application.add_routes([*self._routes(self._tokens.client), web.get("/", _explain)])
         runner = web.AppRunner(application, handle_signals=False)
         await runner.setup()
@@ -172,7 +185,7 @@ class Server:
         await asyncio.wait({asyncio.ensure_future(runner.cleanup())}, timeout=_CLOSE_S)
         self._connections.abort_all()
         await asyncio.sleep(0)  # aborted connections are closed in the next turn of the loop
-        self._node.close()
+        self._parts.node.close()
         self._parts.encoder.close()
         self._parts.decoder.close()
 
@@ -184,47 +197,19 @@ class Server:
     @property
     def dropped(self) -> int:
         """Messages that were dropped, because a client reads too slowly or a message is too large or too frequent."""
-        if self._runner is None:
-            return 0
         sessions = sum(session.dropped + session.queue.dropped for session in self._sessions)
         return self._dropped + sessions + self._parts.topics.dropped
 
-    @property
-    def services(self) -> Services:
-        """The services as clients see them."""
-        return self._parts.services
-
     def publish_log(self, line: LogLine) -> None:
         """Publishes a log line on `/rosout`, for a middleware without this topic. Called in the loop's thread."""
-        if self._runner is not None:
-            self._parts.topics.publish_log(line)
+        self._parts.topics.publish_log(line)
 
     def log(self, text: str) -> None:
         """Writes a WARN line, unless clients have caused too many in this minute. Called in the loop's thread."""
         self._client_log.write(text)
 
-    def _create_parts(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._node = node = ServedNode(self._middleware, self._added_services, threads=self._threads)
-        self._rosapi = Rosapi(node.graph, node.definition, self._parameters, time.time)
-        encoder = ThreadPool("rosbridge-encode", 1, 1_000)
-        self._parts = ServerParts(
-            self.access,
-            self._limits,
-            node,
-            Topics(node, encoder, self._limits, self.log),
-            Publications(node, self.access),
-            Services(node, self._rosapi, self.access, self._call_timeout_s),
-            SlowClients(loop, self._slow_client_timeout_s, self.log),
-            encoder,
-            ThreadPool("rosbridge-decode", 1, 1_000),
-            self.log,
-        )
-
     def _added_services(self) -> Mapping[str, str]:
-        return {**self._rosapi.services, **self._parts.services.of_clients.types}
-
-    def _own_parameters(self) -> Mapping[str, Mapping[str, Any]]:
-        return {self._middleware.name: self._middleware.given_parameters()}
+        return {**self._rosapi.services, **self.services.of_clients.types}
 
     def _accept(self, runner: web.AppRunner) -> asyncio.Protocol:
         assert runner.server is not None
@@ -245,31 +230,29 @@ class Server:
         self._connections.sweep()
         self._sweeper = asyncio.get_event_loop().call_later(_SWEEP_PERIOD_S, self._sweep)
 
-    def _create_check(self) -> Any:
-        @web.middleware
-        async def check(
-            request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
-        ) -> web.StreamResponse:
-            check_host = not self._tokens.required and not self._has_certificates
-            refusal = check_request(request, self.access, check_host=check_host)
-            if refusal is not None:
-                self.log(refusal.log_text)
-                return json_error(403, refusal.text)
-            client = self._tokens.client(request)
-            if client.token is Credentials.WRONG:
-                self.log(f"refused a client at {request.remote}: wrong token")
-                return client.refusal()
-            if request.method == "GET" and web.WebSocketResponse().can_prepare(request):
-                return await self._serve(request, client)
-            self._set_stage(request, Stage.ACTIVE if client.admitted else Stage.OPENED)
-            try:
-                return await handler(request)
-            except web.HTTPException as error:
-                return _refuse(request, error)
-            finally:
-                self._set_stage(request, Stage.KNOWN if client.admitted else Stage.OPENED)
-
-        return check
+    @web.middleware
+    async def _check(
+        self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    ) -> web.StreamResponse:
+        """Serves a request, unless its host, origin or token is wrong."""
+        check_host = not self._tokens.required and not self._has_certificates
+        refusal = check_request(request, self.access, check_host=check_host)
+        if refusal is not None:
+            self.log(refusal.log_text)
+            return json_error(403, refusal.text)
+        client = self._tokens.client(request)
+        if client.token is Credentials.WRONG:
+            self.log(f"refused a client at {request.remote}: wrong token")
+            return client.refusal()
+        if request.method == "GET" and web.WebSocketResponse().can_prepare(request):
+            return await self._serve(request, client)
+        self._set_stage(request, Stage.ACTIVE if client.admitted else Stage.OPENED)
+        try:
+            return await handler(request)
+        except web.HTTPException as error:
+            return _refuse(request, error)
+        finally:
+            self._set_stage(request, Stage.KNOWN if client.admitted else Stage.OPENED)
 
     def _set_stage(self, request: web.Request, stage: Stage) -> None:
         assert isinstance(request.protocol, HttpConnection)
@@ -282,7 +265,7 @@ class Server:
             timeout=_CLOSE_S,
             heartbeat=self._heartbeat_s,
             autoping=False,
-            max_msg_size=self._limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
+            max_msg_size=self._parts.limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
             compress=False,
             protocols=[CBOR_SUBPROTOCOL],
         )
@@ -340,6 +323,36 @@ class Server:
         except Exception as error:
             self.log(f"closing a connection failed: {type(error).__name__}: {error}")
         self._dropped += session.dropped
+
+
+class ServerThread:
+    """Runs a server in a thread until `close`, for processes whose main thread runs ROS."""
+
+    def __init__(self, server: Server) -> None:
+        """Starts a server; raises OSError as `Server.start` does."""
+        self.server = server
+        self._thread = LoopThread()
+        self._thread.loop.set_exception_handler(self._log_failure)
+        try:
+            self._thread.call(server.start())
+        except BaseException:
+            self._thread.close()
+            raise
+
+    def close(self) -> None:
+        """Closes the port, then every connection. May be called twice."""
+        if not self._thread.alive:
+            return
+        try:
+            self._thread.call(self.server.close(), _CLOSE_THREAD_S)
+        except concurrent.futures.TimeoutError:
+            pass  # the thread's end closes what is left
+        self._thread.close()
+
+    def _log_failure(self, loop: asyncio.AbstractEventLoop, context: Dict[str, Any]) -> None:
+        error = context.get("exception")
+        cause = f": {type(error).__name__}: {error}" if error else ""
+        self.server.log(f"{context.get('message', 'unexpected error')}{cause}")
 
 
 async def _explain(request: web.Request) -> web.Response:

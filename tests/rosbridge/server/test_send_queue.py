@@ -131,7 +131,7 @@ async def wait_for_event(client: Client) -> None:
 def test_a_queue_is_emptied_as_soon_as_the_client_reads_again() -> None:
     async def scenario() -> None:
         lines: List[str] = []
-        slow = SlowClients(asyncio.get_event_loop(), 60.0, lines.append)
+        slow = SlowClients(60.0, lines.append)
         client: Any = Client()
         client.queue.put(b"frame")
         slow.add(client)
@@ -146,7 +146,7 @@ def test_a_queue_is_emptied_as_soon_as_the_client_reads_again() -> None:
 def test_a_client_that_stays_behind_is_disconnected() -> None:
     async def scenario() -> None:
         lines: List[str] = []
-        slow = SlowClients(asyncio.get_event_loop(), 0.05, lines.append)
+        slow = SlowClients(0.05, lines.append)
         stuck: Any = Client()
         left: Any = Client()
         for client in (stuck, left):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import socket
 import ssl
 import struct
 import time
@@ -18,8 +19,8 @@ from harness.rosbridge_peer import FLOAT32, Robot, with_robot
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.rosbridge.server import Server, ServerThread
 from robot_health_monitor.rosbridge.server.access import Access
-from robot_health_monitor.rosbridge.server.server import Server
 
 OPEN = Access(publish=("/in",), services=("/robot/reset", "/offered"), offer=("/offered",))
 
@@ -499,3 +500,33 @@ def test_a_server_that_other_machines_reach_does_not_give_up_its_token() -> None
     server = Server(LocalBus().node("rosbridge"), host="0.0.0.0", access=Access(token="s3cret"))
     with pytest.raises(ConfigError, match="expected a token or TLS client certificates"):
         server.use_token("")
+
+
+def test_a_server_runs_in_a_thread_until_it_is_closed() -> None:
+    thread = ServerThread(Server(LocalBus().node("rosbridge"), port=0))
+    assert (thread.server.clients, thread.server.dropped) == (0, 0)
+    socket.create_connection(("127.0.0.1", thread.server.port), 10.0).close()
+    thread.close()
+    thread.close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", thread.server.port), 10.0)
+
+
+def test_a_port_in_use_is_an_error() -> None:
+    first = ServerThread(Server(LocalBus().node("rosbridge"), port=0))
+    with pytest.raises(OSError):
+        ServerThread(Server(LocalBus().node("rosbridge"), port=first.server.port))
+    first.close()
+
+
+def test_an_error_in_the_loop_is_one_line_in_the_log() -> None:
+    bus = LocalBus()
+    thread = ServerThread(Server(bus.node("rosbridge"), port=0))
+
+    async def fail() -> None:
+        loop = thread._thread.loop
+        loop.call_exception_handler({"message": "Fatal read error", "exception": OSError("broken\npipe")})
+
+    thread._thread.call(fail())
+    assert [line.text for line in bus.log_lines] == ["rosbridge: Fatal read error: OSError: broken pipe"]
+    thread.close()

@@ -54,7 +54,7 @@ def test_a_call_that_fails_in_any_way_is_answered(error: Exception) -> None:
         def fail(*arguments: Any) -> Any:
             raise error
 
-        robot.server._middleware.call_service = fail  # type: ignore[method-assign]
+        robot.server._parts.node.middleware.call_service = fail  # type: ignore[method-assign]
         async with robot.peer() as peer:
             response = await peer.call("/dock")
             assert response["result"] is False
@@ -66,7 +66,7 @@ def test_a_call_that_fails_in_any_way_is_answered(error: Exception) -> None:
 
 @with_robot(Access(services=("*",)))
 async def test_a_response_that_cannot_be_encoded_is_a_failed_call(robot: Robot) -> None:
-    robot.server._middleware.call_service = lambda *arguments: {"x": object()}  # type: ignore[method-assign]
+    robot.server._parts.node.middleware.call_service = lambda *arguments: {"x": object()}  # type: ignore[method-assign]
     async with robot.peer() as peer:
         response = await peer.call("/dock")
         assert (response["result"], response["values"]) == (False, "object cannot be encoded as JSON")

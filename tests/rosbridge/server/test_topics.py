@@ -50,7 +50,7 @@ async def test_a_wrong_type_is_refused_and_the_connection_continues(robot: Robot
 
 @with_robot()
 async def test_while_the_master_is_down_subscribing_is_refused_and_no_client_is_disconnected(robot: Robot) -> None:
-    served = robot.server._middleware
+    served = robot.server._parts.node.middleware
     graph = served.graph
 
     def fail() -> Any:
@@ -77,7 +77,7 @@ async def test_a_subscription_that_the_middleware_refuses_leaves_nothing_behind(
     def refuse(*arguments: Any, **options: Any) -> Any:
         raise ConfigError("unknown type no_msgs/Type")
 
-    robot.server._middleware.subscribe = refuse  # type: ignore[method-assign]
+    robot.server._parts.node.middleware.subscribe = refuse  # type: ignore[method-assign]
     async with robot.peer() as peer:
         await peer.send("set_level", level="error")
         await peer.send("subscribe", topic="/later", type="no_msgs/Type", id="s")
@@ -145,7 +145,7 @@ async def test_while_the_master_is_down_publishing_is_refused_and_the_connection
     def fail() -> Any:
         raise ServiceError("the ROS master does not respond")
 
-    robot.server._middleware.graph = fail  # type: ignore[method-assign]
+    robot.server._parts.node.middleware.graph = fail  # type: ignore[method-assign]
     async with robot.peer() as peer:
         await peer.send("set_level", level="error")
         await peer.send("advertise", topic="/in", type=FLOAT32, id="a")
