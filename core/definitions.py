@@ -113,11 +113,7 @@ def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") 
 
 
 def parse_msg(type_name: str, text: str) -> Definitions:
-    """Returns the types in a definition in .msg, `type_name` first, with kinds as they are spelt there.
-
-    Raises:
-        ValueError: it is not as the format requires, or too large.
-    """
+    """Returns the types in a definition in .msg, `type_name` first, with kinds as spelt there; raises ValueError."""
     found: Definitions = {}
     name = type_name
     for number, part in enumerate(_parts(text)):

@@ -43,8 +43,7 @@ class LocalBus:
             start_s: the time at the start, in seconds.
             on_log: called with every log line; None: they are appended to `log_lines`.
             wall_time_s: seconds since 1970, for the stamps of messages; None: the time of the bus.
-            clock: monotonic seconds, so that messages between two calls of `run_due` have their own time; None: time
-                changes only in `run_due`.
+            clock: monotonic seconds, also between two calls of `run_due`; None: time changes only in `run_due`.
         """
         self._now_s = start_s
         self._clock = clock
@@ -73,14 +72,10 @@ class LocalBus:
         remap: Optional[Mapping[str, str]] = None,
         use_sim_time: bool = False,
     ) -> LocalMiddleware:
-        """Adds a node.
+        """Adds a node by its base name, in a namespace such as `robot1`, `/fleet/robot1` or, empty, in none.
 
-        Args:
-            name: base name, `alert_system`.
-            namespace: `robot1`, `/fleet/robot1` or empty.
-            parameters: its configuration, nested as in the file under `ros__parameters`.
-            remap: names as the node uses them (relative or absolute) to the names to use instead.
-            use_sim_time: its time is that of the topic `/clock`.
+        `parameters` is its configuration, nested as in the file under `ros__parameters`. `remap` maps names as the node
+        uses them (relative or absolute) to the names to use instead. With `use_sim_time`, its time is that of `/clock`.
         """
         namespace = namespace.strip("/")
         full_name = f"/{namespace}/{name}" if namespace else f"/{name}"
@@ -138,11 +133,7 @@ class LocalBus:
         self.run_due(now_s)
 
     def call_service(self, service: str, request: Optional[Message] = None) -> Message:
-        """Calls a service by its absolute name.
-
-        Raises:
-            ServiceError: it does not exist, or it failed.
-        """
+        """Calls a service by its absolute name; raises ServiceError if it does not exist, or if it failed."""
         if service not in self._services:
             available = ", ".join(sorted(self._services)) or "none"
             raise ServiceError(f"there is no service {service}; available: {available}")

@@ -134,28 +134,20 @@ class Middleware(Protocol):
         """
 
     def has_listeners(self, topic: str) -> bool:
-        """Returns whether an advertised topic has subscribers; True where this is unknown.
-
-        Raises:
-            MessageError: `topic` is not advertised.
-        """
+        """Returns whether an advertised topic has subscribers; True where this is unknown. Raises as `publish`."""
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
-        """Calls `callback(value, now_s)` for every message, with the time of its arrival.
+        """Calls back with the value of a field for every message; with `latched`, for the last `latched` one at once.
 
-        Args:
-            topic: the topic.
-            type_name: type of the messages; empty: the type with which the topic is advertised, now or later. A field
-                that this type does not have is then one ERROR line in the log.
-            callback: gets the value of the field.
-            field: path of the field to read, as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`,
-                `status["motor"].level`), bound once and read from the native message. An index beyond the end of an
-                array reads as None. Messages in which no element has the key are ignored. Empty: the whole message as
-                a mapping, which costs a conversion. None: the message is not read, nor deserialized where the
-                middleware allows that; the value is 1.0.
-            latched: the publishers are `latched`: the last message comes at once.
+        An empty `type_name` is the type with which the topic is advertised, now or later; a field that this type does
+        not have is then one ERROR line in the log.
+
+        `field` is a path as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`, `status["motor"].level`), which
+        is bound once and read from the native message. An index beyond the end of an array reads as None. Messages in
+        which no element has the key are ignored. Empty: the whole message as a mapping, which costs a conversion. None:
+        the message is not read, nor deserialized where the middleware allows that; the value is 1.0.
 
         Raises:
             ConfigError: the type is unknown or has no such field; the error names topic, type and available fields.
@@ -226,11 +218,7 @@ class ServedMiddleware(Middleware, Protocol):
     """
 
     def graph(self) -> Graph:
-        """Returns the current graph.
-
-        Raises:
-            ServiceError: the middleware did not answer, such as the master of ROS 1.
-        """
+        """Returns the current graph; raises ServiceError if the middleware, such as ROS 1's master, does not answer."""
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
         """Calls a service and returns its response; missing fields of the request keep their defaults.
@@ -245,10 +233,7 @@ class ServedMiddleware(Middleware, Protocol):
         """
 
     def message_definition(self, type_name: str) -> str:
-        """Returns a message type's definition and those of the types it contains, as from `gendeps --cat`.
-
-        Empty if the definition is unknown.
-        """
+        """Returns a type's definition and those of the types it contains, as from `gendeps --cat`; empty if unknown."""
 
     def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Subscription:
         """Calls `callback(data, now_s)` for every message, with its bytes as the middleware transports them.

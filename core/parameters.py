@@ -143,11 +143,7 @@ def describe(found: object) -> str:
 
 
 def require_mapping(found: object, path: Path = ()) -> Mapping[str, Any]:
-    """Returns `found`, a mapping whose keys are all text.
-
-    Raises:
-        ConfigError: it is something else.
-    """
+    """Returns `found`, a mapping whose keys are all text; raises ConfigError if it is something else."""
     if not isinstance(found, Mapping):
         raise ConfigError(f"expected a mapping of keys to values, got {describe(found)}", path)
     problems = Problems()
@@ -203,11 +199,7 @@ def flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[Tuple[str, An
 
 
 def unflatten(values: Mapping[str, Any]) -> Dict[str, Any]:
-    """Nests dotted names: the inverse of `flatten`.
-
-    Raises:
-        ConfigError: a name is both a value and the prefix of another name.
-    """
+    """Nests dotted names, as the inverse of `flatten`; a name that is also the prefix of another is a ConfigError."""
     tree: Dict[str, Any] = {}
     for name, value in values.items():
         *parents, leaf = name.split(".")

@@ -18,39 +18,17 @@ from .native_messages import Dialect, FieldType, NativeMessages, as_it_is, bytes
 PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""
 
+_ARRAYS = ("Byte", "Float32", "Float64", "Int16", "Int32", "Int64", "Int8", "UInt16", "UInt32", "UInt64", "UInt8")
+"""Types of std_msgs with an array of the plain type of this name."""
+_SINGLE = (*_ARRAYS, "Bool", "Char", "Duration", "String", "Time")
+"""Types of std_msgs with one value of the plain type of this name."""
+
 _MESSAGES = """
-std_msgs/Bool: bool data
-std_msgs/Byte: byte data
-std_msgs/ByteMultiArray: std_msgs/MultiArrayLayout layout; byte[] data
-std_msgs/Char: char data
 std_msgs/ColorRGBA: float32 r; float32 g; float32 b; float32 a
-std_msgs/Duration: duration data
 std_msgs/Empty:
-std_msgs/Float32: float32 data
-std_msgs/Float32MultiArray: std_msgs/MultiArrayLayout layout; float32[] data
-std_msgs/Float64: float64 data
-std_msgs/Float64MultiArray: std_msgs/MultiArrayLayout layout; float64[] data
 std_msgs/Header: uint32 seq; time stamp; string frame_id
-std_msgs/Int16: int16 data
-std_msgs/Int16MultiArray: std_msgs/MultiArrayLayout layout; int16[] data
-std_msgs/Int32: int32 data
-std_msgs/Int32MultiArray: std_msgs/MultiArrayLayout layout; int32[] data
-std_msgs/Int64: int64 data
-std_msgs/Int64MultiArray: std_msgs/MultiArrayLayout layout; int64[] data
-std_msgs/Int8: int8 data
-std_msgs/Int8MultiArray: std_msgs/MultiArrayLayout layout; int8[] data
 std_msgs/MultiArrayDimension: string label; uint32 size; uint32 stride
 std_msgs/MultiArrayLayout: std_msgs/MultiArrayDimension[] dim; uint32 data_offset
-std_msgs/String: string data
-std_msgs/Time: time data
-std_msgs/UInt16: uint16 data
-std_msgs/UInt16MultiArray: std_msgs/MultiArrayLayout layout; uint16[] data
-std_msgs/UInt32: uint32 data
-std_msgs/UInt32MultiArray: std_msgs/MultiArrayLayout layout; uint32[] data
-std_msgs/UInt64: uint64 data
-std_msgs/UInt64MultiArray: std_msgs/MultiArrayLayout layout; uint64[] data
-std_msgs/UInt8: uint8 data
-std_msgs/UInt8MultiArray: std_msgs/MultiArrayLayout layout; uint8[] data
 geometry_msgs/Point32: float32 x; float32 y; float32 z
 geometry_msgs/Quaternion: float64 x; float64 y; float64 z; float64 w
 geometry_msgs/Transform: geometry_msgs/Vector3 translation; geometry_msgs/Quaternion rotation
@@ -158,7 +136,11 @@ def _definitions(text: str) -> Dict[str, str]:
     return found
 
 
-MESSAGES: Mapping[str, str] = _definitions(_MESSAGES)
+MESSAGES: Mapping[str, str] = {
+    **{f"std_msgs/{name}": f"{name.lower()} data\n" for name in _SINGLE},
+    **{f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout\n{name.lower()}[] data\n" for name in _ARRAYS},
+    **_definitions(_MESSAGES),
+}
 """Definition of each message, by type."""
 
 SERVICES: Mapping[str, Tuple[str, str]] = {
@@ -266,17 +248,13 @@ def check_type(type_name: str) -> str:
 
 
 def check_field(topic: str, type_name: str, field: str) -> None:
-    """Checks that a message type has a field, where the definition of the type is known here.
-
-    Raises:
-        ConfigError: it has not; or as `check_type` does.
-    """
+    """Checks a field of a type whose definition is known here; raises ConfigError if there is no such field or type."""
     if check_type(type_name):
         messages.field_getter(topic, type_name, field)
 
 
 def complete(type_name: str, message: Message) -> Dict[str, Any]:
-    """Returns a message with every field of its type and checked values, where the definition is known here.
+    """Returns a message with every field of its type, where the definition is known here.
 
     Raises:
         MessageError: the message does not match its type.

@@ -14,7 +14,7 @@ from ..errors import ConfigError
 from ..explanation import source_text
 from ..faults import Fault
 from ..formatting import printable
-from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
+from ..middleware import Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets, event_severity, event_text
@@ -126,7 +126,7 @@ class AlertSystem:
         middleware.subscribe(SIMULATED_SENSORS, STRING_TYPE, self._note_simulated, field="data", latched=True)
         self._follow_topics(config)
         middleware.subscribe(UNAVAILABLE_SENSORS, STRING_TYPE, self._note_unavailable, field="data")
-        middleware.advertise_service("~reset", TRIGGER_TYPE, self._reset)
+        middleware.advertise_service("~reset", TRIGGER_TYPE, lambda _: {"success": True, "message": self._reset()})
         middleware.create_timer(TICK_PERIOD_S, self._tick)
         middleware.create_timer(CHECK_PERIOD_S, self._check, steady=True)
         self._report_timer = middleware.create_timer(1.0 / config.publish_rate, self._report)
@@ -186,7 +186,7 @@ class AlertSystem:
 
     def reset(self) -> str:
         """Clears latched alerts, as the service `~reset`; returns its message. May be called in any thread."""
-        return str(self._middleware.exclusively(lambda: self._reset({}))["message"])
+        return self._middleware.exclusively(self._reset)
 
     def status(self, signal: str) -> Optional[Status]:
         """Returns the status of a signal, with its silence; None if it is unknown or before the first call."""
@@ -368,17 +368,16 @@ class AlertSystem:
         self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
 
     def _with_silence(self, status: Status) -> Status:
-        """Adds the silence of a signal to its status."""
         text = self.silence_of(status.name)
         return status if text is None else replace(status, values={**status.values, "silenced": text}, silence=text)
 
-    def _reset(self, request: Message) -> Message:
+    def _reset(self) -> str:
         now_s, transitions = self._middleware.now_s(), self.monitor.reset()
         self._announce(transitions, now_s)
         if self._continuity is not None:
             self._middleware.faults.guard("storing the reset", self._continuity.record_reset, now_s)
         cleared = ", ".join(transition.signal for transition in transitions) or "nothing was latched"
-        return {"success": True, "message": f"reset: {cleared}"}
+        return f"reset: {cleared}"
 
     def _read_config(self, tree: Mapping[str, Any]) -> MonitorConfig:
         """Returns the configuration in a tree of parameters.

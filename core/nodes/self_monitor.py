@@ -10,7 +10,7 @@ from ..faults import summary_of
 from ..formatting import duration_text, number_text
 from ..middleware import Middleware, Severity
 from ..model import Level, Status
-from ..outlets import Event, Notice
+from ..outlets import Notice, Outlet
 from ..version import package_version
 
 MONITOR = "monitor"
@@ -95,12 +95,7 @@ class SelfMonitor:
     """
 
     def __init__(
-        self,
-        middleware: Middleware,
-        robot: str,
-        tick_period_s: float,
-        emit: Callable[[Event], None],
-        report: SelfReport = EMPTY_REPORT,
+        self, middleware: Middleware, robot: str, tick_period_s: float, emit: Outlet, report: SelfReport = EMPTY_REPORT
     ) -> None:
         """Starts without faults.
 
@@ -242,8 +237,6 @@ class SelfMonitor:
 
     def _announce_faults(self, steady_s: float) -> None:
         faults = self._middleware.faults.current()
-        if not faults and not self._announced:
-            return
         for part, fault in faults.items():
             self._healthy_since_s.pop(part, None)
             announced = self._announced.get(part)

@@ -39,11 +39,7 @@ class HostReading:
     """Returns the value; may raise SensorError."""
 
     def read(self, now_s: float) -> float:
-        """Returns the current value.
-
-        Raises:
-            SensorError: it cannot be read.
-        """
+        """Returns the current value, or raises SensorError."""
         return self.function()
 
 
@@ -61,8 +57,7 @@ class HostNetworkRate:
     def read(self, now_s: float) -> float:
         """Returns the rate since the previous read in 1/s; the previous one if no time has passed since.
 
-        Raises:
-            SensorError: there is no such interface, or the rate has not been measured yet.
+        Raises SensorError if there is no such interface, or if the rate has not been measured yet.
         """
         try:
             count = self._count()

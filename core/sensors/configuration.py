@@ -64,16 +64,9 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
 
 def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HOST_PATHS) -> Dict[str, Source]:
-    """Creates the sources of a node's configuration.
+    """Creates a source per metric, in the order of `METRICS` and then of the section `host`; none for `source: none`.
 
-    Args:
-        tree: the node's whole configuration; only `seed`, `sensors` and the sections are read.
-        path: keys above the tree, for error messages.
-        paths: where the kernel's files are.
-
-    Returns:
-        A source per metric, in the order of `METRICS` and then of the section `host`, without those that have
-        `source: none`.
+    Reads `seed`, `sensors` and the sections of a node's whole configuration. `path` has the keys above it, for errors.
 
     Raises:
         ConfigError: unknown keys or values that are not allowed, all of them.

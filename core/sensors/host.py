@@ -49,11 +49,7 @@ class HostCpuUsage:
             pass  # the first read reports it
 
     def read(self, now_s: float) -> float:
-        """Returns the load in %; the previous one if no time has passed since.
-
-        Raises:
-            SensorError: it cannot be read, or it has not been measured yet.
-        """
+        """Returns the load in %; the previous one if no time has passed since. Raises SensorError."""
         times = self._cpu_times()
         last, self._last = self._last, times
         if last is not None:
@@ -90,11 +86,7 @@ class HostTemperature:
     paths: HostPaths = HOST_PATHS
 
     def read(self, now_s: float) -> float:
-        """Returns the temperature in degrees C.
-
-        Raises:
-            SensorError: there is no such sensor, or it has no plausible reading.
-        """
+        """Returns the temperature; raises SensorError if there is no such sensor, or if its reading is implausible."""
         chips = read_temperatures(self.paths)
         return self._one(chips) if self.sensor else self._hottest(chips)
 
@@ -234,11 +226,7 @@ class Battery:
 
 
 def call_psutil(function: str, subject: str, paths: HostPaths, *arguments: Any, **options: Any) -> Any:
-    """Calls a function of psutil by its name; `subject` is what it reads, for errors.
-
-    Raises:
-        SensorError: psutil is not installed, lacks the function on this system, or failed.
-    """
+    """Calls a function of psutil, which reads a `subject`; raises SensorError if that is not possible."""
     try:
         import psutil
     except ImportError:
