@@ -10,7 +10,7 @@ Sources: wiki.ros.org/msg; design.ros2.org/articles/idl_interface_definition.htm
 from __future__ import annotations
 
 import re
-from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .middleware import canonical_type
 
@@ -97,10 +97,7 @@ def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") 
     """
     if form == "msg":
         aliases = {**_MSG_ALIASES, "byte": byte}
-        found = {
-            name: Definition([field._replace(kind=aliases.get(field.kind, field.kind)) for field in definition.fields])
-            for name, definition in parse_msg(type_name, text).items()
-        }
+        found = _with_kinds(parse_msg(type_name, text), lambda kind: aliases.get(kind, kind))
     else:
         found = {}
         for part in _parts(text):
@@ -166,13 +163,16 @@ def _resolved(types: Definitions) -> Definitions:
     """Looks for types without a package in the other packages too: a Header is that of std_msgs."""
     by_name = {"Header": "std_msgs/Header", **{name.partition("/")[2]: name for name in types}}
 
-    def resolve(field: Field) -> Field:
-        if "/" not in field.kind or field.kind in types or field.kind in TIMES:
-            return field
-        return field._replace(kind=by_name.get(field.kind.partition("/")[2], field.kind))
+    def resolve(kind: str) -> str:
+        is_known = "/" not in kind or kind in types or kind in TIMES
+        return kind if is_known else by_name.get(kind.partition("/")[2], kind)
 
+    return _with_kinds(types, resolve)
+
+
+def _with_kinds(types: Definitions, kind_of: Callable[[str], str]) -> Definitions:
     return {
-        name: definition._replace(fields=[resolve(field) for field in definition.fields])
+        name: definition._replace(fields=[field._replace(kind=kind_of(field.kind)) for field in definition.fields])
         for name, definition in types.items()
     }
 

@@ -144,8 +144,8 @@ class Middleware(Protocol):
         An empty `type_name` is the type with which the topic is advertised, now or later; a field that this type does
         not have is then one ERROR line in the log.
 
-        `field` is a path as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`, `status["motor"].level`), which
-        is bound once and read from the native message. An index beyond the end of an array reads as None. Messages in
+        `field` is a path as in `field_path.py` (`battery.percentage`, `cell_voltage[0]`, `status["motor"].level`),
+        bound once and read from the native message. An index beyond the end of an array reads as None. Messages in
         which no element has the key are ignored. Empty: the whole message as a mapping, which costs a conversion. None:
         the message is not read, nor deserialized where the middleware allows that; the value is 1.0.
 

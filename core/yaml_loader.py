@@ -70,40 +70,10 @@ def load(text: str, problems: Problems) -> Document:
             loader.dispose()
 
 
-class _Bounds:
-    """Mixin: bounds the depth and the number of nodes while composing, and gives every failed value its line."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)  # type: ignore[call-arg]
-        self._depth = 0
-        self._nodes = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        self._depth += 1
-        self._nodes += 1
-        problem = _excess(self._nodes, self._depth)
-        if problem:
-            raise MarkedYAMLError(None, None, problem, self.peek_event().start_mark)  # type: ignore[attr-defined]
-        node = super().compose_node(parent, index)  # type: ignore[misc]
-        self._depth -= 1
-        # YAML 1.1 reads 1:30:00 as 5400, ROS 2 and YAML 1.2 as text.
-        if node.tag in _NUMBERS and (len(node.value) > LONGEST_NUMBER or ":" in node.value):
-            node.tag = _TEXT
-        return node
-
-    def construct_object(self, node: Any, deep: bool = False) -> Any:
-        try:
-            return super().construct_object(node, deep)  # type: ignore[misc]
-        except (ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError):
-            # Such as the date 2020-13-45, or a text tagged as a number.
-            kind = node.tag[len(_PREFIX) :] if node.tag.startswith(_PREFIX) else node.tag
-            raise ConstructorError(None, None, f"this is not a valid {kind}", node.start_mark) from None
-
-
 if yaml.__with_libyaml__:
     from yaml.cyaml import CParser  # type: ignore[attr-defined]  # missing in its stub
 
-    class _FastParser(Composer, CParser, SafeConstructor, Resolver):
+    class _Parser(Composer, CParser, SafeConstructor, Resolver):
         """libyaml's scanner and parser, with PyYAML's composer: its C composer cannot be bounded."""
 
         def __init__(self, text: str) -> None:
@@ -112,13 +82,39 @@ if yaml.__with_libyaml__:
             SafeConstructor.__init__(self)
             Resolver.__init__(self)
 
-    class _Loader(_Bounds, _FastParser):
-        pass
-
 else:
+    _Parser = yaml.SafeLoader  # type: ignore[assignment,misc]
 
-    class _Loader(_Bounds, yaml.SafeLoader):  # type: ignore[no-redef]
-        pass
+
+class _Loader(_Parser):
+    """Bounds the depth and the number of nodes while composing, and gives every failed value its line."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = 0
+        self._nodes = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        self._depth += 1
+        self._nodes += 1
+        problem = _excess(self._nodes, self._depth)
+        if problem:
+            event: Any = self.peek_event()
+            raise MarkedYAMLError(None, None, problem, event.start_mark)
+        node: Any = super().compose_node(parent, index)
+        self._depth -= 1
+        # YAML 1.1 reads 1:30:00 as 5400, ROS 2 and YAML 1.2 as text.
+        if node.tag in _NUMBERS and (len(node.value) > LONGEST_NUMBER or ":" in node.value):
+            node.tag = _TEXT
+        return node
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError):
+            # Such as the date 2020-13-45, or a text tagged as a number.
+            kind = node.tag[len(_PREFIX) :] if node.tag.startswith(_PREFIX) else node.tag
+            raise ConstructorError(None, None, f"this is not a valid {kind}", node.start_mark) from None
 
 
 class _Sizes:

@@ -234,21 +234,17 @@ class AlertSystem:
             # Signals with a type and a field first: those that only count messages can share their subscription.
             new = wanted - self._subscriptions.keys()
             for source in sorted(new, key=lambda key: (key[3] == "", key[2] == "", key)):
-                added[source] = self._subscribe(*source)
-        except ConfigError:
+                name, topic, type_name, field = source
+                take = partial(self._take, name)
+                added[source] = self._middleware.subscribe(topic, type_name, take, field=field or None)
+        except ConfigError as error:
             for subscription in added.values():
                 self._middleware.unsubscribe(subscription)
-            raise
+            raise ConfigError(error.problem, ("signals", name)) from None
         for source in self._subscriptions.keys() - wanted:
             self._middleware.unsubscribe(self._subscriptions.pop(source))
         self._subscriptions.update(added)
         self._simulated = frozenset(self._signals_on(self._simulated_topics))
-
-    def _subscribe(self, name: str, topic: str, type_name: str, field: str) -> Subscription:
-        try:
-            return self._middleware.subscribe(topic, type_name, partial(self._take, name), field=field or None)
-        except ConfigError as error:
-            raise ConfigError(error.problem, ("signals", name)) from None
 
     def _take(self, name: str, value: Any, now_s: float) -> None:
         self.samples += 1

@@ -93,21 +93,16 @@ class BatterySensor:
                 value = source.read(now_s)
             except NotMeasuredYet:
                 continue
-            except SensorError as error:
-                self._note_failure(metric, error)
-                continue
-            except Exception as error:  # one broken source must not stop the others
-                self._note_failure(metric, SensorError(f"{type(error).__name__}: {error}"))
+            except Exception as raised:  # one broken source must not stop the others
+                error = raised if isinstance(raised, SensorError) else SensorError(f"{type(raised).__name__}: {raised}")
+                if metric not in self._failed:
+                    self._middleware.log(Severity.WARN, f"{metric} is not published: {error}")
+                self._failed[metric] = error
                 continue
             self._seen.add(metric)
             if self._failed.pop(metric, None):
                 self._middleware.log(Severity.INFO, f"{metric} can be read again")
             self._middleware.publish(metric, {"data": value})
-
-    def _note_failure(self, metric: str, error: SensorError) -> None:
-        if metric not in self._failed:
-            self._middleware.log(Severity.WARN, f"{metric} is not published: {error}")
-        self._failed[metric] = error
 
     def _publish_simulated(self) -> None:
         topics = [self._topics[metric] for metric in self._simulated]
@@ -115,11 +110,8 @@ class BatterySensor:
 
     def _publish_status(self, now_s: float) -> None:
         self._publish_simulated()
-        unavailable = [
-            metric
-            for metric, error in self._failed.items()
-            if isinstance(error, NoSuchSensor) and metric not in self._seen
-        ]
+        without_sensor = [metric for metric, error in self._failed.items() if isinstance(error, NoSuchSensor)]
+        unavailable = [metric for metric in without_sensor if metric not in self._seen]
         if "host" in self._kinds.values():
             self._middleware.publish(UNAVAILABLE_SENSORS, {"data": ", ".join(unavailable)})
         if self._middleware.has_listeners(DIAGNOSTICS):
