@@ -10,9 +10,10 @@ import os
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .errors import ConfigError, Path, Problems
+from .formatting import list_text
 from .middleware import split_type_name
 from .parameters import Parameter, describe, read_parameters, require_mapping
 from .signal_config import CONDITION_PARAMETERS, CONDITIONS, LINK, SIGNAL_PARAMETERS, SignalConfig, read_signal
@@ -26,23 +27,15 @@ NODE_PARAMETERS = (
     Parameter("thresholds", str, "", "path of the file that contains this configuration; used in error messages"),
     Parameter("use_sim_time", bool, False, "use the time from /clock instead of the system time"),
     Parameter(
-        "log_level",
-        str,
-        "INFO",
-        "lowest severity that is logged",
-        choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL"),
+        "log_level", str, "INFO", "lowest severity that is logged", choices=("DEBUG", "INFO", "WARN", "ERROR", "FATAL")
     ),
     Parameter(
-        "executor",
-        str,
-        "auto",
+        "executor", str, "auto",
         "ROS 2 only: single (SingleThreadedExecutor), events (EventsExecutor, less CPU) or auto (events if it works)",
         choices=("auto", "single", "events"),
     ),
     Parameter(
-        "sensors",
-        str,
-        "",
+        "sensors", str, "",
         "source of each metric of battery_sensor that names none: simulated, host or none; empty: simulated. "
         "none: health_monitor runs without battery_sensor, and without aggregator unless its inputs are configured",
         choices=("", "simulated", "host", "none"),
@@ -51,7 +44,7 @@ NODE_PARAMETERS = (
     Parameter("rosbridge_address", str, "127.0.0.1", "address of the rosbridge server; any other one needs a token"),
     Parameter("rosbridge_token_file", str, "", "path of a file with the token that clients must present; empty: none"),
     Parameter("ops", str, "", "path of an ops.yaml (history, notifications, server); empty: none"),
-)
+)  # fmt: skip
 """Parameters common to all nodes: a ROS 2 launch file passes the same ones to all nodes of a process."""
 
 MONITOR_PARAMETERS = (
@@ -146,14 +139,18 @@ def load_config(source: Union[Mapping[str, Any], PathLike], node: str = "alert_s
 
 def is_whole_file(tree: Mapping[str, Any]) -> bool:
     """Returns whether `tree` is the mapping of a whole file, with node names above `ros__parameters`."""
-    return any(isinstance(value, Mapping) and _has_sections(value, 1) for value in tree.values())
+    return next(_parameters(tree), None) is not None
 
 
-def _has_sections(tree: Mapping[Any, Any], depth: int) -> bool:
-    return "ros__parameters" in tree or (
-        depth < _DEEPEST_SECTION
-        and any(isinstance(value, Mapping) and _has_sections(value, depth + 1) for value in tree.values())
-    )
+def _parameters(tree: Mapping[Any, Any], path: Path = ()) -> Iterator[Tuple[Path, object]]:
+    """Yields path and value of each `ros__parameters`."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            below = (*path, str(key))
+            if "ros__parameters" in value:
+                yield (*below, "ros__parameters"), value["ros__parameters"]
+            elif len(path) < _DEEPEST_SECTION:
+                yield from _parameters(value, below)
 
 
 def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
@@ -168,30 +165,16 @@ def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
 def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) -> List[Section]:
     """Returns every section of a whole file.
 
-    Args:
-        tree: the mapping of the file.
-        problems: receives the sections that cannot be used; None: they are raised.
-
     Raises:
-        ConfigError: the value of a `ros__parameters` is not a mapping.
+        ConfigError: the value of a `ros__parameters` is not a mapping. With `problems`, these receive it instead.
     """
     collected = Problems() if problems is None else problems
-    found = _list_sections(tree, (), collected)
+    found: List[Section] = []
+    for path, parameters in _parameters(tree):
+        with collected:
+            found.append(Section(path, require_mapping(parameters, path)))
     if problems is None:
         collected.raise_if_any()
-    return found
-
-
-def _list_sections(tree: Mapping[str, Any], path: Path, problems: Problems) -> List[Section]:
-    found: List[Section] = []
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            if "ros__parameters" in value:
-                below = (*path, str(key), "ros__parameters")
-                with problems:
-                    found.append(Section(below, require_mapping(value["ros__parameters"], below)))
-            elif len(path) < _DEEPEST_SECTION:
-                found.extend(_list_sections(value, (*path, str(key)), problems))
     return found
 
 
@@ -202,10 +185,10 @@ def find_section(tree: Mapping[str, Any], node: str) -> Section:
         ConfigError: there is none, or several.
     """
     found = list_sections(tree)
-    of_node = [section for section in found if section.node == node]
-    if of_node:
-        refuse_second_section(of_node)
-        return of_node[0]
+    refuse_second_section(found, node)
+    for section in found:
+        if section.node == node:
+            return section
     if "signals" in tree:
         nesting = f"{node}: {{ros__parameters: {{signals: ...}}}}"
         raise ConfigError(f"expected below the name of a node: {nesting}", ("signals",))
@@ -218,13 +201,9 @@ def find_section(tree: Mapping[str, Any], node: str) -> Section:
 
 
 def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
-    """Refuses a node's name at the top of a file without `ros__parameters` below it.
-
-    Raises:
-        ConfigError: there is one; a similar key is named.
-    """
+    """Raises a ConfigError if a node's name is at the top of a file without `ros__parameters` below it."""
     below = tree.get(node)
-    if not isinstance(below, Mapping) or _has_sections(below, 1):
+    if not isinstance(below, Mapping) or is_whole_file({node: below}):
         return
     import difflib  # only for mistakes: it takes memory in every node
 
@@ -234,19 +213,12 @@ def refuse_missing_parameters(tree: Mapping[str, Any], node: str) -> None:
     raise ConfigError("expected the key ros__parameters above the parameters", (node,))
 
 
-def refuse_second_section(found: List[Section]) -> None:
-    """Refuses several sections for one node.
-
-    Args:
-        found: all sections for that node.
-
-    Raises:
-        ConfigError: there are several.
-    """
-    if len(found) > 1:
-        places = " and ".join(".".join(section.path[:-1]) for section in found[:2])
-        problem = f"expected one section for {found[0].node} in a file (one file per robot), got {places}"
-        raise ConfigError(problem, found[1].path[:-1])
+def refuse_second_section(found: List[Section], node: str) -> None:
+    """Raises a ConfigError if several of the sections of a file are for one node."""
+    of_node = [section.path[:-1] for section in found if section.node == node]
+    if len(of_node) > 1:
+        places = " and ".join(".".join(path) for path in of_node[:2])
+        raise ConfigError(f"expected one section for {node} in a file (one file per robot), got {places}", of_node[1])
 
 
 def read_monitor(section: Section) -> MonitorConfig:
@@ -292,8 +264,8 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
         for key in CONDITIONS:
             condition = getattr(signal, key)
             if condition is not None and (condition.signal == name or condition.signal not in (*signals, LINK)):
-                others = [other for other in signals if other not in (name, LINK)] + [LINK]
-                problem = f"expected the name of another signal ({_names(others)}), got {describe(condition.signal)}"
+                others = list_text([other for other in signals if other not in (name, LINK)] + [LINK], 20)
+                problem = f"expected the name of another signal ({others}), got {describe(condition.signal)}"
                 problems.add(ConfigError(problem, (*path, name, key, "signal")))
     problems.raise_if_any()
     return read
@@ -302,11 +274,8 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
 def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:
     """Gives signals without a type that of another signal of the same topic; two types for one topic are a mistake.
 
-    Args:
-        found: the signals as they were given.
-        signals: those of them that could be read; changed.
-        path: where they are.
-        problems: receives the mistakes, each at both signals.
+    `found` are all signals as they were given, `signals` those that could be read: they are changed. `problems`
+    receives each mistake at both signals.
     """
     typed: Dict[str, Tuple[str, str]] = {}
     for name, given in found.items():
@@ -315,10 +284,8 @@ def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], pat
             continue
         first, other = typed.setdefault(topic, (name, type_name))
         if split_type_name(other) != split_type_name(type_name):
-            for one, its_type, another, another_type in (
-                (first, other, name, type_name),
-                (name, type_name, first, other),
-            ):
+            both = ((first, other), (name, type_name))
+            for (one, its_type), (another, another_type) in (both, both[::-1]):
                 problem = f"signal {another} of the same topic {topic} has {another_type}, this one {its_type}"
                 problems.add(ConfigError(problem, (*path, one, "type")))
     for name, signal in signals.items():
@@ -335,16 +302,10 @@ def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], pat
             problems.add(ConfigError(problem, (*path, giver, "type")))
 
 
-def _names(names: List[str]) -> str:
-    return ", ".join(names if len(names) <= 20 else [*names[:20], "..."])
-
-
 def described_parameters(config: MonitorConfig, *, are_default: bool = False) -> Tuple[Parameter, ...]:
     """Returns every parameter of a node with this configuration, under its dotted name, for `declare_parameters`.
 
-    Args:
-        config: the configuration.
-        are_default: its signals are `DEFAULT_SIGNALS`, which give the defaults of their parameters.
+    With `are_default`, its signals are `DEFAULT_SIGNALS`, which give the defaults of their parameters.
     """
     return _described_parameters(tuple(config.signals), are_default)
 
@@ -352,12 +313,10 @@ def described_parameters(config: MonitorConfig, *, are_default: bool = False) ->
 @lru_cache(maxsize=4)  # the robots of a fleet have the same signals
 def _described_parameters(signals: Tuple[str, ...], are_default: bool) -> Tuple[Parameter, ...]:
     defaults = DEFAULT_SIGNALS if are_default else {}
-    return MONITOR_PARAMETERS + tuple(
-        replace(
-            parameter,
-            name=f"signals.{name}.{parameter.name}",
-            default=defaults.get(name, {}).get(parameter.name, parameter.default),
-        )
-        for name in signals
-        for parameter in (*SIGNAL_PARAMETERS, *_CONDITION_PARAMETERS)
-    )
+    described = list(MONITOR_PARAMETERS)
+    for name in signals:
+        own = defaults.get(name, {})
+        for parameter in (*SIGNAL_PARAMETERS, *_CONDITION_PARAMETERS):
+            default = own.get(parameter.name, parameter.default)
+            described.append(replace(parameter, name=f"signals.{name}.{parameter.name}", default=default))
+    return tuple(described)

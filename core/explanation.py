@@ -267,7 +267,7 @@ def _value_reason(judgement: Judgement) -> str:
     else:
         text = f"{value} is no longer {side}"
     if rule.held_back and config.only_if is not None:
-        text += f" (ignored: {config.only_if.opposite})"
+        text += f" (ignored: {config.only_if.text(holds=False)})"
     if rule.state is State.PENDING and judgement.level is Level.OK:
         return f"{text}, pending for {duration_text(rule.waited_s(judgement.now_s))}"
     if rule.condition or judgement.level is Level.OK:

@@ -9,7 +9,8 @@ import dataclasses
 import math
 import re
 from dataclasses import dataclass, fields, replace
-from typing import Any, Dict, Mapping, Optional, Tuple
+from itertools import product
+from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
 
 from .errors import ConfigError, Path, Problems
 from .field_path import parse_field_path
@@ -22,6 +23,9 @@ LINK = "link"
 
 STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
 """Statistics to which bounds can apply."""
+
+_IN_UNIT = ("last", "mean", "min", "max")
+"""Statistics in the unit of the signal, and within its valid range."""
 
 BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
 
@@ -53,14 +57,10 @@ class Condition:
     """Number with which its value is compared, in its unit."""
 
     def __str__(self) -> str:
-        return self._text(True)
+        return self.text(holds=True)
 
-    @property
-    def opposite(self) -> str:
-        """The text while it does not hold."""
-        return self._text(False)
-
-    def _text(self, holds: bool) -> str:
+    def text(self, *, holds: bool) -> str:
+        """Returns the condition in words, or its opposite."""
         verb = "is" if holds is (self.comparison != "is_not") else "is not"
         side = "" if self.comparison in ("is", "is_not") else f" {self.comparison}"
         return f"{self.signal} {verb}{side} {bound_text(self.number)}"
@@ -135,8 +135,7 @@ class SignalConfig:
     startup_grace_s: float = _key(10.0, "stale_after_s before the first sample, in s", 0.0)
     repeat_s: float = _key(0.0, "interval of repeated announcements while not OK, in s; 0: none", 0.0)
     only_if: Optional[Condition] = dataclasses.field(
-        default=None,
-        metadata={"condition": "the bounds apply only while this holds or the other signal is unknown"},
+        default=None, metadata={"condition": "the bounds apply only while this holds or the other signal is unknown"}
     )
     latch_release_if: Optional[Condition] = dataclasses.field(
         default=None, metadata={"condition": "a latch is released while this holds, as by `reset`"}
@@ -202,19 +201,8 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
         if values[f"error_{key}"] is None:
             values[f"error_{key}"] = values[key]
     signal = SignalConfig(name=name, **values)
-    with problems:
-        _check_source(signal, path)
-    if signal.flap_low > signal.flap_high:
-        low, high = bound_text(signal.flap_low), bound_text(signal.flap_high)
-        key, problem = "flap_low", f"expected at most flap_high ({high}), got {low}"
-        if "flap_low" not in tree:
-            key, problem = "flap_high", f"expected at least flap_low ({low}), got {high}"
+    for key, problem in _mistakes(signal, tree):
         problems.add(ConfigError(problem, (*path, key)))
-    if signal.window_min_s > signal.window_s:
-        most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
-        problems.add(ConfigError(f"expected at most window_s ({most}), got {got}", (*path, "window_min_s")))
-    _check_order(signal, path, problems)
-    _check_unit(signal, path, problems)
     problems.raise_if_any()
     return signal
 
@@ -232,85 +220,81 @@ def _read_condition(found: object, path: Path) -> Condition:
     return Condition(signal, comparison, number)
 
 
-def _check_source(signal: SignalConfig, path: Path) -> None:
-    problems = Problems()
+def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields key and problem of each value that cannot be used, or contradicts another; `given` are the keys found."""
     if not signal.topic:
-        problems.add(ConfigError("expected the name of a topic, got ''", (*path, "topic")))
+        yield "topic", "expected the name of a topic, got ''"
     if signal.type and split_type_name(signal.type) is None:
-        got = describe(signal.type)
-        problems.add(ConfigError(f"expected a type such as std_msgs/Float32, got {got}", (*path, "type")))
+        yield "type", f"expected a type such as std_msgs/Float32, got {describe(signal.type)}"
     try:
         parse_field_path(signal.field)
     except ValueError as error:
-        problems.add(
-            ConfigError(f"expected the path of a field, got {describe(signal.field)}: {error}", (*path, "field"))
-        )
+        yield "field", f"expected the path of a field, got {describe(signal.field)}: {error}"
     if signal.scale == 0.0:
-        problems.add(ConfigError("expected a number other than 0, got 0", (*path, "scale")))
-    problems.raise_if_any()
+        yield "scale", "expected a number other than 0, got 0"
+    if signal.flap_low > signal.flap_high:
+        low, high = bound_text(signal.flap_low), bound_text(signal.flap_high)
+        if "flap_low" in given:
+            yield "flap_low", f"expected at most flap_high ({high}), got {low}"
+        else:
+            yield "flap_high", f"expected at least flap_low ({low}), got {high}"
+    if signal.window_min_s > signal.window_s:
+        most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
+        yield "window_min_s", f"expected at most window_s ({most}), got {got}"
+    yield from _mistakes_of_bounds(signal)
+    yield from _mistakes_of_unit(signal)
 
 
-def _check_order(signal: SignalConfig, path: Path, problems: Problems) -> None:
-    def refuse_above(low: str, high: str, why: str) -> None:
-        low_value, high_value = getattr(signal, low), getattr(signal, high)
-        if low_value is not None and high_value is not None and low_value > high_value:
-            expected = f"expected at most {high} ({bound_text(high_value)})"
-            problems.add(ConfigError(f"{expected}, got {bound_text(low_value)}: {why}", (*path, low)))
-
-    def refuse_hysteresis(expected: str, why: str) -> None:
-        got = bound_text(signal.hysteresis)
-        problems.add(ConfigError(f"expected {expected}, got {got}: {why}", (*path, "hysteresis")))
-
-    refuse_above("valid_min", "valid_max", "no value would be valid")
-    refuse_above("error_below", "warn_below", "a falling value crosses the WARN bound first")
-    refuse_above("warn_above", "error_above", "a rising value crosses the WARN bound first")
-    lows = [name for name in ("warn_below", "error_below") if getattr(signal, name) is not None]
-    highs = [name for name in ("warn_above", "error_above") if getattr(signal, name) is not None]
-    for low in lows:
-        for high in highs:
-            refuse_above(low, high, "no value would be OK")
-            room = getattr(signal, high) - getattr(signal, low)
-            if 0.0 <= room < signal.hysteresis:
-                refuse_hysteresis(f"at most {number_text(room)}", f"{low} would clear above {high}")
-    if signal.statistic not in ("last", "mean", "min", "max"):
+def _mistakes_of_bounds(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+    bounds, hysteresis = signal.bounds, bound_text(signal.hysteresis)
+    lows = [name for name in bounds if name.endswith("below")]
+    sides = list(product(lows, [name for name in bounds if name not in lows]))
+    for low, high, why in (
+        ("valid_min", "valid_max", "no value would be valid"),
+        ("error_below", "warn_below", "a falling value crosses the WARN bound first"),
+        ("warn_above", "error_above", "a rising value crosses the WARN bound first"),
+        *((low, high, "no value would be OK") for low, high in sides),
+    ):
+        least, most = getattr(signal, low), getattr(signal, high)
+        if least is not None and most is not None and least > most:
+            yield low, f"expected at most {high} ({bound_text(most)}), got {bound_text(least)}: {why}"
+    for low, high in sides:
+        room = bounds[high] - bounds[low]
+        if 0.0 <= room < signal.hysteresis:
+            why = f"{low} would clear above {high}"
+            yield "hysteresis", f"expected at most {number_text(room)}, got {hysteresis}: {why}"
+    if signal.statistic not in _IN_UNIT:
         return
-    for name, bound in signal.bounds.items():
-        with problems:
-            _check_range(name, bound, signal.valid_min, signal.valid_max, "valid_min", "valid_max", path)
+    valid_min, valid_max = signal.valid_min, signal.valid_max
+    for name, bound in bounds.items():
+        yield from _outside(name, bound, (valid_min, valid_max), ("valid_min", "valid_max"))
         clears_at = bound + signal.hysteresis if name in lows else bound - signal.hysteresis
-        too_high = name in lows and signal.valid_max is not None and bound <= signal.valid_max < clears_at
-        too_low = name in highs and signal.valid_min is not None and clears_at < signal.valid_min <= bound
+        too_high = name in lows and valid_max is not None and bound <= valid_max < clears_at
+        too_low = name not in lows and valid_min is not None and clears_at < valid_min <= bound
         if too_high or too_low:
-            refuse_hysteresis("less", f"{name} would clear at {number_text(clears_at)}, which is not a valid value")
+            why = f"{name} would clear at {number_text(clears_at)}, which is not a valid value"
+            yield "hysteresis", f"expected less, got {hysteresis}: {why}"
 
 
-def _check_range(
-    name: str, found: float, low: Optional[float], high: Optional[float], low_name: str, high_name: str, path: Path
-) -> None:
-    expected = ""
-    if low is not None and found < low:
-        expected = f"at least {bound_text(low)} ({low_name})"
-    elif high is not None and found > high:
-        expected = f"at most {bound_text(high)} ({high_name})"
-    if expected:
-        raise ConfigError(f"expected {expected}, got {bound_text(found)}", (*path, name))
-
-
-def _check_unit(signal: SignalConfig, path: Path, problems: Problems) -> None:
-    low, high = _UNIT_RANGES.get(signal.unit, (None, None))
+def _mistakes_of_unit(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+    unit = signal.unit
     limits = {name: getattr(signal, name) for name in ("valid_min", "valid_max")}
-    if signal.statistic in ("last", "mean", "min", "max"):
+    if signal.statistic in _IN_UNIT:
         limits.update(signal.bounds)
     for name, value in limits.items():
-        if value is not None:
-            unit = f"the minimum of {signal.unit}", f"the maximum of {signal.unit}"
-            with problems:
-                _check_range(name, value, low, high, *unit, path)
-    if signal.unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
-        problems.add(
-            ConfigError(
-                f"expected valid_max 100 for the unit '%', got {bound_text(signal.valid_max)};"
-                " a fraction from 0 to 1 has the unit ''",
-                (*path, "unit"),
-            )
-        )
+        if value is not None and unit in _UNIT_RANGES:
+            yield from _outside(name, value, _UNIT_RANGES[unit], (f"the minimum of {unit}", f"the maximum of {unit}"))
+    if unit == "%" and signal.valid_max is not None and signal.valid_max <= 1.0:
+        expected = f"expected valid_max 100 for the unit '%', got {bound_text(signal.valid_max)}"
+        yield "unit", f"{expected}; a fraction from 0 to 1 has the unit ''"
+
+
+def _outside(
+    key: str, found: float, limits: Tuple[Optional[float], Optional[float]], names: Tuple[str, str]
+) -> Iterator[Tuple[str, str]]:
+    """Yields a mistake if a number lies outside of its limits, which have these names in the text."""
+    low, high = limits
+    if low is not None and found < low:
+        yield key, f"expected at least {bound_text(low)} ({names[0]}), got {bound_text(found)}"
+    elif high is not None and found > high:
+        yield key, f"expected at most {bound_text(high)} ({names[1]}), got {bound_text(found)}"

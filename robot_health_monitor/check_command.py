@@ -119,7 +119,7 @@ def _check_thresholds(file: YamlFile, problems: Problems) -> str:
         with problems:
             refuse_missing_parameters(file.tree, name)
         with problems:
-            refuse_second_section([section for section in by_node[name] if section.node == name])
+            refuse_second_section(by_node[name], name)
     if not by_node["alert_system"]:
         with problems:
             by_node["alert_system"].append(find_section(file.tree, "alert_system"))

@@ -208,7 +208,7 @@ def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:
     try:
         found = list_sections(file.tree)
         for node in NODES:
-            refuse_second_section([section for section in found if section.node == node])
+            refuse_second_section(found, node)
         alert_system = find_section(file.tree, "alert_system")
     except ConfigError as error:
         raise file.locate(error) from None
