@@ -121,34 +121,28 @@ class Envelope:
             buckets[half:] = empty
 
 
-class PlottedSignal:
-    """What the report keeps of one signal, in bounded memory."""
+class PlottedSignal(Envelope):
+    """What the report keeps of one signal, in bounded memory: the values that the bounds apply to, and the levels."""
 
     def __init__(self, config: SignalConfig, file: str, start_s: float, span_s: float, buckets: int) -> None:
-        """Starts empty.
+        """Starts empty, with arguments as of `Envelope`, for the time of the recordings.
 
-        Args:
-            config: configuration of the signal.
-            file: name of the configuration, shown if there are several; empty: there is one.
-            start_s: begin of the recordings, in s since 1970.
-            span_s: their length in s.
-            buckets: how many points to keep, see `buckets_of`.
+        `file` is the name of the configuration, shown if there are several; empty: there is one.
         """
+        super().__init__(start_s, span_s, buckets)
         self.config = config
         self.file = file
-        self.envelope = Envelope(start_s, span_s, buckets)
-        """The values that the bounds apply to."""
         self.levels: List[Tuple[float, str]] = []
         """Begin of each announced level, in s since 1970; an empty level: unknown."""
         self._first_s = math.inf
 
     def add_samples(self, times_s: Any, values: Any, bad_times_s: Any) -> None:
-        """Adds samples: those with a value to `Envelope.add`, bad ones to `Envelope.add_bad`."""
+        """Adds samples: `add` for those with a value, `add_bad` for bad ones."""
         for times in (times_s, bad_times_s):
             if len(times):
                 self._first_s = min(self._first_s, float(times[0]))
-        self.envelope.add(times_s, values)
-        self.envelope.add_bad(bad_times_s)
+        self.add(times_s, values)
+        self.add_bad(bad_times_s)
 
     def add_gap(self, begin_s: float, end_s: float) -> None:
         """Adds a time that is not recorded, in s since 1970; samples before it must have been added."""
@@ -295,6 +289,7 @@ def _alert_table(report: Report, plotted: _Places, several: bool) -> Iterable[st
         return
     if report.all_alerts > len(report.alerts):
         yield f'<p class="hint">The first {len(report.alerts)} of {report.all_alerts}.</p>'
+    zone = timezone(timedelta(seconds=round(report.utc_offset_s)))
     file_head = '<th scope="col">file</th>' if several else ""
     yield (
         '<div class="alerts table" id="alerts"><table><thead><tr><th scope="col">time</th><th scope="col">level</th>'
@@ -303,7 +298,7 @@ def _alert_table(report: Report, plotted: _Places, several: bool) -> Iterable[st
     for number, alert in enumerate(report.alerts):
         level = alert.transition.to_level.name
         place = plotted.get((alert.transition.signal, alert.file))
-        time = _text(_time(alert.wall_s, report.utc_offset_s))
+        time = _text(local_time(alert.wall_s, zone=zone))
         if place is not None:
             time = f'<a href="#signal-{place}" data-alert="alert-{number}" data-at="{alert.wall_s!r}">{time}</a>'
         file = f'<td class="file">{_text(alert.file)}</td>' if several else ""
@@ -356,15 +351,13 @@ def _rules(config: SignalConfig) -> str:
 def _data(report: Report) -> Mapping[str, Any]:
     alerts: Dict[Tuple[str, str], List[Mapping[str, Any]]] = {}
     for number, alert in enumerate(report.alerts):
-        of_signal = alerts.setdefault((alert.transition.signal, alert.file), [])
-        of_signal.append(
-            {
-                "id": f"alert-{number}",
-                "t": round(alert.wall_s, 3),
-                "level": alert.transition.to_level.name,
-                "text": printable(_line(alert.transition)),
-            }
-        )
+        shown = {
+            "id": f"alert-{number}",
+            "t": round(alert.wall_s, 3),
+            "level": alert.transition.to_level.name,
+            "text": printable(_line(alert.transition)),
+        }
+        alerts.setdefault((alert.transition.signal, alert.file), []).append(shown)
     return {
         "from": report.start_s,
         "to": report.end_s,
@@ -377,17 +370,17 @@ def _data(report: Report) -> Mapping[str, Any]:
 
 
 def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
-    config, envelope = signal.config, signal.envelope
-    places, low, high = envelope.columns
+    config = signal.config
+    places, low, high = signal.columns
     return {
         "name": _plot_title(signal),
         "unit": printable(with_degree_sign(judged_unit(config))),
-        "start": envelope.start_s,
-        "width": envelope.width_s,
+        "start": signal.start_s,
+        "width": signal.width_s,
         "steps": [after - before for before, after in zip([-1, *places], places)],
         "low": list(map(_short, low)),
         "high": list(map(_short, high)),
-        "bad": [round(time_s, 3) for time_s in islice(envelope.bad_times_s, _MOST_BUCKETS)],
+        "bad": [round(time_s, 3) for time_s in islice(signal.bad_times_s, _MOST_BUCKETS)],
         "gap": config.stale_after_s,
         "bounds": plot_bounds(config),
         "levels": [[round(time_s, 3), level] for time_s, level in signal.shown_levels],
@@ -398,10 +391,6 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> 
 def _short(value: float) -> float:
     """Returns a value with 7 digits, as many as a Float32 has."""
     return float(f"{value:.7g}")
-
-
-def _time(wall_s: float, utc_offset_s: float) -> str:
-    return local_time(wall_s, zone=timezone(timedelta(seconds=round(utc_offset_s))))
 
 
 def _text(text: str) -> str:

@@ -27,28 +27,23 @@ _TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 _TIMES = ("sec", "nanosec", "secs", "nsecs")
 
-_UNITS: Mapping[Tuple[str, str], str] = {
-    ("sensor_msgs/BatteryState", "voltage"): "V",
-    ("sensor_msgs/BatteryState", "temperature"): "degC",
-    ("sensor_msgs/BatteryState", "current"): "A",
-    ("sensor_msgs/BatteryState", "charge"): "Ah",
-    ("sensor_msgs/BatteryState", "capacity"): "Ah",
-    ("sensor_msgs/BatteryState", "design_capacity"): "Ah",
-    ("sensor_msgs/Temperature", "temperature"): "degC",
-    ("sensor_msgs/FluidPressure", "fluid_pressure"): "Pa",
-    ("sensor_msgs/Illuminance", "illuminance"): "lx",
-    ("sensor_msgs/Range", "range"): "m",
-    ("sensor_msgs/Range", "min_range"): "m",
-    ("sensor_msgs/Range", "max_range"): "m",
-    ("sensor_msgs/Range", "field_of_view"): "rad",
-    ("sensor_msgs/NavSatFix", "latitude"): "deg",
-    ("sensor_msgs/NavSatFix", "longitude"): "deg",
-    ("sensor_msgs/NavSatFix", "altitude"): "m",
-    **{("sensor_msgs/Imu", f"angular_velocity.{axis}"): "rad/s" for axis in "xyz"},
-    **{("sensor_msgs/Imu", f"linear_acceleration.{axis}"): "m/s^2" for axis in "xyz"},
-    **{("sensor_msgs/MagneticField", f"magnetic_field.{axis}"): "T" for axis in "xyz"},
-}
-"""Units that the definitions of the messages state."""
+_UNITS: Mapping[str, Mapping[str, str]] = {
+    "BatteryState": {
+        "voltage": "V", "temperature": "degC", "current": "A", "charge": "Ah", "capacity": "Ah", "design_capacity": "Ah"
+    },
+    "Temperature": {"temperature": "degC"},
+    "FluidPressure": {"fluid_pressure": "Pa"},
+    "Illuminance": {"illuminance": "lx"},
+    "Range": {"range": "m", "min_range": "m", "max_range": "m", "field_of_view": "rad"},
+    "NavSatFix": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
+    "Imu": {
+        f"{field}.{axis}": unit
+        for field, unit in (("angular_velocity", "rad/s"), ("linear_acceleration", "m/s^2"))
+        for axis in "xyz"
+    },
+    "MagneticField": {f"magnetic_field.{axis}": "T" for axis in "xyz"},
+}  # fmt: skip
+"""Units that the definitions of the messages of sensor_msgs state."""
 
 FRACTIONS = (("sensor_msgs/BatteryState", "percentage"), ("sensor_msgs/RelativeHumidity", "relative_humidity"))
 """Fields that are 0 to 1 by definition, shown in %."""
@@ -69,10 +64,7 @@ def list_sources(channels: Iterable[Channel], namespace: str = "") -> Tuple[List
     """Returns the sources of all topics with standard messages, and a line for each topic that cannot be used.
 
     A topic with several numbers or none also has a source that only counts its messages; it is the last of its topic.
-
-    Args:
-        channels: all of the recordings.
-        namespace: names and topics in it are relative to it; without slashes at its ends.
+    Names, and topics in the namespace (without slashes at its ends), are relative to it.
     """
     found: List[Source] = []
     problems: List[str] = []
@@ -104,9 +96,9 @@ def list_sources(channels: Iterable[Channel], namespace: str = "") -> Tuple[List
         topic = _relative(channel.topic, namespace)
         for field in fields:
             settings: Dict[str, Any] = {"topic": topic, "type": channel.type_name, "field": field}
-            unit = _UNITS.get((channel.type_name, field), "")
-            if unit:
-                settings["unit"] = unit
+            units = _UNITS.get(channel.type_name.replace("sensor_msgs/", ""), {})
+            if field in units:
+                settings["unit"] = units[field]
             found.append(Source(_name(topic, field, names), channel.topic, settings))
     if left_out:
         problems.append(f"topics left out, because there are more than {MOST_SIGNALS} signals: {list_text(left_out)}")

@@ -25,7 +25,8 @@ _STEPS = 10_000
 _STEPS_PER_BYTE, _LEAST_STEPS = 10, 1_000_000
 """Reading a row takes about 25 steps, and a row takes about 20 bytes. A page that is its own child has no end."""
 
-_Columns = Tuple[Sequence[int], Sequence[int], Sequence[bytes]]
+_Row = Tuple[int, Any, Any]
+"""Number of the topic, time, data or the number of the row instead."""
 _header = struct.Struct(">16sH6xII60xI").unpack_from
 """Of the file: magic, bytes per page (1: 65536), change counter, pages, change counter when `pages` was written."""
 _DAMAGE = (sqlite3.Error, ValueError, OverflowError, Damaged)
@@ -66,13 +67,9 @@ class SqliteFile(RecordedFile):
         try:
             if self._missing:
                 raise ValueError
-            left = os.path.getsize(self._path)
-            for numbers, times, data in self._columns(database, wanted):
-                last_ns = times[-1]
-                left -= sum(map(len, data))
-                if left < 0:
-                    raise Damaged("it has more data than bytes")
-                yield from zip(times, map(wanted.__getitem__, numbers), data)
+            for batch in self._batches(database, wanted):
+                last_ns = batch[-1][0]
+                yield from batch
         except _DAMAGE as error:
             self._note_damage(error)
             for message in in_time_order(self._remaining(database, wanted, last_ns)):
@@ -82,30 +79,38 @@ class SqliteFile(RecordedFile):
         finally:
             database.close()
 
-    def _columns(self, database: sqlite3.Connection, wanted: Mapping[int, Any]) -> Iterator[_Columns]:
-        """Yields numbers of topics, times and data of the next rows: few if they are large."""
+    def _batches(self, database: sqlite3.Connection, wanted: Mapping[int, Any]) -> Iterator[Messages]:
+        """Yields the messages in the order of their times: few at once if they are large."""
         cursor = database.execute(_query(wanted), list(wanted))
+        left = os.path.getsize(self._path)
         count = 1
         while True:
-            rows = cursor.fetchmany(count)
+            rows: Sequence[_Row] = cursor.fetchmany(count)
             if not rows:
                 return
-            columns = _columns_of(rows)
-            if int in set(map(type, columns[2])):
-                columns = _columns_of([self._with_large_data(database, row) for row in rows])
-            if set(map(type, columns[1])) != {int} or set(map(type, columns[2])) != {bytes}:
-                self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
-                columns = _columns_of([row for row in rows if type(row[1]) is int and type(row[2]) is bytes])
-            if columns[0]:
-                count = min(_BATCH, 1 + _BATCH_BYTES * len(columns[0]) // (1 + sum(map(len, columns[2]))))
-                yield columns
+            numbers, times, data = zip(*rows)
+            if set(map(type, times)) != {int} or set(map(type, data)) != {bytes}:
+                rows = list(self._repaired(database, rows))
+                if not rows:
+                    continue
+                numbers, times, data = zip(*rows)
+            size = sum(map(len, data))
+            left -= size
+            if left < 0:
+                raise Damaged("it has more data than bytes")
+            count = min(_BATCH, 1 + _BATCH_BYTES * len(rows) // (1 + size))
+            yield list(zip(times, map(wanted.__getitem__, numbers), data))
 
-    def _with_large_data(self, database: sqlite3.Connection, row: Tuple[Any, Any, Any]) -> Tuple[Any, Any, Any]:
-        """Returns a row with its data, if it has the number of the row instead; None if they are too large."""
-        if type(row[2]) is not int:
-            return row
+    def _repaired(self, database: sqlite3.Connection, rows: Sequence[_Row]) -> Iterator[_Row]:
+        """Yields rows with their data in place of their numbers, without those that lack a time or have no data."""
         query = "SELECT CASE WHEN length(data) <= ? THEN data END FROM messages WHERE id = ?"
-        return (*row[:2], (database.execute(query, [LARGEST, row[2]]).fetchone() or [None])[0])
+        for number, time_ns, data in rows:
+            if type(data) is int:
+                (data,) = database.execute(query, [LARGEST, data]).fetchone() or (None,)
+            if type(time_ns) is int and type(data) is bytes:
+                yield number, time_ns, data
+            else:
+                self.problem = self.problem or f"{self.name}: a row without a time or data is left out"
 
     def _remaining(self, database: sqlite3.Connection, wanted: Mapping[int, Any], last_ns: int) -> Iterator[Messages]:
         """Yields the messages of a damaged file after a time, in the order of recording, which needs no index."""
@@ -192,11 +197,6 @@ def _query_in_order_of_recording(wanted: Mapping[int, Any]) -> str:
     places = ",".join("?" * len(wanted))
     data = f"CASE WHEN topic_id IN ({places}) AND length(data) <= {LARGEST} THEN data WHEN topic_id > 0 THEN x'' END"
     return f"SELECT topic_id, timestamp, {data} FROM messages NOT INDEXED ORDER BY id"
-
-
-def _columns_of(rows: Sequence[Tuple[Any, Any, Any]]) -> _Columns:
-    numbers, times, data = zip(*rows) if rows else ((), (), ())
-    return numbers, times, data
 
 
 def _has_journal(path: str) -> bool:

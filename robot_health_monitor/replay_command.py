@@ -26,9 +26,7 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
     parser.add_argument(
-        "--force",
-        action="store_true",
-        help="let --report replace any file, except those that are read",
+        "--force", action="store_true", help="let --report replace any file, except those that are read"
     )
     parser.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the table on stderr")
     parser.add_argument(
@@ -39,9 +37,7 @@ def add_arguments(parser: Parser) -> None:
         "--against: if the alerts differ, unless never (default: warn)",
     )
     parser.add_argument(
-        "--allow-missing",
-        action="store_true",
-        help="do not end with code 1 because a signal is not recorded",
+        "--allow-missing", action="store_true", help="do not end with code 1 because a signal is not recorded"
     )
     parser.add_argument(
         "--from", dest="from_s", metavar="SECONDS", type=_offset, default=0.0, help="begin this long after the start"
