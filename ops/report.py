@@ -53,12 +53,9 @@ class Envelope:
     """
 
     def __init__(self, start_s: float, span_s: float, buckets: int = 4096) -> None:
-        """Starts empty.
+        """Starts empty, with an even number of buckets; `span_s` is the expected time until the end, in s.
 
-        Args:
-            start_s: begin of the first bucket, in s since 1970. Earlier samples go into the first bucket.
-            span_s: expected time until the end, in s.
-            buckets: how many; even.
+        The first bucket begins at `start_s`, in s since 1970, and takes earlier samples, too.
         """
         self.start_s = start_s
         """Begin of the first bucket, in s since 1970."""
@@ -81,12 +78,7 @@ class Envelope:
         return [self.start_s + (at + 0.5) * self.width_s for at in np.flatnonzero(self._bad).tolist()]
 
     def add(self, times_s: Any, values: Any) -> None:
-        """Adds samples.
-
-        Args:
-            times_s: their times in s since 1970, an array of doubles.
-            values: their values, an array of doubles of the same length; those that are not finite are left out.
-        """
+        """Adds samples: arrays of doubles, times in s since 1970; values that are not finite are left out."""
         good = np.isfinite(values)
         places, values = self._places(times_s[good]), values[good]
         if not len(places):

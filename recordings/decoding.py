@@ -52,11 +52,7 @@ class Types:
     """The type of one channel's messages, with the types in it."""
 
     def __init__(self, channel: Channel) -> None:
-        """Parses the definition.
-
-        Raises:
-            ConfigError: it cannot be parsed, or is missing and the type is not a standard one.
-        """
+        """Parses the definition. Raises ConfigError: it cannot be parsed, or is missing and not of a standard type."""
         self._channel = channel
         self._is_cdr = channel.encoding != "ros1"
         try:
@@ -78,10 +74,7 @@ class Types:
     def field_getter(self, field: str) -> Getter:
         """Returns a function that reads `field`, a path as in core/field_path.py, from serialized messages.
 
-        An empty field: the whole message as a mapping.
-
-        Raises:
-            ConfigError: the type has no such field.
+        An empty field: the whole message as a mapping. Raises ConfigError: the type has no such field.
         """
         type_name = self._channel.type_name
         try:
@@ -104,11 +97,7 @@ class Types:
         return get
 
     def numbers(self) -> List[Tuple[str, str]]:
-        """Returns path and struct's letter of each field that is one number or bool.
-
-        Raises:
-            ConfigError: the definition lacks a type.
-        """
+        """Returns path and struct's letter of each number or bool. Raises ConfigError: a type is missing."""
         try:
             fields = list(plain_fields(self._field_types, self._deserializer.classes[self._channel.type_name]))
         except KeyError as error:
@@ -135,9 +124,7 @@ types_of = functools.lru_cache(maxsize=256)(Types)
 def _definitions_of(channel: Channel, is_cdr: bool) -> Definitions:
     """Returns the types in the definition of a channel; without one, those of the standard message.
 
-    Raises:
-        ValueError: it cannot be parsed.
-        KeyError: it is missing, and the type is not a standard one.
+    Raises ValueError: it cannot be parsed. Raises KeyError: it is missing, and the type is not a standard one.
     """
     text, form = channel.definition, channel.definition_format
     if not text:
@@ -173,8 +160,7 @@ class Deserializer:
     def bind(self, name: str) -> Callable[[bytes], Any]:
         """Returns a function that deserializes messages of a type; it raises ValueError if they do not match it.
 
-        Raises:
-            ValueError: the type contains itself, is too large, or contains a type that is not known.
+        Raises ValueError: the type contains itself, is too large, or contains a type that is not known.
         """
         self._measure(name, set())
         readers = [self._message_reader(name, order) for order in "><"]

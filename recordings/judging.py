@@ -72,8 +72,7 @@ class SignalStatistics:
     def add(self, times_s: Any, values: Any) -> Any:
         """Adds samples as they came: arrays of doubles, the log times in s since 1970.
 
-        Returns:
-            The values in the signal's unit, an array of doubles with NaN for bad samples.
+        Returns the values in the signal's unit, an array of doubles with NaN for bad samples.
         """
         config = self._config
         with np.errstate(over="ignore", invalid="ignore"):
@@ -146,12 +145,10 @@ class Judge:
     """Runs an alert_system for each configuration on one player."""
 
     def __init__(self, player: Player, on_event: OnEvent, on_samples: Optional[OnSamples] = None) -> None:
-        """Prepares to judge.
+        """Prepares to judge what a player plays.
 
-        Args:
-            player: plays the recordings.
-            on_event: called with every transition and notice, at the time of the recording. It must not raise.
-            on_samples: called with the samples of every signal, in chunks; None: not needed.
+        `on_event` is called with every transition and notice, at its time, and must not raise; `on_samples` with the
+        samples of every signal, in chunks.
         """
         self._player = player
         self._on_event = on_event
@@ -163,9 +160,8 @@ class Judge:
     def add(self, file: str, parameters: Mapping[str, Any]) -> None:
         """Adds a configuration: its name, and the mapping under `ros__parameters` of alert_system.
 
-        Raises:
-            ConfigError: it cannot be used, or a field is not in the recorded type. The path of the error begins below
-                `ros__parameters`.
+        Raises ConfigError: it cannot be used, or a field is not in the recorded type. The path of the error begins
+        below `ros__parameters`.
         """
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))

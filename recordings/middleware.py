@@ -136,18 +136,10 @@ class Player:
         use_sim_time: bool = False,
         on_log: Optional[Callable[[LogLine], None]] = None,
     ) -> None:
-        """Prepares to play; time stands at the start.
+        """Prepares to play, from one time to another, in s since the start of the recordings; time stands at the first.
 
-        Args:
-            recordings: what to play.
-            namespace: that of the nodes.
-            from_s: where to begin, in seconds since the start of the recordings.
-            to_s: where to end, likewise.
-            use_sim_time: take the time from the recorded topic /clock.
-            on_log: called with every line that a node logs.
-
-        Raises:
-            ConfigError: simulated time is requested and /clock is not recorded.
+        The nodes will be in `namespace`, and log to `on_log`. With `use_sim_time` their time is that of the recorded
+        topic /clock. Raises ConfigError: it is not recorded.
         """
         self._recordings = recordings
         self._namespace = namespace.strip("/")
@@ -201,10 +193,7 @@ class Player:
         return lines
 
     def why_not_recorded(self, topic: str, type_name: str) -> str:
-        """Returns why the recordings have no messages of a type (empty: any) on a topic, by its absolute name.
-
-        Empty if they have.
-        """
+        """Returns why a topic, by its absolute name, is not recorded with a type (empty: any); empty: it is."""
         found = self._channels.get(topic, [])
         if not found:
             types = {name: channels[0].type_name for name, channels in self._channels.items()}
@@ -226,10 +215,8 @@ class Player:
     def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> Subscription:
         """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
 
-        A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`.
-
-        Raises:
-            ConfigError: the recorded type has no such field, or no definition.
+        A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`. Raises
+        ConfigError: the recorded type has no such field, or no definition.
         """
         for channel in self._matching(subscription.topic, type_name):
             self._subscriptions(channel, field).append(subscription)
@@ -238,12 +225,8 @@ class Player:
     def play(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end. Subscriptions must exist before.
 
-        Args:
-            on_progress: called about a thousand times with the fraction that has been played, 0 to 1; may raise.
-
-        Raises:
-            RecordingError: a library that the recording needs is not installed, or one of the recordings has messages
-                of the subscribed topics, but none that can be read.
+        `on_progress` is called about a thousand times with the fraction that has been played, 0 to 1; it may raise.
+        Raises RecordingError: a recording has messages of the subscribed topics, but none that can be read.
         """
         if self._use_sim_time:
             self._follow_clock()

@@ -32,11 +32,7 @@ class Recordings:
     """Several recorded files, read as one. Use as a context manager: unpacked files are removed at its end."""
 
     def __init__(self, paths: Sequence[str]) -> None:
-        """Opens `.bag`, `.mcap` and `.db3` files, and folders of rosbag2.
-
-        Raises:
-            RecordingError: one of them cannot be read at all, or has no message that can be read.
-        """
+        """Opens `.bag`, `.mcap` and `.db3` files, and folders of rosbag2. Raises RecordingError: one cannot be read."""
         self.paths = [os.fspath(path) for path in paths]
         """The recordings, as they were given."""
         self._folder: Optional[str] = None
@@ -94,10 +90,9 @@ class Recordings:
         return list(dict.fromkeys(self._notes + _problems(self._files)))
 
     def messages(self, targets: Sequence[Mapping[Channel, Target]]) -> Iterator[RawMessage[Target]]:
-        """Yields the messages of some channels in the order of their log times.
+        """Yields messages in the order of their log times.
 
-        Args:
-            targets: for each of `paths` its channels, each with what to yield with its messages.
+        For each of `paths`, `targets` has its channels with what to yield with their messages.
         """
         files = [
             (file.span_ns, number, file, wanted)

@@ -85,14 +85,9 @@ class RecordedFile(abc.ABC):
     """What the file is expected to be, if it starts with other bytes."""
 
     def __init__(self, path: str, name: str = "") -> None:
-        """Reads the index, or the whole file if there is none.
+        """Reads the index, or the whole file if there is none; `name` is the path to show, if it differs.
 
-        Args:
-            path: the file.
-            name: path to show, if it differs.
-
-        Raises:
-            RecordingError: it cannot be opened or is of another format.
+        Raises RecordingError: it cannot be opened or is of another format.
         """
         self.name = name or path
         """Path of the file, for messages to people."""
@@ -125,8 +120,7 @@ class RecordedFile(abc.ABC):
     def messages(self, targets: Mapping[Channel, Target]) -> Iterator[RawMessage[Target]]:
         """Yields the messages of some channels in the order of their log times, as far as the file can be read.
 
-        Args:
-            targets: the channels, each with what to yield with its messages.
+        `targets` are the channels, each with what to yield with its messages.
         """
         wanted = {number: targets[channel] for number, channel in self._channels.items() if channel in targets}
         found = self._messages(wanted)
@@ -141,11 +135,7 @@ class RecordedFile(abc.ABC):
         """Yields messages as `messages` does."""
 
     def _add_channel(self, number: int, topic: str, type_name: str, encoding: str, text: str, form: str) -> None:
-        """Adds a channel; topic and type as the file has them, the rest as in `Channel`.
-
-        Raises:
-            Damaged: a name is too long, or there are too many channels.
-        """
+        """Adds a channel as the file has it. Raises Damaged: a name is too long, or there are too many channels."""
         if len(self._channels) >= _MOST_CHANNELS:
             raise Damaged(f"more than {_MOST_CHANNELS} channels")
         for name in (topic, type_name):
@@ -220,27 +210,18 @@ class ChunkedFile(RecordedFile):
 
     @abc.abstractmethod
     def _read_index(self, file: BinaryIO) -> Optional[str]:
-        """Reads channels and time span from the index.
-
-        Returns:
-            None if it could be read; else what is wrong with it, empty if the file is complete without one.
-        """
+        """Reads the index; returns None, or what is wrong with it: empty if a complete file needs none."""
 
     @abc.abstractmethod
     def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
         """Reads the next record of a file of `size` bytes, as far as it is needed; None at the end.
 
-        Raises:
-            Damaged: this is not a record. Everything in `DAMAGE` counts as that.
+        Raises Damaged: this is not a record. Everything in `DAMAGE` counts as that.
         """
 
     @abc.abstractmethod
     def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:
-        """Takes channels and messages from a record.
-
-        Raises:
-            Damaged: the rest of the record cannot be read. Everything in `DAMAGE` counts as that.
-        """
+        """Takes channels and messages from a record. Raises what is in `DAMAGE`: the rest cannot be read."""
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         """Yields the messages of each chunk, and those outside of chunks in batches."""
@@ -280,11 +261,7 @@ class ChunkedFile(RecordedFile):
         yield loose
 
     def _add_message(self, messages: Messages, time_ns: int, target: Any, data: bytes) -> None:
-        """Adds a message to those of its chunk.
-
-        Raises:
-            Damaged: the chunk has implausibly many.
-        """
+        """Adds a message to those of its chunk. Raises Damaged: the chunk has implausibly many."""
         if len(messages) >= _MOST_MESSAGES:
             raise Damaged(f"a chunk with more than {_MOST_MESSAGES} messages")
         messages.append((time_ns, target, data))
@@ -335,21 +312,13 @@ def in_time_order(chunks: Iterable[List[RawMessage[Target]]]) -> Iterator[RawMes
 
 
 def check_size(size: int, packed: int) -> None:
-    """Checks how many bytes `packed` bytes are to become, before anything is unpacked.
-
-    Raises:
-        Damaged: too many, or too many for `packed`.
-    """
+    """Raises Damaged if `packed` bytes are to become implausibly many; call before anything is unpacked."""
     if size > min(LARGEST, (1 << 20) + _LARGEST_RATIO * packed):
         raise Damaged(f"a part that unpacks from {packed} to {size} bytes")
 
 
 def unpack_lz4(data: bytes, size: int) -> bytes:
-    """Returns unpacked bytes, one more than the expected `size` if there are more.
-
-    Raises:
-        Damaged: they cannot be unpacked.
-    """
+    """Returns unpacked bytes, one more than `size` if there are more. Raises Damaged: they cannot be unpacked."""
     with libraries(*RECORDINGS):
         import lz4.frame  # only files that are packed with it need it
 

@@ -208,11 +208,7 @@ def _has_journal(path: str) -> bool:
 
 
 def _check_tables(database: sqlite3.Connection) -> None:
-    """Checks that everything that is read is stored: a view or a generated column may be endless.
-
-    Raises:
-        ValueError: it is not.
-    """
+    """Raises ValueError unless all that is read is stored: a view or a generated column may be endless."""
     query = "SELECT name, type, rootpage FROM sqlite_master WHERE name IN ('messages', 'topics', 'message_definitions')"
     for name, kind, page in database.execute(query).fetchmany(10):
         hidden = [column[6] for column in database.execute(f"PRAGMA table_xinfo({name})").fetchmany(1000)]

@@ -35,13 +35,9 @@ _LEAST_SEVERITY = {"warn": Level.WARN.severity, "error": Level.ERROR.severity}
 def replay(arguments: argparse.Namespace) -> bool:
     """Judges recordings, and shows the alerts.
 
-    Returns:
-        Whether there were alerts to fail on (with `--against`: whether the alerts differ), or a signal was not judged.
-
-    Raises:
-        ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
-        RecordingError: a recording cannot be read.
-        OutputError: the report cannot be written.
+    Returns whether there were alerts to fail on (with `--against`: whether the alerts differ), or a signal was not
+    judged. Raises ConfigError: a configuration or an argument cannot be used, or none of its signals is recorded.
+    Raises RecordingError: a recording cannot be read. Raises OutputError: the report cannot be written.
     """
     configurations = _configurations(arguments)
     report = None
@@ -73,15 +69,9 @@ class ReportFile:
     """
 
     def __init__(self, path: str, inputs: Iterable[str], force: bool) -> None:
-        """Checks the path before a long replay.
+        """Checks the path, of which a link is followed, before a long replay that reads files and folders.
 
-        Args:
-            path: the file; a link is followed.
-            inputs: files and folders that the command reads.
-            force: replace a file that is not a report, too.
-
-        Raises:
-            ConfigError: the file could not be written, or must not be replaced.
+        With `force`, a file that is not a report is replaced, too. Raises ConfigError: it could not be written.
         """
         self._shown = path
         self._path = os.path.realpath(path)
@@ -90,12 +80,7 @@ class ReportFile:
         self._check()
 
     def write(self, page: str) -> None:
-        """Writes the page as a whole or not at all.
-
-        Raises:
-            ConfigError: the file has appeared in the meantime, and must not be replaced.
-            OutputError: the file cannot be written.
-        """
+        """Writes the page as a whole or not at all. Raises ConfigError as `__init__` does, or OutputError."""
         self._check()
         part = f"{self._path}.{os.getpid()}.part"
         try:

@@ -88,13 +88,7 @@ class ReplayOutput:
         self._progress.refresh()
 
     def transition(self, wall_s: float, transition: Transition, file: str) -> None:
-        """Writes a transition.
-
-        Args:
-            wall_s: when, in s since 1970.
-            transition: what changed.
-            file: name of its configuration; empty: there is only one.
-        """
+        """Writes a transition at a time in s since 1970; `file` is its configuration, empty if there is only one."""
         if self._as_json:
             line = json_line(transition, **({"file": file} if file else {}))
         else:

@@ -110,11 +110,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Runs every test of every file; writes results on stdout and mistakes in the files on stderr.
-
-    Returns:
-        The exit code of the worst file: `ALERTS` for a test that failed, `USAGE` for a file that cannot be used.
-    """
+    """Runs all tests of all files; returns the worst code: `ALERTS` if a test failed, `USAGE` for an unusable file."""
     return max(_run_file(file) for file in arguments.files)
 
 
@@ -147,11 +143,7 @@ def _diff(differences: Sequence[Difference]) -> Iterator[str]:
 
 
 def read_tests(file: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
-    """Reads a file of tests and the thresholds that it names.
-
-    Raises:
-        ConfigError: one of the files cannot be used; `others` are further mistakes.
-    """
+    """Reads a file of tests and the thresholds that it names. Raises ConfigError, with all mistakes."""
     read = read_yaml(file)
     problems = Problems()
     config = MonitorConfig({})
@@ -227,11 +219,7 @@ def _read_series(
 
 
 def parse_series(text: str, path: Path = ()) -> List[Optional[float]]:
-    """Returns the samples of a series; None for a missing one. `path` is its place in a file, for errors.
-
-    Raises:
-        ConfigError: it is not in the notation, is empty, or is longer than `MOST_SAMPLES`.
-    """
+    """Returns the samples of a series, None for a missing one. Raises ConfigError: it is none, or too long."""
     samples: List[Optional[float]] = []
     for item in text.split():
         missing, value = _MISSING.match(item), _VALUE.match(item)
@@ -320,11 +308,7 @@ def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]
 
 
 def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Difference]:
-    """Compares alerts; those of one instant in any order.
-
-    Returns:
-        Every alert in the order of the times, marked; all marks are spaces if nothing differs.
-    """
+    """Compares alerts, those of one instant in any order; returns all, in the order of their times, marked."""
     missing = list(expected)
     result: List[Difference] = []
     for alert in actual:

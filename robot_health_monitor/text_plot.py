@@ -15,12 +15,8 @@ _LEAST_COLUMNS = 10
 def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], width: int) -> List[str]:
     """Returns a plot: `*` for samples, `-` for the bound, `x` below the axis for values that are no numbers.
 
-    Every column shows the range of its samples, so that no extreme is lost.
-
-    Args:
-        samples: wall time in s since 1970, and value.
-        bound: a value that gets a line; None: none.
-        width: number of characters per line, at most.
+    Every column shows the range of its samples (wall time in s since 1970, and value), so that no extreme is lost.
+    Lines have at most `width` characters.
     """
     values = [value for _, value in samples if math.isfinite(value)]
     if not values:

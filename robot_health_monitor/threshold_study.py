@@ -35,12 +35,7 @@ _COLUMN = 36
 
 
 def suggest_thresholds(arguments: argparse.Namespace) -> None:
-    """Writes a thresholds.yaml on stdout, and problems of the recordings on stderr.
-
-    Raises:
-        ConfigError: the configuration cannot be used, or the recordings have no signal.
-        RecordingError: a recording cannot be read.
-    """
+    """Writes a thresholds.yaml on stdout, and problems of the recordings on stderr."""
     study = _Study(arguments.recordings, arguments.namespace.strip("/"))
     if arguments.thresholds:
         study.take_thresholds(arguments.thresholds)
