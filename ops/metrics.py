@@ -60,6 +60,7 @@ class RobotMetrics(NamedTuple):
     """The figures of one robot at one moment."""
 
     robot: str
+    """Its name as the value of a label: printable."""
     signals: Mapping[str, Judgement]
     transitions: Mapping[str, Counter[Level]]
     """The announced changes of each signal's level, by the new level."""
@@ -67,11 +68,6 @@ class RobotMetrics(NamedTuple):
     """None: it is not watched over a link."""
     tick_s: float
     """The last tick, in s since 1970."""
-
-    @property
-    def label(self) -> str:
-        """The name as the value of a label."""
-        return printable(self.robot)
 
 
 class Metrics:
@@ -83,13 +79,7 @@ class Metrics:
         wall_time_s: Callable[[], float] = time.time,
         count_faults: Callable[[], int] = int,
     ) -> None:
-        """Starts with empty counters.
-
-        Args:
-            notifications_waiting: returns how many notifications are not delivered yet.
-            wall_time_s: seconds since 1970.
-            count_faults: returns how many parts of the monitor do not work.
-        """
+        """Starts with empty counters; asks how many notifications wait, and how many parts do not work, when needed."""
         self._notifications_waiting = notifications_waiting
         self._count_faults = count_faults
         self._wall_time_s = wall_time_s
@@ -113,7 +103,8 @@ class Metrics:
         signals, link_up = alert_system.read(lambda monitor, now_s: (monitor.judgements(now_s), monitor.link_up))
         with self._lock:
             transitions = {name: Counter(self._transitions.get((robot, name), ())) for name in signals}
-        return RobotMetrics(robot, signals, transitions, link_up, self._wall_time_s() - alert_system.tick_age_s)
+        tick_s = self._wall_time_s() - alert_system.tick_age_s
+        return RobotMetrics(printable(robot), signals, transitions, link_up, tick_s)
 
     def render(self, robots: Sequence[RobotMetrics]) -> Tuple[bytes, str]:
         """Returns the exposition and its content type.
@@ -152,7 +143,7 @@ def _of_signals(value_of: Callable[[Judgement], Optional[float]], *labels: str) 
 
     def series_of(robot: RobotMetrics) -> _Series:
         values = ((name, value_of(judgement)) for name, judgement in robot.signals.items())
-        return tuple(((robot.label, name, *labels), value) for name, value in values if value is not None)
+        return tuple(((robot.robot, name, *labels), value) for name, value in values if value is not None)
 
     return series_of
 
@@ -160,12 +151,12 @@ def _of_signals(value_of: Callable[[Judgement], Optional[float]], *labels: str) 
 def _transitions(robot: RobotMetrics) -> _Series:
     """Returns the counters. All exist from the start: Prometheus sees no increase from nothing to 1."""
     return tuple(
-        ((robot.label, name, level.name), count[level]) for name, count in robot.transitions.items() for level in Level
+        ((robot.robot, name, level.name), count[level]) for name, count in robot.transitions.items() for level in Level
     )
 
 
 def _link_up(robot: RobotMetrics) -> _Series:
-    return () if robot.link_up is None else (((robot.label,), robot.link_up),)
+    return () if robot.link_up is None else (((robot.robot,), robot.link_up),)
 
 
 _OF_ROBOTS = (

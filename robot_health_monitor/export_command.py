@@ -50,10 +50,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes alerting rules or a dashboard on stdout, and what they cannot express on stderr.
-
-    Returns:
-        The exit code.
+    """Writes alerting rules or a dashboard on stdout, and what they cannot express on stderr; returns the exit code.
 
     Raises:
         ConfigError: the file cannot be used.

@@ -13,6 +13,7 @@ from ..notifications.alertmanager import ALERT
 _DATASOURCE = {"type": "prometheus", "uid": "${datasource}"}
 _ROBOT = 'robot=~"$robot"'
 _COLUMNS = 24
+_AUTO = "__auto"  # a legend of Grafana's choice
 _UNITS = {"%": "percent", "degC": "celsius", "°C": "celsius", "V": "volt", "A": "amp", "Hz": "hertz", "s": "s"}
 """Grafana's names of units; others are shown as they are."""
 _LEVELS = (("0", "OK", "green"), ("1", "WARN", "orange"), ("2", "ERROR", "red"), ("3", "STALE", "purple"))
@@ -32,9 +33,9 @@ def export_dashboard(config: MonitorConfig) -> str:
     """
     rows: List[List[Dict[str, Any]]] = [
         [
-            _panel("stat", "Robots", "count(count by (robot) (robot_health_level))", "", 4, 4),
+            _panel("stat", "Robots", "count(count by (robot) (robot_health_level))", _AUTO, 4, 4),
             _robots_not_ok(),
-            _panel("table", "Firing alerts", _FIRING, "", 16, 8, instant=True),
+            _panel("table", "Firing alerts", _FIRING, _AUTO, 16, 8, instant=True),
         ],
         [_timeline("Worst level per robot", _worst_level(_ROBOT), 24, 8)],
         [_timeline("Link", _LINK_DOWN, 24, 4, _LINK_STATES)],
@@ -98,7 +99,7 @@ def _steps(signal: SignalConfig) -> List[Mapping[str, Any]]:
 
 
 def _robots_not_ok() -> Dict[str, Any]:
-    panel = _panel("stat", "Robots not OK", f"count(({_worst_level('')}) > 0) or vector(0)", "", 4, 4)
+    panel = _panel("stat", "Robots not OK", f"count(({_worst_level('')}) > 0) or vector(0)", _AUTO, 4, 4)
     steps = [{"color": "green", "value": None}, {"color": "red", "value": 1}]
     panel["fieldConfig"]["defaults"]["thresholds"] = {"mode": "absolute", "steps": steps}
     return panel
@@ -124,12 +125,7 @@ def _panel(
     unit: str = "none",
     instant: bool = False,
 ) -> Dict[str, Any]:
-    target: Dict[str, Any] = {
-        "refId": "A",
-        "datasource": _DATASOURCE,
-        "expr": expression,
-        "legendFormat": legend or "__auto",
-    }
+    target: Dict[str, Any] = {"refId": "A", "datasource": _DATASOURCE, "expr": expression, "legendFormat": legend}
     if instant:
         target.update(instant=True, range=False, format="table")
     return {

@@ -134,28 +134,17 @@ def is_transition(line: object) -> bool:
     )
 
 
-_ALERT = {"level": is_level, "at_s": is_time, "transition_json": is_transition}
-_TABLES = (
-    ("noted_transitions", {"id": is_count, "at_s": is_time, "transition_json": is_transition}, 1),
-    ("open_alerts", {"fingerprint": is_text, "robot": is_text, "signal": is_text, **_ALERT}, 1),
-    (
-        "notified",
-        {
-            "target": is_text, "fingerprint": is_text, "level": is_count, "since_s": is_time,
-            "transition_json": is_transition,
-        },
-        2,
-    ),
-    (
-        "notifications",
-        {
-            "id": is_count, "target": is_text, "fingerprint": is_text, **_ALERT,
-            "attempts": is_count, "is_repeat": is_count,
-        },
-        1,
-    ),
-)  # fmt: skip
-"""Tables, checks of their columns, and how many of the columns are the key."""
+_CHECKS = {
+    "id": is_count, "target": is_text, "fingerprint": is_text, "robot": is_text, "signal": is_text, "level": is_level,
+    "at_s": is_time, "since_s": is_time, "transition_json": is_transition, "attempts": is_count, "is_repeat": is_count,
+}  # fmt: skip
+_TABLES = {
+    "noted_transitions": ("id", "at_s", "transition_json"),
+    "open_alerts": ("fingerprint", "robot", "signal", "level", "at_s", "transition_json"),
+    "notified": ("target", "fingerprint", "level", "since_s", "transition_json"),
+    "notifications": ("id", "target", "fingerprint", "level", "at_s", "transition_json", "attempts", "is_repeat"),
+}
+"""The columns of each table; the first is its key, of `notified` the first two are."""
 
 
 def delete_odd_rows(connection: sqlite3.Connection) -> None:
@@ -165,11 +154,12 @@ def delete_odd_rows(connection: sqlite3.Connection) -> None:
         sqlite3.Error: a table cannot be read.
     """
     lost = set()
-    for table, checks, keys in _TABLES:
-        where = " AND ".join(f"{name} IS ?" for name in [*checks][:keys])
-        for row in connection.execute(f"SELECT {', '.join(checks)} FROM {table}").fetchall():
-            if not all(check(value) for check, value in zip(checks.values(), row)):
-                connection.execute(f"DELETE FROM {table} WHERE {where}", row[:keys])
+    for table, columns in _TABLES.items():
+        key = columns[: 2 if table == "notified" else 1]
+        where = " AND ".join(f"{name} IS ?" for name in key)
+        for row in connection.execute(f"SELECT {', '.join(columns)} FROM {table}").fetchall():
+            if not all(_CHECKS[name](value) for name, value in zip(columns, row)):
+                connection.execute(f"DELETE FROM {table} WHERE {where}", row[: len(key)])
                 skip(connection, table, row[0])
                 if table == "open_alerts":
                     lost.add(row[0])

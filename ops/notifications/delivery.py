@@ -11,6 +11,7 @@ from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.backoff import Backoff
+from robot_health_monitor.runtime.threads import StepThread
 
 from ..configuration import TargetSettings
 from .database import QueueDatabase
@@ -35,14 +36,16 @@ _STORE_RETRY_S = 1.0
 _TICK_CHECK_S = 1.0
 
 
-class Caller:
-    """Calls one target, in one thread. Failures are faults, as `notify <name>`."""
+class Caller(StepThread):
+    """Calls one target, in its thread. Failures are faults, as `notify <name>`; `clock` gives monotonic seconds."""
 
-    def __init__(self, name: str, faults: Faults, clock: Callable[[], float]) -> None:
-        """Calls nothing yet; `clock` gives monotonic seconds."""
-        self._part = f"notify {name}"
+    def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float]) -> None:
+        """Calls nothing yet; see `start`."""
+        self.settings = settings
+        self._part = f"notify {settings.name}"
         self._faults = faults
         self._clock = clock
+        super().__init__(self._part, self.step, faults_of_step(faults, self._part))
 
     def step(self) -> float:
         """Makes at most one attempt; returns when to call this again, in s from now."""
@@ -53,9 +56,6 @@ class Caller:
 
     def note_news(self) -> None:
         """Call when there is a new notification: it does not wait for the end of a long retry delay. Any thread."""
-
-    def close(self) -> None:
-        """Ends an attempt in another thread early, where that is possible."""
 
     def has_work(self) -> bool:
         """Returns whether something waits that can probably be sent now."""
@@ -74,12 +74,17 @@ class Caller:
             self._faults.clear(f"{self._part}: {about}")
 
 
+def faults_of_step(faults: Faults, part: str) -> Callable[[Exception], None]:
+    """Returns the function that reports what a thread raises as the fault of a part; its text may contain a secret."""
+    return lambda error: faults.report(part, f"internal error: {type(error).__name__}")
+
+
 class Delivery(Caller):
     """Sends what the queue holds for one target, one notification after the other."""
 
     def __init__(
         self,
-        target: str,
+        settings: TargetSettings,
         sender: Sender,
         queue: NotificationQueue,
         database: QueueDatabase,
@@ -87,19 +92,9 @@ class Delivery(Caller):
         clock: Callable[[], float] = time.monotonic,
         chance: Callable[[], float] = random.random,
     ) -> None:
-        """Sends nothing yet; see `step`.
-
-        Args:
-            target: its name.
-            sender: delivers a notification.
-            queue: holds the notifications.
-            database: runs the functions of `queue`.
-            faults: receives failures.
-            clock: monotonic seconds.
-            chance: a random number from 0 to 1, so that many monitors do not return to a target at the same moment.
-        """
-        super().__init__(target, faults, clock)
-        self._target = target
+        """Sends nothing yet. Many monitors do not return to a target at the same moment: `chance` is from 0 to 1."""
+        super().__init__(settings, faults, clock)
+        self._target = settings.name
         self._sender = sender
         self._queue = queue
         self._database = database
@@ -120,9 +115,11 @@ class Delivery(Caller):
     def note_news(self) -> None:
         """Ends a long retry delay."""
         self._has_news = True
+        self.wake()
 
     def close(self) -> None:
-        """Closes the sender."""
+        """Ends the thread, and the present attempt early, where that is possible; returns at once."""
+        super().close()
         self._sender.close()
 
     def step(self) -> float:
@@ -221,9 +218,8 @@ class Heartbeat(Caller):
 
     def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float] = time.monotonic) -> None:
         """Waits for the first tick."""
-        super().__init__(settings.name, faults, clock)
+        super().__init__(settings, faults, clock)
         self._target = HttpTarget(settings)
-        self._every_s = settings.every_s
         self._tick_s: Optional[float] = None
         self._due_s = clock()
         self._backoff = Backoff(FIRST_RETRY_S, settings.every_s)
@@ -239,7 +235,7 @@ class Heartbeat(Caller):
             return self._due_s - now_s
         if self._tick_s is None or now_s - self._tick_s > MAX_TICK_AGE_S:
             return _TICK_CHECK_S
-        self._due_s = now_s + self._every_s
+        self._due_s = now_s + self.settings.every_s
         try:
             self._target.deliver(None)
         except DeliveryError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from typing import Callable, Collection, Dict, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Callable, Collection, Dict, List, Mapping, Optional, Sequence
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -19,7 +19,7 @@ from .alertmanager import Alertmanager
 from .apprise import AppriseTarget
 from .command import Command
 from .database import QueueDatabase
-from .delivery import Caller, Delivery, Heartbeat
+from .delivery import Caller, Delivery, Heartbeat, faults_of_step
 from .notification_queue import NotificationQueue
 from .sender import Sender
 from .webhook import Webhook
@@ -41,14 +41,6 @@ _SENDERS: Mapping[str, Callable[[TargetSettings], Sender]] = {
     "command": Command,
     "apprise": AppriseTarget,
 }
-
-
-class _Target(NamedTuple):
-    """A target that is in use."""
-
-    settings: TargetSettings
-    caller: Caller
-    thread: StepThread
 
 
 class Notifier:
@@ -80,9 +72,10 @@ class Notifier:
         self._has_news = False
         self._checked_s = time.monotonic() - CHECK_PERIOD_S
         self._watched: Optional[Collection[str]] = None
-        self._targets: Dict[str, _Target] = {}
+        self._callers: Dict[str, Caller] = {}
+        """Those of the targets, by name."""
         self._changing = threading.Lock()
-        self._queue_thread = self._thread("queue", self._step)
+        self._queue_thread = StepThread("notify queue", self._step, faults_of_step(faults, "notify queue"))
         self._is_noting = False
 
         def is_silenced(robot: str, signal: str) -> bool:
@@ -106,7 +99,7 @@ class Notifier:
         """
         wanted = {target.name: target for target in targets}
         with self._changing:
-            known = {name: target.settings for name, target in self._targets.items()}
+            known = {name: caller.settings for name, caller in self._callers.items()}
             ended = [name for name, settings in known.items() if wanted.get(name) != settings]
             started = [target for name, target in wanted.items() if known.get(name) != target]
             if ended or started:
@@ -125,18 +118,17 @@ class Notifier:
     @property
     def waiting(self) -> int:
         """How many notifications wait, over all targets."""
-        return sum(map(self._queue.waiting, tuple(self._targets)))
+        return sum(map(self._queue.waiting, tuple(self._callers)))
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor, for the heartbeat; returns at once."""
-        for target in tuple(self._targets.values()):
-            target.caller.note_tick()
+        for caller in tuple(self._callers.values()):
+            caller.note_tick()
 
     def end_unwatched(self, robots: Collection[str]) -> None:
-        """Ends the notified alerts of all other robots, such as those of an earlier run; returns at once.
+        """Ends the notified alerts of all robots but those that are watched, such as those of an earlier run.
 
-        Args:
-            robots: names of all robots that are watched. Call when this is known, and when it changes.
+        Call when these are known, and when they change; returns at once.
         """
         self._watched = frozenset(robots)
 
@@ -144,30 +136,25 @@ class Notifier:
         """Ends the threads. Targets that work are sent what waits, for at most 1 s; the rest stays in the queue."""
         until_s = time.monotonic() + CLOSE_TIMEOUT_S
         while time.monotonic() < until_s and (
-            self._has_news or any(target.caller.has_work() for target in self._targets.values())
+            self._has_news or any(caller.has_work() for caller in self._callers.values())
         ):
             time.sleep(_CLOSE_POLL_S)
-        targets = tuple(self._targets.values())
-        threads = [*(target.thread for target in targets), *([self._queue_thread] if self._is_noting else [])]
+        threads = [*self._callers.values(), *([self._queue_thread] if self._is_noting else [])]
         for thread in threads:
             thread.close()
-        for target in targets:
-            target.caller.close()
         for thread in threads:
             thread.join(max(0.0, until_s - time.monotonic()))
 
     def _start(self, targets: Sequence[TargetSettings]) -> None:
         """Starts new targets."""
         for settings in targets:
-            name = settings.name
             if settings.type == "heartbeat":
                 caller: Caller = Heartbeat(settings, self._faults)
             else:
                 sender = make_sender(settings, self._wall_time_s)
-                caller = Delivery(name, sender, self._queue, self._database, self._faults)
-            thread = self._thread(name, caller.step)
-            self._targets[name] = _Target(settings, caller, thread)
-            thread.start()
+                caller = Delivery(settings, sender, self._queue, self._database, self._faults)
+            self._callers[settings.name] = caller
+            caller.start()
         if _alerted(targets) and not self._is_noting:
             self._is_noting = True
             self._database.on_record(self._note)
@@ -175,17 +162,10 @@ class Notifier:
 
     def _end(self, name: str) -> None:
         """Ends a target, and what is being sent to it."""
-        target = self._targets.pop(name)
-        target.thread.close()
-        target.caller.close()
-        target.thread.join(min(target.settings.timeout_s, _LONGEST_END_S))
-        target.caller.clear_faults()
-
-    def _thread(self, name: str, step: Callable[[], float]) -> StepThread:
-        def report(error: Exception) -> None:
-            self._faults.report(f"notify {name}", f"internal error: {type(error).__name__}")
-
-        return StepThread(f"notify {name}", step, report)
+        caller = self._callers.pop(name)
+        caller.close()
+        caller.join(min(caller.settings.timeout_s, _LONGEST_END_S))
+        caller.clear_faults()
 
     def _note(self, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float) -> None:
         """Notes a transition; runs inside the transaction that stores it. Wakes no thread: the alert comes first."""
@@ -199,10 +179,9 @@ class Notifier:
         self._is_prepared = False
 
     def _wake(self) -> None:
-        for name, target in tuple(self._targets.items()):
+        for name, caller in tuple(self._callers.items()):
             if self._queue.waiting(name):
-                target.caller.note_news()
-                target.thread.wake()
+                caller.note_news()
 
     def _step(self) -> float:
         """Queues new transitions, and each second what a change of silences or robots causes."""

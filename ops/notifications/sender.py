@@ -32,20 +32,16 @@ class DeliveryError(ServiceError):
         retry_after_s: float = 0.0,
         is_corrected: bool = False,
     ) -> None:
-        """Stores what is known.
-
-        Args:
-            text: what failed and why.
-            is_refused: the target rejects this notification; another attempt will probably fail as well.
-            may_have_arrived: False: the target certainly did not receive it.
-            retry_after_s: the target requests this wait, in s.
-            is_corrected: the cause was on this side and is corrected; another attempt will probably succeed.
-        """
+        """Stores what failed and why."""
         super().__init__(text)
         self.is_refused = is_refused
+        """The target rejects this notification; another attempt will probably fail as well."""
         self.may_have_arrived = may_have_arrived
+        """False: the target certainly did not receive it."""
         self.retry_after_s = retry_after_s
+        """The target requests this wait, in s."""
         self.is_corrected = is_corrected
+        """The cause was on this side and is corrected; another attempt will probably succeed."""
 
 
 class Sender(ABC):

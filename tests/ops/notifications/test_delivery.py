@@ -53,7 +53,13 @@ class Bench:
         self.queue = NotificationQueue([self.settings], lambda robot, signal: False, lambda: None)
         self.queue.prepare(self.database.connection)
         self.delivery = Delivery(
-            "chat", make_sender(self.settings), self.queue, self.database, self.faults, lambda: self.now_s, lambda: 1.0
+            self.settings,
+            make_sender(self.settings),
+            self.queue,
+            self.database,
+            self.faults,
+            lambda: self.now_s,
+            lambda: 1.0,
         )
 
     def change(self, level: str, signal: str = "battery") -> None:
