@@ -18,8 +18,8 @@ from robot_health_monitor.core.formatting import duration_text, printable
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.times import local_time
 
-from .history.checked_rows import checked, is_count, is_text, is_time, optional, skip
 from .history.queries import number_range
+from .history.rows import checked, is_count, is_text, is_time, optional, skip
 from .matchers import Matcher, matchers_text, matches_pattern, parse_matchers
 
 __all__ = [

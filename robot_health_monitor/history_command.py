@@ -21,7 +21,6 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.history import queries
 from robot_health_monitor.ops.history.queries import MonitorEvent
-from robot_health_monitor.ops.history.reader import HistoryReader
 from robot_health_monitor.ops.history.rows import StoredTransition
 from robot_health_monitor.ops.history.summary import SignalSummary, summarize
 from robot_health_monitor.ops.matchers import matchers_text
@@ -31,7 +30,7 @@ from robot_health_monitor.runtime.times import DATE_TIME, local_time
 
 from .arguments import Parser, identifier
 from .exit_codes import ExitCode
-from .history_file import DEFAULT_FILE, history_file, iso_time
+from .history_file import DEFAULT_FILE, history_file, iso_time, reading_history
 from .output.lines import readable
 from .text_plot import text_plot
 
@@ -127,21 +126,14 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
         ConfigError: the file does not exist, cannot be read, or is no history.
     """
     stream = stream or sys.stdout
-    file = history_file(arguments.file, arguments.ops)
-    with HistoryReader(file) as reader:
+    show = _show_summary if arguments.summary else _show_transitions
+    if arguments.alert is not None:
+        show = _show_alert
+    with reading_history(history_file(arguments.file, arguments.ops)) as connection:
         try:
-            if arguments.alert is not None:
-                _show_alert(reader.connection, arguments, stream)
-            elif arguments.summary:
-                _show_summary(reader.connection, arguments, stream)
-            else:
-                _show_transitions(reader.connection, arguments, stream)
-        except sqlite3.Error as error:
+            show(connection, arguments, stream)
+        finally:
             stream.flush()
-            raise ConfigError(f"cannot be read: {error}", file=file) from None
-        stream.flush()
-        if reader.connection.skipped:
-            sys.stderr.write(f"{printable(file)}: {reader.connection.skipped_text}\n")
 
 
 def time_text(wall_s: float) -> str:

@@ -1,13 +1,18 @@
-"""Which history file a command means, and how commands write its times in JSON and CSV."""
+"""Which history file a command means, how commands read it, and how they write its times in JSON and CSV."""
 
 from __future__ import annotations
 
+import contextlib
 import os
-from typing import Optional
+import sys
+from typing import Iterator, Optional
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import read_ops
+from robot_health_monitor.ops.history.database_file import reading
+from robot_health_monitor.ops.history.rows import CheckedConnection
 from robot_health_monitor.runtime import times
 
 DEFAULT_FILE = "/var/lib/robot-health/history.db"
@@ -15,11 +20,7 @@ DEFAULT_FILE = "/var/lib/robot-health/history.db"
 
 
 def history_file(file: Optional[str], ops: Optional[str]) -> str:
-    """Returns the path of the history.
-
-    Args:
-        file: the path that was given; None: none was.
-        ops: an ops.yaml that contains it; None: none was given.
+    """Returns the path of the history: `file` or that of an ops.yaml, if one of them was given.
 
     Raises:
         ConfigError: both were given, or the ops.yaml cannot be used or has no history.
@@ -36,6 +37,19 @@ def history_file(file: Optional[str], ops: Optional[str]) -> str:
     if history is None:
         raise ConfigError("expected a section history, got none", file=ops)
     return history.file
+
+
+@contextlib.contextmanager
+def reading_history(file: str) -> Iterator[CheckedConnection]:
+    """Opens a history file, which a monitor may be writing, and reports the rows that were skipped.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    with reading(file) as connection:
+        yield connection
+        if connection.skipped:
+            sys.stderr.write(f"{printable(file)}: {connection.skipped_text}\n")
 
 
 def iso_time(wall_s: float) -> str:

@@ -8,15 +8,14 @@ import json
 import sqlite3
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence, TextIO, TypeVar
-from urllib.parse import quote
+from typing import Any, Callable, Dict, List, Optional, Sequence, TextIO
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.history.checked_rows import CheckedConnection
-from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history.database_file import connected
 from robot_health_monitor.ops.matchers import matchers_text, parse_matchers
 from robot_health_monitor.ops.silences import (
     MOST_TEXT,
@@ -33,9 +32,7 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .arguments import Parser, duration, identifier
 from .exit_codes import ExitCode
-from .history_file import DEFAULT_FILE, history_file, iso_time
-
-Result = TypeVar("Result")
+from .history_file import DEFAULT_FILE, history_file, iso_time, reading_history
 
 _BUSY_S = 5.0
 """How long to wait for a monitor that writes."""
@@ -122,32 +119,17 @@ def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_
     now_s = time.time() if now_s is None else now_s
     file = history_file(arguments.history, arguments.ops)
     if arguments.action == "list":
-        lines = _read(file, lambda connection: _list(connection, arguments, now_s))
+        with reading_history(file) as connection:
+            lines = _list(connection, arguments, now_s)
     else:
         change = _add if arguments.action == "add" else _expire
-        lines = _in_transaction(file, lambda connection: change(connection, arguments, now_s))
+        lines = _change(file, lambda connection: change(connection, arguments, now_s))
     for line in lines:
         stream.write(f"{printable(line)}\n")
     stream.flush()
 
 
-def _read(file: str, function: Callable[[sqlite3.Connection], Result]) -> Result:
-    """Runs a function that only reads a history file: it does not keep a monitor from writing, however long it takes.
-
-    Raises:
-        ConfigError: the file cannot be read.
-    """
-    with HistoryReader(file) as reader:
-        try:
-            result = function(reader.connection)
-        except sqlite3.Error as error:
-            raise ConfigError(f"cannot be read: {error}", file=file) from None
-        if reader.connection.skipped:
-            sys.stderr.write(f"{printable(file)}: {reader.connection.skipped_text}\n")
-        return result
-
-
-def _in_transaction(file: str, function: Callable[[sqlite3.Connection], Result]) -> Result:
+def _change(file: str, change: Callable[[sqlite3.Connection], List[str]]) -> List[str]:
     """Runs a function in one transaction on a history file.
 
     Raises:
@@ -155,20 +137,12 @@ def _in_transaction(file: str, function: Callable[[sqlite3.Connection], Result])
     """
     try:
         Path(file).stat()
-        uri = f"file:{quote(str(Path(file).absolute()))}?mode=rw"
-        connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None, factory=CheckedConnection)
+        with closing(connected(file, "mode=rw", _BUSY_S)) as connection, schema.transaction(connection):
+            return change(connection)
     except OSError as error:
         raise ConfigError(error.strerror or str(error), file=file) from None
-    except sqlite3.Error as error:
-        raise ConfigError(f"cannot be opened: {error}", file=file) from None
-    try:
-        schema.require_known(connection)
-        with schema.transaction(connection):
-            return function(connection)
     except (sqlite3.Error, schema.UnknownSchemaError) as error:
         raise ConfigError(f"cannot be used: {error}", file=file) from None
-    finally:
-        connection.close()
 
 
 def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:

@@ -1,9 +1,9 @@
-"""A history file that is open for writing: its lock, its errors, and how its contents reach the disk.
+"""Opening a history file: by the monitor that writes it, with its lock, and by others that read it meanwhile.
 
 SQLite's write-ahead log (WAL) is used with synchronous=NORMAL: a commit hands its pages to the kernel, which keeps them
-when the process is killed. The thread of `_Sync` flushes the log to the disk each second if something was written, so
-that a power cut loses no more than the last second, and copies the log into the file when it has grown. The writer
-itself waits for the disk only when the kernel makes it wait.
+when the process is killed. A thread flushes the log to the disk each second if something was written, so that a power
+cut loses no more than the last second, and copies the log into the file when it has grown. The writer itself waits for
+the disk only when the kernel makes it wait.
 
 SQLite starts the log again only when all of it has been copied and no reader uses it. Under load that never happens by
 itself: then the thread makes the writer wait while it copies the last few pages.
@@ -20,15 +20,15 @@ import stat
 import threading
 import time
 from datetime import timezone
-from typing import Optional, Union
+from pathlib import Path
+from typing import Iterator, Optional, Union
 from urllib.parse import quote
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.runtime.threads import MonotonicEvent
 from robot_health_monitor.runtime.times import local_time
 
 from . import schema
-from .checked_rows import CheckedConnection
+from .rows import CheckedConnection
 
 SYNC_PERIOD_S = 1.0
 """A power cut loses at most what was written in this time, in s."""
@@ -38,6 +38,7 @@ _DAMAGE = ("malformed", "not a database")
 _FILE = ("is full", "I/O error", "readonly", "is locked", "unable to open", "permission denied", "locking protocol")
 
 _BUSY_S = 3.0  # how long to wait for another process that writes, such as `robot-health silence`
+_READ_BUSY_S = 2.0
 _PAGE_BYTES = 512  # an alert changes a few hundred bytes in each of several pages, which are written as a whole
 _READERS_S = 0.02  # how long the writer may have to wait for readers of the log
 _MOST_READERS_S = 1.0  # the same for a log that must not grow any more
@@ -88,6 +89,15 @@ class DatabaseFile:
         """
         self._given_path = path
         self.path = os.path.realpath(path)
+        self.problem = ""
+        """Why the latest flush to the disk failed; empty: it did not."""
+        self._log_bytes = self._wake_bytes = log_bytes
+        self._is_flush_wanted = True
+        self._flush_began_s: Optional[float] = None
+        self._copying = threading.Lock()
+        self._is_closing = False
+        self._wake = threading.Event()
+        self._thread = threading.Thread(target=self._flush_each_second, name="history sync", daemon=True)
         _require_history_or_nothing(self.path)
         os.makedirs(os.path.dirname(self.path), exist_ok=True)
         with contextlib.ExitStack() as on_error:
@@ -109,27 +119,27 @@ class DatabaseFile:
             self.connection.execute("PRAGMA secure_delete = OFF")  # Debian's SQLite overwrites what is deleted
             schema.prepare(self.connection)
             self._identity = _identity(self.path)
-            self._sync = _Sync(self.path, log_bytes)
+            self._thread.start()
             on_error.pop_all()
-
-    @property
-    def problem(self) -> str:
-        """Why the latest flush to the disk failed; empty: it did not."""
-        return self._sync.problem
 
     @property
     def flushing_s(self) -> float:
         """For how long the flush that is under way has lasted, in s; 0: none is."""
-        return self._sync.flushing_s
+        began_s = self._flush_began_s
+        return 0.0 if began_s is None else time.monotonic() - began_s
 
     def note_written(self) -> None:
-        """Requests that everything written so far is flushed to the disk."""
-        self._sync.is_wanted = True
-        self._sync.note_size(self.log_bytes())
+        """Requests that everything written so far is flushed to the disk; call after each transaction."""
+        self._is_flush_wanted = True
+        size = self.log_bytes()
+        if size < self._log_bytes:
+            self._wake_bytes = self._log_bytes
+        elif size >= self._wake_bytes:
+            self._wake.set()
 
     def log_bytes(self) -> int:
         """Returns the size of the log, in bytes."""
-        return _size(f"{self.path}-wal")
+        return _log_bytes(self.path)
 
     def empty_log(self) -> None:
         """Copies the log into the file and empties it; waits for the disk and for readers, at most a second for each.
@@ -137,11 +147,11 @@ class DatabaseFile:
         Raises:
             sqlite3.Error: the disk failed.
         """
-        if self._sync.copying.acquire(timeout=_MOST_READERS_S):  # SQLite itself waits for no other checkpoint
+        if self._copying.acquire(timeout=_MOST_READERS_S):  # SQLite itself waits for no other checkpoint
             try:
                 _empty_log(self.connection, _MOST_READERS_S)
             finally:
-                self._sync.copying.release()
+                self._copying.release()
 
     def is_in_place(self) -> bool:
         """Whether the path still leads to the open file, also through links, and the log is still beside it."""
@@ -149,13 +159,56 @@ class DatabaseFile:
 
     def close(self) -> None:
         """Closes the file and releases its lock; the last connection copies the log into the file."""
-        self._sync.stop()
+        self._is_closing = True
+        self._wake.set()
+        self._thread.join(SYNC_PERIOD_S)  # not longer: the disk may hang
         try:
             self.connection.close()
         finally:
             lock, self._lock = self._lock, None
             if lock is not None:  # closing a number twice could close another file
                 os.close(lock)
+
+    def _flush_each_second(self) -> None:
+        while True:
+            self._wake.wait(SYNC_PERIOD_S)
+            if self._is_closing:
+                return
+            self._wake.clear()
+            if not self._is_flush_wanted:
+                continue
+            self._flush_began_s = time.monotonic()
+            try:
+                self._flush()
+                self.problem = ""
+            except (OSError, sqlite3.Error) as error:
+                self.problem = (error.strerror if isinstance(error, OSError) else None) or str(error)
+            finally:
+                self._flush_began_s = None
+
+    def _flush(self) -> None:
+        self._is_flush_wanted = False  # what is written from now on is flushed next time
+        try:
+            log = os.open(f"{self.path}-wal", os.O_RDONLY | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return
+        try:
+            os.fdatasync(log)
+        finally:
+            os.close(log)  # SQLite holds no locks on this file; closing the database file here would release them
+        size = self.log_bytes()
+        if size >= self._log_bytes:
+            self._wake_bytes = size + self._log_bytes
+            with self._copying:
+                self._copy_log()
+
+    def _copy_log(self) -> None:
+        """Copies the log into the file. The writer goes on meanwhile, and begins the log anew if all was copied."""
+        uri = f"file:{quote(self.path)}?mode=rw"
+        with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=0.0, isolation_level=None)) as connection:
+            _, pages, copied = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+            if pages != copied:
+                _empty_log(connection, _READERS_S)
 
 
 def lock_path(path: str) -> str:
@@ -164,11 +217,7 @@ def lock_path(path: str) -> str:
 
 
 def set_aside(path: str, wall_s: float) -> str:
-    """Renames a damaged file, with its log, and returns its new path.
-
-    Args:
-        path: the file.
-        wall_s: the time for its new name, in s since 1970.
+    """Renames a damaged file, with its log, at a time in s since 1970; returns its new path.
 
     Raises:
         OSError: it cannot be renamed.
@@ -176,20 +225,86 @@ def set_aside(path: str, wall_s: float) -> str:
     path = os.path.realpath(path)
     when = local_time(wall_s, "%Y%m%dT%H%M%SZ", timezone.utc)
     aside = f"{path}.damaged-{when}"
-    for number in range(2, _MAX_ASIDE):
-        if not os.path.lexists(aside):
-            break
+    number = 1
+    while os.path.lexists(aside) and number < _MAX_ASIDE:
+        number += 1
         aside = f"{path}.damaged-{when}-{number}"
     # The log first: a log that is left alone beside a new file would be applied to it.
     for suffix in ("-wal", "-shm", ""):
-        try:
+        with contextlib.suppress(FileNotFoundError):
             os.rename(path + suffix, aside + suffix)
-        except FileNotFoundError:
-            pass
     return aside
 
 
-def require_regular_file(path: str) -> None:
+@contextlib.contextmanager
+def reading(file: Union[str, Path]) -> Iterator[CheckedConnection]:
+    """Opens a history file that a monitor may be writing, for queries in one thread.
+
+    Raises:
+        ConfigError: it does not exist, cannot be read (also in the block), or is no history of this version.
+    """
+    path = str(file)
+    try:
+        connection = open_read_only(path)
+    except OSError as error:
+        raise ConfigError(error.strerror or str(error), file=path) from None
+    except schema.UnknownSchemaError as error:
+        raise ConfigError(str(error), file=path) from None
+    except sqlite3.Error as error:
+        raise ConfigError(f"cannot be read: {error}", file=path) from None
+    with contextlib.closing(connection):
+        try:
+            yield connection
+        except sqlite3.Error as error:
+            raise ConfigError(f"cannot be read: {error}", file=path) from None
+
+
+def open_read_only(path: str) -> CheckedConnection:
+    """Opens a history file that another process may be writing.
+
+    Raises:
+        OSError: it does not exist or cannot be read.
+        UnknownSchemaError: it is no history, or one of another version.
+        sqlite3.Error: it is damaged.
+    """
+    _require_regular_file(path)
+    os.stat(path)  # for an error that names the reason; SQLite's own does not
+    if not os.access(path, os.R_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+    try:
+        return connected(path, "mode=ro", _READ_BUSY_S)
+    except sqlite3.OperationalError:
+        if _log_bytes(os.path.realpath(path)):
+            raise
+    # Without a log nothing writes the file. SQLite would create one, which needs permission to write to the folder.
+    return connected(path, "immutable=1", _READ_BUSY_S)
+
+
+def connected(path: str, options: str, timeout_s: float) -> CheckedConnection:
+    """Returns a connection to an existing history, in autocommit mode, beside the one of the monitor that writes it.
+
+    Args:
+        path: the file.
+        options: of SQLite's URI, such as `mode=rw`.
+        timeout_s: how long to wait for others that write, in s.
+
+    Raises:
+        UnknownSchemaError: it is no history, or one of another version.
+        sqlite3.Error: it cannot be opened or is damaged.
+    """
+    uri = f"file:{quote(os.path.abspath(path))}?{options}"
+    connection = sqlite3.connect(
+        uri, uri=True, timeout=timeout_s, isolation_level=None, check_same_thread=False, factory=CheckedConnection
+    )
+    try:
+        schema.require_known(connection)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _require_regular_file(path: str) -> None:
     """Raises OSError if the path leads to something that exists but is not a regular file; a pipe would block."""
     try:
         mode = os.stat(path).st_mode
@@ -208,7 +323,7 @@ def _require_history_or_nothing(path: str) -> None:
         NotAHistoryError: it is another file.
         OSError: it cannot be read.
     """
-    require_regular_file(path)
+    _require_regular_file(path)
     try:
         with open(path, "rb") as file:
             begin = file.read(4096)
@@ -241,11 +356,9 @@ def _lock(path: str) -> int:
     except BaseException:
         os.close(descriptor)
         raise
-    try:
+    with contextlib.suppress(OSError):  # a full disk; the number is for people only
         os.ftruncate(descriptor, 0)
         os.write(descriptor, b"%d\n" % os.getpid())
-    except OSError:
-        pass  # a full disk; the number is for people only
     return descriptor
 
 
@@ -261,9 +374,9 @@ def _identity(path: str) -> object:
     return found
 
 
-def _size(path: str) -> int:
+def _log_bytes(path: str) -> int:
     try:
-        return os.stat(path).st_size
+        return os.stat(f"{path}-wal").st_size
     except OSError:
         return 0
 
@@ -276,80 +389,3 @@ def _empty_log(connection: sqlite3.Connection, timeout_s: float) -> None:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     finally:
         connection.execute(f"PRAGMA busy_timeout = {busy_ms}")
-
-
-class _Sync:
-    """The thread that flushes the log to the disk, with its own connection."""
-
-    def __init__(self, path: str, log_bytes: float) -> None:
-        self._path = path
-        self._log_bytes = log_bytes
-        self._wake_bytes = log_bytes
-        self.is_wanted = True
-        self.problem = ""
-        self.copying = threading.Lock()
-        self._began_s: Optional[float] = None
-        self._is_stopping = False
-        self._wake = MonotonicEvent()
-        self._thread = threading.Thread(target=self._run, name="history sync", daemon=True)
-        self._thread.start()
-
-    @property
-    def flushing_s(self) -> float:
-        began_s = self._began_s
-        return 0.0 if began_s is None else time.monotonic() - began_s
-
-    def note_size(self, log_bytes: int) -> None:
-        """Ends the present wait if the log has grown; called by the writer after each transaction."""
-        if log_bytes < self._log_bytes:
-            self._wake_bytes = self._log_bytes
-        elif log_bytes >= self._wake_bytes:
-            self._wake.set()
-
-    def stop(self) -> None:
-        self._is_stopping = True
-        self._wake.set()
-        self._thread.join(SYNC_PERIOD_S)  # not longer: the disk may hang
-
-    def _run(self) -> None:
-        while True:
-            self._wake.wait(SYNC_PERIOD_S)
-            if self._is_stopping:
-                return
-            self._wake.clear()
-            if not self.is_wanted:
-                continue
-            self._began_s = time.monotonic()
-            try:
-                self._flush()
-                self.problem = ""
-            except (OSError, sqlite3.Error) as error:
-                self.problem = (error.strerror if isinstance(error, OSError) else None) or str(error)
-            finally:
-                self._began_s = None
-
-    def _flush(self) -> None:
-        self.is_wanted = False  # what is written from now on is flushed next time
-        try:
-            log = os.open(f"{self._path}-wal", os.O_RDONLY | os.O_CLOEXEC)
-        except FileNotFoundError:
-            return
-        try:
-            os.fdatasync(log)
-        finally:
-            os.close(log)  # SQLite holds no locks on this file; closing the database file here would release them
-        size = _size(f"{self._path}-wal")
-        if size >= self._log_bytes:
-            self._wake_bytes = size + self._log_bytes
-            with self.copying:
-                self._copy_log()
-
-    def _copy_log(self) -> None:
-        """Copies the log into the file. The writer goes on meanwhile, and begins the log anew if all was copied."""
-        connection = sqlite3.connect(f"file:{quote(self._path)}?mode=rw", uri=True, timeout=0.0, isolation_level=None)
-        try:
-            _, pages, copied = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
-            if pages != copied:
-                _empty_log(connection, _READERS_S)
-        finally:
-            connection.close()

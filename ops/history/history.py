@@ -1,4 +1,7 @@
-"""The history of one monitor process: stores transitions before they are announced, and the state for a restart."""
+"""The history of one monitor process: stores transitions before they are announced, and the state for a restart.
+
+One thread writes it, everything in the order in which it was requested.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ import math
 import sqlite3
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Generic, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from robot_health_monitor.core.continuity import SavedSignal
 from robot_health_monitor.core.errors import ServiceError
@@ -16,12 +20,11 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Transition
 
 from ..configuration import HistorySettings
-from .database_file import is_file_error
+from . import schema
+from .database_file import is_file_error, reading
 from .queries import read_states
-from .reader import HistoryReader
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
 from .storage import PART, SLOW_S, Storage, report_skipped
-from .writer import Job, Writer
 
 Result = TypeVar("Result")
 OnRecord = Callable[[sqlite3.Connection, int, Transition, float], None]
@@ -29,13 +32,152 @@ OnRecord = Callable[[sqlite3.Connection, int, Transition, float], None]
 
 COMMIT_TIMEOUT_S = 0.2
 """How long a transition waits for the disk before it is announced."""
+MAX_WAITING = 2_000
+"""Most jobs that wait; a transition with its evidence takes up to 8 kB."""
+LOST_PART = "history queue"
+"""The part whose fault counts transitions that were not stored."""
 
+_MAX_BATCH = 50  # jobs per transaction: about 200 kB
+_PERIOD_S = 1.0  # of `Storage.maintain`
+_MAX_ATTEMPTS = 3
 _RESTORE_TIMEOUT_S = 5.0
 _CLOSE_TIMEOUT_S = 2.0
 _HOOK_PART = "notifications"
-LOST_PART = "history queue"
-"""The part whose fault counts transitions that were not stored."""
 _DEFAULT_KEEP = HistorySettings("")
+
+
+class Job(Generic[Result]):
+    """A function to run in the writer's thread, inside a transaction; again if the database has to be replaced."""
+
+    def __init__(self, function: Callable[[sqlite3.Connection], Result], is_foreign: bool = False) -> None:
+        """`is_foreign`: a function of another module, in a separate transaction; its errors go to the caller."""
+        self.function = function
+        self.is_foreign = is_foreign
+        self.done = threading.Event()
+        self.result: Optional[Result] = None
+        self.error: Optional[BaseException] = None
+        self.is_cancelled = False
+
+
+class Writer:
+    """The thread. Runs jobs one after the other, several in one transaction if they are waiting."""
+
+    def __init__(self, storage: Storage) -> None:
+        """Starts the thread, which opens the storage."""
+        self._storage = storage
+        self._condition = threading.Condition()
+        self._jobs: Deque[Job[Any]] = deque()
+        self._is_closing = False
+        self._busy_since_s: Optional[float] = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="history", daemon=True)
+        self._thread.start()
+
+    @property
+    def busy_s(self) -> float:
+        """For how long the present transaction has lasted, in s; 0: there is none."""
+        since_s = self._busy_since_s
+        return 0.0 if since_s is None else time.monotonic() - since_s
+
+    def put(self, job: Job[Result], is_urgent: bool = False) -> bool:
+        """Adds a job; returns False if the writer is closing, or too many are waiting and it is not urgent."""
+        with self._condition:
+            if (len(self._jobs) >= MAX_WAITING and not is_urgent) or self._is_closing:
+                return False
+            self._jobs.append(job)
+            self._condition.notify()
+            return True
+
+    def wait(self, job: Job[Result], timeout_s: float) -> None:
+        """Waits until a job is done, but not while the disk hangs, for whose sake the first caller has waited."""
+        if self.busy_s < timeout_s:
+            job.done.wait(timeout_s)
+
+    def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float) -> Result:
+        """Runs a function in a separate transaction and returns its result.
+
+        Raises:
+            ServiceError: it failed in the database, or did not end in time.
+        """
+        job = Job(function, is_foreign=True)
+        if not self.put(job):
+            raise ServiceError("history: too many requests are waiting, or it is closed")
+        if not job.done.wait(timeout_s):
+            job.is_cancelled = True
+            raise ServiceError(f"history: no answer within {timeout_s:g} s")
+        if isinstance(job.error, sqlite3.Error):
+            raise ServiceError(f"history: {job.error}") from job.error
+        if job.error is not None:
+            raise job.error
+        return job.result  # type: ignore[return-value]
+
+    def close(self, timeout_s: float) -> bool:
+        """Runs the waiting jobs and ends the thread, which closes the storage; returns whether it did so in time."""
+        with self._condition:
+            self._is_closing = True
+            self._condition.notify()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        self._storage.open()
+        maintain_at_s = time.monotonic() + _PERIOD_S
+        is_too_large = False
+        while True:
+            with self._condition:
+                if not self._jobs:
+                    self._busy_since_s = None
+                    if self._is_closing:
+                        break
+                    self._condition.wait(0.0 if is_too_large else max(0.0, maintain_at_s - time.monotonic()))
+                self._busy_since_s = time.monotonic()
+                batch = self._next_batch()
+            if batch:
+                self._run_batch(batch)
+            is_too_large = self._care(self._storage.limit_size) is True
+            if time.monotonic() >= maintain_at_s:
+                self._busy_since_s = time.monotonic()
+                self._care(self._storage.maintain)
+                maintain_at_s = time.monotonic() + _PERIOD_S
+        self._storage.close()
+
+    def _next_batch(self) -> List[Job[Any]]:
+        batch: List[Job[Any]] = []
+        while self._jobs and len(batch) < _MAX_BATCH:
+            if batch and (self._jobs[0].is_foreign or batch[0].is_foreign):
+                break
+            job = self._jobs.popleft()
+            if not job.is_cancelled:
+                batch.append(job)
+        return batch
+
+    def _run_batch(self, batch: List[Job[Any]]) -> None:
+        error: Optional[BaseException] = None
+        for _ in range(_MAX_ATTEMPTS):
+            error = self._attempt(batch)
+            if error is None or not self._storage.handle(error, not batch[0].is_foreign):
+                break
+        for job in batch:
+            job.error = error
+            job.done.set()
+
+    def _attempt(self, batch: List[Job[Any]]) -> Optional[BaseException]:
+        connection = self._storage.connection
+        try:
+            with schema.transaction(connection):
+                for job in batch:
+                    job.result = job.function(connection)
+        except Exception as error:
+            return error
+        self._storage.note_committed()
+        return None
+
+    def _care(self, step: Callable[[], Result]) -> Optional[Result]:
+        """Runs a step of the storage's own work."""
+        try:
+            return step()
+        except sqlite3.Error as error:
+            self._storage.handle(error, was_own=True)
+            return None
 
 
 class History:
@@ -57,16 +199,13 @@ class History:
         self.file = None if settings is None else settings.file
         """Path of the file; None: the history is in memory."""
         self.wall_s = wall_time_s
-        keep = settings or _DEFAULT_KEEP
-        self._lock = threading.Lock()
-        self._on_record: List[OnRecord] = []
         self.faults = Faults() if faults is None else faults
         """What is wrong with the history."""
-        self._open_saves: Dict[str, Dict[str, str]] = {}
-        self._evidence_until_s: Dict[Tuple[str, str], float] = {}
+        keep = settings or _DEFAULT_KEEP
+        self.storage = Storage(self.file, keep.keep_days, keep.keep_mb, self.faults, wall_time_s)
+        self.writer = Writer(self.storage)
+        self._on_record: List[OnRecord] = []
         self._lost = 0
-        self._storage = Storage(self.file, keep.keep_days, keep.keep_mb, self.faults, wall_time_s)
-        self._writer = Writer(self._storage)
 
     def on_record(self, hook: OnRecord) -> None:
         """Calls a function inside the transaction that stores a transition, in the writer's thread.
@@ -77,8 +216,8 @@ class History:
         self._on_record.append(hook)
 
     def of_robot(self, robot: str) -> RobotHistory:
-        """Returns the history of one robot, for its AlertSystem."""
-        self.put(lambda connection: self._storage.begin_watch(robot))
+        """Returns the history of one robot, for its AlertSystem: the only one until that is closed."""
+        self.put(lambda connection: self.storage.begin_watch(robot))
         return RobotHistory(self, robot)
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
@@ -91,8 +230,8 @@ class History:
         Raises:
             ServiceError: the database failed, or did not answer in time.
         """
-        self._check_progress()
-        return self._writer.run(function, timeout_s)
+        self.check_progress()
+        return self.writer.run(function, timeout_s)
 
     def read(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
         """Runs a query: on a separate connection for a file, else in the writer's thread.
@@ -101,105 +240,60 @@ class History:
             ServiceError: the database failed, or did not answer in time.
             ConfigError: the file cannot be read.
         """
-        if self.file is None or self._storage.is_in_memory:
+        if self.file is None or self.storage.is_in_memory:
             return self.run(function, timeout_s)
-        with HistoryReader(self.file) as reader:
-            result = function(reader.connection)
-            report_skipped(self.faults, reader.connection)
+        with reading(self.file) as connection:
+            result = function(connection)
+            report_skipped(self.faults, connection)
             return result
-
-    def close(self) -> None:
-        """Stores the end of the run and closes the file; waits at most 2 s."""
-        self.put(lambda connection: self._storage.end_run())
-        self._writer.close(_CLOSE_TIMEOUT_S)
-
-    def record(self, robot: str, transition: Transition, state: str, evidence: Sequence[Tuple[float, Any]]) -> None:
-        """Stores a transition and the state after it; waits at most 0.2 s for the disk. See `RobotHistory.record`."""
-        wall_s = self.wall_s()
-        row = transition_row(transition, wall_s)
-        signal = (robot, transition.signal)
-        samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
-
-        def insert(connection: sqlite3.Connection) -> None:
-            number = connection.execute(INSERT_TRANSITION, row).lastrowid or 0
-            connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
-            self._storage.note_transition(number, row[1], row[2], row[4], row[13])
-            self._storage.write_states(robot, {transition.signal: state})
-            for hook in self._on_record:
-                self._run_hook(hook, connection, number, transition, wall_s)
-
-        job = Job(insert)
-        self._check_progress()
-        with self._lock:
-            is_waiting = self._writer.put(job)
-            if is_waiting:
-                self._open_saves.pop(robot, None)  # later states go behind this transition
-                if evidence:
-                    self._evidence_until_s[signal] = evidence[-1][0]
-        if is_waiting:
-            self._writer.wait(job, COMMIT_TIMEOUT_S)
-        else:
-            self._lost += 1
-            self.faults.report(LOST_PART, f"{self._lost} transitions were announced, but could not be stored in time")
-            self.save(robot, {transition.signal: state})
-
-    def save(self, robot: str, states: Mapping[str, str]) -> None:
-        """Stores states of signals, in JSON; returns at once."""
-        with self._lock:
-            waiting = self._open_saves.get(robot)
-            if waiting is not None:
-                waiting.update(states)
-                return
-            waiting = self._open_saves[robot] = dict(states)
-
-            def write(connection: sqlite3.Connection) -> None:
-                with self._lock:
-                    if self._open_saves.get(robot) is waiting:
-                        del self._open_saves[robot]
-                self._storage.write_states(robot, waiting)
-
-            # Also if many jobs are waiting: between two transitions there is one such job per robot at most.
-            self._writer.put(Job(write), is_urgent=True)
 
     def put(self, function: Callable[[sqlite3.Connection], object]) -> None:
         """Runs a function in the writer's thread, after everything requested before; returns at once."""
-        self._check_progress()
-        self._writer.put(Job(function))
+        self.check_progress()
+        self.writer.put(Job(function))
 
-    def remove(self, robot: str) -> None:
-        """Stores that a robot is no longer watched."""
-        self.put(lambda connection: self._storage.end_watch(robot))
+    def close(self) -> None:
+        """Stores the end of the run and closes the file; waits at most 2 s."""
+        self.put(lambda connection: self.storage.end_run())
+        self.writer.close(_CLOSE_TIMEOUT_S)
 
-    def _check_progress(self) -> None:
-        busy_s = self._writer.busy_s
+    def check_progress(self) -> None:
+        """Reports a disk that does not respond."""
+        busy_s = self.writer.busy_s
         if busy_s > SLOW_S:
             self.faults.report(PART, f"{self.file}: the disk has not responded for {busy_s:.0f} s")
 
-    def _run_hook(
-        self, hook: OnRecord, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float
-    ) -> None:
-        """Runs a hook so that its mistakes do not affect the transition."""
-        connection.execute("SAVEPOINT hook")
-        try:
-            hook(connection, number, transition, wall_s)
-        except Exception as error:
-            if is_file_error(error):
-                raise
-            connection.execute("ROLLBACK TO hook")
-            self.faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
-        else:
-            self.faults.clear(_HOOK_PART)
-        connection.execute("RELEASE hook")
+    def note_lost(self) -> None:
+        """Counts a transition that could not be stored."""
+        self._lost += 1
+        self.faults.report(LOST_PART, f"{self._lost} transitions were announced, but could not be stored in time")
+
+    def run_hooks(self, connection: sqlite3.Connection, number: int, transition: Transition, wall_s: float) -> None:
+        """Runs the hooks of `on_record` so that their mistakes do not affect the transition."""
+        for hook in self._on_record:
+            connection.execute("SAVEPOINT hook")
+            try:
+                hook(connection, number, transition, wall_s)
+            except Exception as error:
+                if is_file_error(error):
+                    raise
+                connection.execute("ROLLBACK TO hook")
+                self.faults.report(_HOOK_PART, f"{type(error).__name__}: {error}")
+            else:
+                self.faults.clear(_HOOK_PART)
+            connection.execute("RELEASE hook")
 
 
 class RobotHistory:
-    """The history of one robot: what its AlertSystem needs (`core.continuity.SignalHistory`)."""
+    """The history of one robot: implements `core.continuity.SignalHistory`, which documents its methods."""
 
     def __init__(self, history: History, robot: str) -> None:
         """Use `History.of_robot`."""
         self._history = history
         self._robot = robot
-        self._faults = history.faults
+        self._lock = threading.Lock()
+        self._open_save: Optional[Dict[str, str]] = None
+        self._evidence_until_s: Dict[str, float] = {}
 
     @property
     def is_kept(self) -> bool:
@@ -212,11 +306,7 @@ class RobotHistory:
 
     def restore(self) -> Mapping[str, SavedSignal]:
         """Returns the last stored state of each signal, by name; empty if the history cannot be read."""
-        try:
-            return self._history.run(lambda connection: read_states(connection, self._robot), _RESTORE_TIMEOUT_S)
-        except ServiceError as error:
-            self._faults.report(PART, str(error))
-            return {}
+        return self._read(lambda connection: read_states(connection, self._robot)) or {}
 
     def watched_until_s(self) -> Optional[float]:
         """Returns when the robot was last watched before this run, in s since 1970; None if that is unknown."""
@@ -225,40 +315,25 @@ class RobotHistory:
             FROM watches JOIN runs ON runs.id = run_id
             WHERE robot = ?1 AND watches.id < (SELECT max(id) FROM watches WHERE robot = ?1)
         """
-        try:
-            row = self._history.run(
-                lambda connection: connection.execute(query, (self._robot,)).fetchone(), _RESTORE_TIMEOUT_S
-            )
-        except ServiceError as error:
-            self._faults.report(PART, str(error))
-            return None
-        return row[0] if isinstance(row[0], float) else None
+        row = self._read(lambda connection: connection.execute(query, (self._robot,)).fetchone())
+        return row[0] if row is not None and isinstance(row[0], float) else None
 
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
         """Stores a transition, and the state of its signal after it, in one transaction. Call before the outlets.
 
         Returns when it is committed, after 0.2 s at the latest.
-
-        Args:
-            transition: what is about to be announced.
-            saved: the state of its signal, plain JSON values; empty: the signal is no longer watched.
-            evidence: the window's samples: wall time in s since 1970, value; at most 300.
         """
         try:
-            self._history.record(self._robot, transition, json.dumps(saved), evidence)
+            self._record(transition, json.dumps(saved), evidence)
         except Exception as error:
-            self._faults.report(PART, f"a transition was not stored: {type(error).__name__}: {error}")
+            self._report(f"a transition was not stored: {type(error).__name__}: {error}")
 
     def save(self, states: Mapping[str, SavedSignal]) -> None:
-        """Stores states of signals without a transition; returns at once.
-
-        Args:
-            states: those that changed, by signal; plain JSON values. Empty: the signal is no longer watched.
-        """
+        """Stores states of signals without a transition; returns at once."""
         try:
-            self._history.save(self._robot, {signal: json.dumps(state) for signal, state in states.items()})
+            self._save({signal: json.dumps(state) for signal, state in states.items()})
         except Exception as error:
-            self._faults.report(PART, f"states were not stored: {type(error).__name__}: {error}")
+            self._report(f"states were not stored: {type(error).__name__}: {error}")
 
     def record_reset(self) -> None:
         """Stores that latched alerts were reset; returns at once."""
@@ -268,11 +343,7 @@ class RobotHistory:
         )
 
     def record_configuration(self, configuration: Mapping[str, Mapping[str, Any]]) -> None:
-        """Stores the configuration in force as JSON; returns at once. The same configuration is stored only once.
-
-        Args:
-            configuration: the settings of each signal by its name, those of the node under the empty name.
-        """
+        """Stores the configuration in force as JSON, the same one only once; returns at once."""
         text = json.dumps(configuration, default=str)
         key = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
         row = (self.wall_s(), self._robot, key)
@@ -285,4 +356,57 @@ class RobotHistory:
 
     def close(self) -> None:
         """Stores that the robot is no longer watched. Not needed at the end of the process."""
-        self._history.remove(self._robot)
+        self._history.put(lambda connection: self._history.storage.end_watch(self._robot))
+
+    def _read(self, function: Callable[[sqlite3.Connection], Result]) -> Optional[Result]:
+        try:
+            return self._history.run(function, _RESTORE_TIMEOUT_S)
+        except ServiceError as error:
+            self._report(str(error))
+            return None
+
+    def _record(self, transition: Transition, state: str, evidence: Sequence[Tuple[float, Any]]) -> None:
+        history, signal = self._history, transition.signal
+        wall_s = self.wall_s()
+        row = transition_row(transition, wall_s)
+        samples = pack_samples(evidence, self._evidence_until_s.get(signal, -math.inf))
+
+        def insert(connection: sqlite3.Connection) -> None:
+            number = connection.execute(INSERT_TRANSITION, row).lastrowid or 0
+            connection.execute("INSERT INTO evidence VALUES (?, ?)", (number, samples))
+            history.storage.note_transition(number, row[1], row[2], row[4], row[13])
+            history.storage.write_states(self._robot, {signal: state})
+            history.run_hooks(connection, number, transition, wall_s)
+
+        job = Job(insert)
+        history.check_progress()
+        with self._lock:
+            is_waiting = history.writer.put(job)
+            if is_waiting:
+                self._open_save = None  # later states go behind this transition
+                if evidence:
+                    self._evidence_until_s[signal] = evidence[-1][0]
+        if is_waiting:
+            history.writer.wait(job, COMMIT_TIMEOUT_S)
+        else:
+            history.note_lost()
+            self._save({signal: state})
+
+    def _save(self, states: Mapping[str, str]) -> None:
+        with self._lock:
+            if self._open_save is not None:
+                self._open_save.update(states)
+                return
+            waiting = self._open_save = dict(states)
+
+            def write(connection: sqlite3.Connection) -> None:
+                with self._lock:
+                    if self._open_save is waiting:
+                        self._open_save = None
+                self._history.storage.write_states(self._robot, waiting)
+
+            # Also if many jobs are waiting: between two transitions there is one such job per robot at most.
+            self._history.writer.put(Job(write), is_urgent=True)
+
+    def _report(self, text: str) -> None:
+        self._history.faults.report(PART, text)

@@ -7,15 +7,22 @@ import math
 import sqlite3
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
+from robot_health_monitor.core.continuity import MAX_EVIDENCE
 from robot_health_monitor.core.model import Level
 
 from ..matchers import matches_pattern
-from .checked_rows import checked, is_count, is_json_object, is_level, is_text, is_time, optional, skip
 from .rows import (
-    MAX_EVIDENCE,
     TRANSITION_CHECKS,
     TRANSITION_COLUMNS,
     StoredTransition,
+    checked,
+    is_count,
+    is_json_object,
+    is_level,
+    is_text,
+    is_time,
+    optional,
+    skip,
     stored_transition,
     unpack_samples,
 )

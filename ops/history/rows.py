@@ -1,42 +1,113 @@
-"""Transitions and evidence as rows of the database."""
+"""Rows of a history file: transitions and evidence; every row is checked when it is read.
+
+Other programs and damage may have put anything into them. A row with an unexpected value is skipped, and noted at its
+connection, so that it can be reported in one line.
+"""
 
 from __future__ import annotations
 
+import functools
 import json
 import math
+import sqlite3
 import struct
 from dataclasses import dataclass
-from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from robot_health_monitor.core.continuity import MAX_EVIDENCE
 from robot_health_monitor.core.formatting import datum_text, printable
 from robot_health_monitor.core.model import Level, Transition
 
-from .checked_rows import is_count, is_datum, is_json_object, is_level, is_number, is_text, is_time, optional
+Check = Callable[[Any], bool]
 
-MAX_EVIDENCE = 300
-"""Most samples that are stored with a transition."""
+LATEST_S = 253_402_300_000.0
+"""Latest time that is accepted, in s since 1970: the end of the year 9999."""
+_MOST_NOTED = 1000
 
-TRANSITION_COLUMNS = (
-    "wall_s, robot, signal, from_level, to_level, value, statistic, bound, now_s, since_s, fingerprint, text, "
-    "statistics, repeated, hint"
-)
-"""The columns of a transition except its id, in the order of `transition_row`."""
 
-TRANSITION_CHECKS = (
-    is_count, is_time, is_text, is_text, is_level, is_level, is_datum, is_text, optional(is_number), is_number,
-    is_number, is_text, is_text, is_json_object, is_count, is_text,
-)  # fmt: skip
-"""The checks of the id and the `TRANSITION_COLUMNS`."""
+class CheckedConnection(sqlite3.Connection):
+    """A connection that notes which rows were skipped. In texts that are not UTF-8, the odd characters are replaced."""
 
-INSERT_TRANSITION = (
-    f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' for _ in TRANSITION_COLUMNS.split(','))})"
-)
-"""Stores what `transition_row` returns."""
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        """Opens the database, as `sqlite3.connect`, of which this is a `factory`."""
+        super().__init__(*arguments, **options)
+        self.text_factory = functools.partial(str, encoding="utf-8", errors="replace")
+        self.skipped: Dict[str, None] = {}
+        """The rows that were skipped, such as `transitions 17`; the first thousand."""
+
+    @property
+    def skipped_text(self) -> str:
+        """One line about the rows that were skipped; empty: none were."""
+        if not self.skipped:
+            return ""
+        count = len(self.skipped)
+        rows = f"{count} rows have" if count > 1 else "a row has"
+        return f"{rows} unexpected values and {'are' if count > 1 else 'is'} skipped ({next(iter(self.skipped))})"
+
+
+def skip(connection: sqlite3.Connection, table: str, row: object) -> None:
+    """Notes that a row was skipped."""
+    if isinstance(connection, CheckedConnection) and len(connection.skipped) < _MOST_NOTED:
+        connection.skipped[f"{table} {row!r:.60}"] = None
+
+
+def checked(
+    connection: sqlite3.Connection, table: str, rows: Sequence[Sequence[Any]], checks: Sequence[Check]
+) -> Iterator[Tuple[Any, ...]]:
+    """Yields the rows that pass the checks, one per column; skips the others. The first column identifies the row."""
+    for row in rows:
+        if all(check(value) for check, value in zip(checks, row)):
+            yield tuple(row)
+        else:
+            skip(connection, table, row[0])
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a finite number."""
+    return isinstance(value, (int, float)) and math.isfinite(value)
+
+
+def is_time(value: object) -> bool:
+    """Whether a value is a time in s since 1970 that a calendar has."""
+    return isinstance(value, (int, float)) and -LATEST_S <= value <= LATEST_S
+
+
+def is_text(value: object) -> bool:
+    """Whether a value is a text."""
+    return isinstance(value, str)
+
+
+def is_level(value: object) -> bool:
+    """Whether a value is the number of a level."""
+    return value in (0, 1, 2, 3) and isinstance(value, int)
+
+
+def is_count(value: object) -> bool:
+    """Whether a value is an integer; flags are 0 and 1."""
+    return isinstance(value, int)
+
+
+def is_json_object(value: object) -> bool:
+    """Whether a value is the text of a JSON object."""
+    try:
+        return isinstance(json.loads(value), dict)  # type: ignore[arg-type]
+    except (TypeError, ValueError, RecursionError):
+        return False
+
+
+def optional(check: Check) -> Check:
+    """Returns a check that also accepts NULL."""
+    return lambda value: value is None or check(value)
+
+
+def _is_datum(value: object) -> bool:
+    """Whether a value is what a robot may have sent."""
+    return value is None or isinstance(value, str) or is_number(value)
 
 
 @dataclass(frozen=True)
 class StoredTransition:
-    """A transition, as the history has it."""
+    """A transition, as the history has it. The fields are the columns of the table `transitions`."""
 
     id: int
     """Its number. Later events have larger numbers, also when the wall clock is set back."""
@@ -63,32 +134,33 @@ class StoredTransition:
 
 _FIELDS = tuple(StoredTransition.__dataclass_fields__)
 
+TRANSITION_COLUMNS = (
+    "wall_s, robot, signal, from_level, to_level, value, statistic, bound, now_s, since_s, fingerprint, text, "
+    "statistics, repeated, hint"
+)
+"""The columns of a transition except its id, in the order of `transition_row`."""
+
+TRANSITION_CHECKS = (
+    is_count, is_time, is_text, is_text, is_level, is_level, _is_datum, is_text, optional(is_number), is_number,
+    is_number, is_text, is_text, is_json_object, is_count, is_text,
+)  # fmt: skip
+"""The checks of the id and the `TRANSITION_COLUMNS`."""
+
+INSERT_TRANSITION = (
+    f"INSERT INTO transitions ({TRANSITION_COLUMNS}) VALUES ({', '.join('?' for _ in TRANSITION_COLUMNS.split(','))})"
+)
+"""Stores what `transition_row` returns."""
+
 
 def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:
-    """Returns the columns of a transition, in the order of `TRANSITION_COLUMNS`.
-
-    Args:
-        transition: what to store.
-        wall_s: when, in s since 1970.
-    """
-    statistics = {name: _finite(value) for name, value in transition.statistics.items()}
+    """Returns the `TRANSITION_COLUMNS` of a transition at a time in s since 1970."""
     return (
-        wall_s,
-        printable(transition.robot),
-        printable(transition.signal),
-        int(transition.from_level),
-        int(transition.to_level),
-        _storable(transition.value),
-        transition.statistic,
-        transition.bound,
-        transition.now_s,
-        transition.since_s,
-        transition.fingerprint,
-        printable(transition.text),
-        json.dumps(statistics),
-        int(transition.repeat),
-        printable(transition.hint),
-    )
+        wall_s, printable(transition.robot), printable(transition.signal), int(transition.from_level),
+        int(transition.to_level), _storable(transition.value), transition.statistic, transition.bound,
+        transition.now_s, transition.since_s, transition.fingerprint, printable(transition.text),
+        json.dumps({name: value if math.isfinite(value) else None for name, value in transition.statistics.items()}),
+        int(transition.repeat), printable(transition.hint),
+    )  # fmt: skip
 
 
 def stored_transition(row: Sequence[Any]) -> StoredTransition:
@@ -100,14 +172,11 @@ def stored_transition(row: Sequence[Any]) -> StoredTransition:
 
 
 def pack_samples(samples: Sequence[Tuple[float, Any]], stored_until_s: float = -math.inf) -> bytes:
-    """Packs samples, 12 bytes each.
+    """Packs samples (wall time in s, value), 12 bytes each; of more than `MAX_EVIDENCE`, the newest.
 
     The format: the time of the window's first sample in s since 1970 as float64, the seconds since then as float32 for
-    each sample, the values as float64; little-endian. A value that is not a number is NaN.
-
-    Args:
-        samples: wall time in s and value; at most `MAX_EVIDENCE`, more are left out at the beginning.
-        stored_until_s: samples up to this time are left out, because an earlier transition has them.
+    each sample, the values as float64; little-endian. A value that is not a number is NaN. Samples up to
+    `stored_until_s` are left out, because an earlier transition has them.
     """
     samples = samples[-MAX_EVIDENCE:]
     if not samples:
@@ -149,10 +218,6 @@ def _number(value: Any) -> float:
         return float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
-
-
-def _finite(value: float) -> Optional[float]:
-    return value if math.isfinite(value) else None
 
 
 def _storable(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The tables of a history file, their version, and the migration of older files.
+"""The tables of a history file, their version, the migration of older files, and copies between databases.
 
 The tables of notifications and silences are here too, so that one version describes the whole file.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import contextmanager
-from typing import Callable, Iterator, List, Mapping
+from itertools import chain
+from typing import Iterator, List, Mapping, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 
@@ -147,6 +148,8 @@ CREATE TABLE notifications (
 CREATE INDEX notifications_by_alert ON notifications(target, fingerprint, id);
 """
 
+_CREATE = (*_TABLES.split(";\n"), f"PRAGMA application_id = {APPLICATION_ID}")
+
 QUEUE_TABLES = ("noted_transitions", "open_alerts", "notified", "notifications")
 """Tables of the notifications."""
 
@@ -158,25 +161,16 @@ SHARED_TABLES = ("silences", "silenced_alerts")
 """Those of the `LIVE_TABLES` that other processes write, too."""
 
 
-def _note_ends_of_silences(connection: sqlite3.Connection) -> None:
-    for column in ("noticed_s REAL", "ended_by TEXT NOT NULL DEFAULT ''", "ended_reason TEXT NOT NULL DEFAULT ''"):
-        connection.execute(f"ALTER TABLE silences ADD COLUMN {column}")
-
-
-def _add_hints(connection: sqlite3.Connection) -> None:
-    connection.execute("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''")
-
-
-def _drop_index_by_signal(connection: sqlite3.Connection) -> None:
-    connection.execute("DROP INDEX IF EXISTS transitions_by_signal")
-
-
-_MIGRATIONS: Mapping[int, Callable[[sqlite3.Connection], None]] = {
-    1: _note_ends_of_silences,
-    2: _add_hints,
-    3: _drop_index_by_signal,
+_MIGRATIONS: Mapping[int, Tuple[str, ...]] = {
+    1: (
+        "ALTER TABLE silences ADD COLUMN noticed_s REAL",
+        "ALTER TABLE silences ADD COLUMN ended_by TEXT NOT NULL DEFAULT ''",
+        "ALTER TABLE silences ADD COLUMN ended_reason TEXT NOT NULL DEFAULT ''",
+    ),
+    2: ("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''",),
+    3: ("DROP INDEX IF EXISTS transitions_by_signal",),
 }
-"""By version: migrates a file from this version to the next one, inside a transaction."""
+"""By version: migrates a file from this version to the next one."""
 
 
 class UnknownSchemaError(ConfigError):
@@ -186,9 +180,6 @@ class UnknownSchemaError(ConfigError):
 def prepare(connection: sqlite3.Connection) -> None:
     """Creates the tables in an empty database, or migrates those of an older version, in one transaction.
 
-    Args:
-        connection: in autocommit mode (`isolation_level=None`).
-
     Raises:
         UnknownSchemaError: the file is no history, or from a newer version; it is unchanged.
         sqlite3.Error: the file is damaged or cannot be written.
@@ -197,24 +188,14 @@ def prepare(connection: sqlite3.Connection) -> None:
         return
     with transaction(connection):
         version = version_of(connection)
-        if version == 0:
-            for statement in _TABLES.split(";\n"):
-                connection.execute(statement)
-            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-            version = SCHEMA_VERSION
-        while version < SCHEMA_VERSION:
-            _MIGRATIONS[version](connection)
-            version += 1
-        connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        steps = [_MIGRATIONS[number] for number in range(version, SCHEMA_VERSION)] if version else [_CREATE]
+        for statement in (*chain.from_iterable(steps), f"PRAGMA user_version = {SCHEMA_VERSION}"):
+            connection.execute(statement)
 
 
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    """Runs a block in one transaction, which is rolled back if the block or the commit fails.
-
-    Args:
-        connection: in autocommit mode (`isolation_level=None`).
-    """
+    """Runs a block in one transaction of a connection in autocommit mode; rolled back if it or the commit fails."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield
@@ -243,12 +224,6 @@ def tables(connection: sqlite3.Connection) -> List[str]:
     return [name for (name,) in connection.execute(query)]
 
 
-def numbered_tables(connection: sqlite3.Connection) -> List[str]:
-    """Returns the names of the tables whose rows have a number that is never used again."""
-    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%'"
-    return [name for (name,) in connection.execute(query)]
-
-
 def version_of(connection: sqlite3.Connection) -> int:
     """Returns the version of the tables; 0: there are none. Changes nothing.
 
@@ -258,8 +233,7 @@ def version_of(connection: sqlite3.Connection) -> int:
     """
     version: int = connection.execute("PRAGMA user_version").fetchone()[0]
     application_id: int = connection.execute("PRAGMA application_id").fetchone()[0]
-    tables: int = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-    if tables == 0:
+    if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0:
         return 0
     if application_id != APPLICATION_ID:
         raise UnknownSchemaError("it is an SQLite database, but not a history")
@@ -268,3 +242,41 @@ def version_of(connection: sqlite3.Connection) -> int:
             f"it was written by a newer version (schema {version}; this version knows up to {SCHEMA_VERSION})"
         )
     return version
+
+
+def copy_state(source: sqlite3.Connection, target: sqlite3.Connection, tables: Tuple[str, ...] = LIVE_TABLES) -> bool:
+    """Copies the tables of the present state, and the last number of each; returns whether all were readable."""
+    is_complete = True
+    for table in ("sqlite_sequence", *tables):
+        try:
+            copy_table(source, target, table)
+        except sqlite3.Error:
+            is_complete = False  # what could be read is there
+    return is_complete
+
+
+def copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> None:
+    """Copies the rows of a table; those that the target refuses are left out.
+
+    Raises:
+        sqlite3.Error: the source cannot be read, or the target cannot be written.
+    """
+    rows = source.execute(f"SELECT * FROM {table}")
+    insert = f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * len(rows.description))})"
+    for row in rows:
+        try:
+            target.execute(insert, row)
+        except sqlite3.IntegrityError:
+            pass  # edited by hand
+
+
+def number_from(connection: sqlite3.Connection, number: int, tables: Tuple[str, ...] = ()) -> None:
+    """Makes the numbers of rows continue after `number` where they are below it; no tables: all that have numbers."""
+    if not tables:
+        query = "SELECT name FROM sqlite_master WHERE type = 'table' AND sql LIKE '%AUTOINCREMENT%'"
+        tables = tuple(name for (name,) in connection.execute(query))
+    for table in tables:
+        found = connection.execute("SELECT max(seq) FROM sqlite_sequence WHERE name = ?", (table,)).fetchone()[0]
+        if not isinstance(found, int) or found < number:
+            connection.execute("DELETE FROM sqlite_sequence WHERE name = ?", (table,))
+            connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES (?, ?)", (table, number))

@@ -12,9 +12,10 @@ Numbers of rows continue in memory where the file ended, so that rows can be mov
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 import time
-from typing import Callable, Dict, Optional, Tuple
+from typing import Callable, Dict, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
@@ -22,11 +23,18 @@ from robot_health_monitor.core.version import package_version
 from robot_health_monitor.runtime.backoff import Backoff
 
 from . import schema
-from .checked_rows import CheckedConnection, is_text, is_time
-from .copying import copy_state, copy_table, number_from
-from .database_file import DatabaseFile, InUseError, NotAHistoryError, is_damage, is_file_error, reason, set_aside
-from .reader import open_read_only
+from .database_file import (
+    DatabaseFile,
+    InUseError,
+    NotAHistoryError,
+    is_damage,
+    is_file_error,
+    open_read_only,
+    reason,
+    set_aside,
+)  # fmt: skip
 from .retention import AgeClock, Retention
+from .rows import CheckedConnection, is_text, is_time
 
 PART = "history"
 """The part whose fault says that the history is not written to its file."""
@@ -115,12 +123,8 @@ class Storage:
     def handle(self, error: BaseException, was_own: bool) -> bool:
         """Reacts to an error of a transaction, which has been rolled back.
 
-        Args:
-            error: the error.
-            was_own: it came from a statement of this package, not from a function of another module.
-
-        Returns:
-            Whether another database is in use now: repeat the transaction.
+        `was_own`: it came from a statement of this package, not from a function of another module. Returns whether
+        another database is in use now: repeat the transaction.
         """
         if was_own:
             self._retention = None  # it has counted what was rolled back
@@ -128,12 +132,17 @@ class Storage:
             return False
         file, self._file = self._file, None
         try:
-            if is_damage(error):
-                self._replace(file.connection, file.path, error, file.close)
-            else:
-                self._use_memory(file.connection, error)
+            self._use_memory(file.connection, error)
         finally:
             _close(file)
+        if is_damage(error):
+            try:
+                self._put_aside(file.path, error)
+            except OSError as rename_error:
+                problem = reason(rename_error, file.path)
+                self._report(f"{file.path} is damaged ({error}) and {problem}; continuing in memory")
+            else:
+                self._open_file()
         return True
 
     def note_committed(self) -> None:
@@ -147,7 +156,7 @@ class Storage:
         if self._retention is not None:
             self._retention.note_transition(number, robot, signal, to_level, repeated)
 
-    def write_states(self, robot: str, states: Dict[str, str]) -> None:
+    def write_states(self, robot: str, states: Mapping[str, str]) -> None:
         """Stores the states of signals of a robot in JSON; `{}` deletes one. Inside a transaction."""
         for signal, state in states.items():  # first: a statement may fail
             if state == "{}":
@@ -197,7 +206,10 @@ class Storage:
             self._alive_at_s = now_s
             connection.execute("UPDATE runs SET alive_s = ? WHERE id = ?", (self._wall_s(), self._run[0]))
         if now_s >= self._old_at_s:
-            self._old_at_s = 0.0 if self._delete_old(connection) else now_s + _RETENTION_PERIOD_S
+            before_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._keep_s
+            with schema.transaction(connection):
+                is_more = self._used_retention.delete_old(self._run[0], before_s)
+            self._old_at_s = 0.0 if is_more else now_s + _RETENTION_PERIOD_S
 
     def limit_size(self) -> bool:
         """Keeps the file and its log within their limits, in a small step.
@@ -212,8 +224,9 @@ class Storage:
         now_s = time.monotonic()
         if now_s < self._surplus_at_s or not self._used_retention.is_due():
             return False
-        connection = self.connection
-        if not self._in_transaction(connection, lambda: self._used_retention.delete_surplus(self._run[0])):
+        with schema.transaction(self.connection):
+            is_done = not self._used_retention.delete_surplus(self._run[0])
+        if is_done:
             self._surplus_at_s = now_s + _ALIVE_PERIOD_S  # everything that is left has to stay
             return False
         self.note_committed()
@@ -249,18 +262,13 @@ class Storage:
             self._faults.clear(PART)
 
     def _opened(self, path: str) -> DatabaseFile:
-        """Returns the open file with the present run in it; a damaged one is replaced.
-
-        Raises:
-            As `DatabaseFile`.
-        """
+        """Returns the open file with the present run in it; a damaged one is replaced. Raises as `DatabaseFile`."""
         try:
             return self._adopted(DatabaseFile(path, self._log_bytes))
         except sqlite3.Error as error:
             if not is_damage(error):
                 raise
-            aside = set_aside(path, self._wall_s())
-            self._report_replaced(f"{path} is damaged ({error}): kept as {aside}, a new history was begun")
+            self._put_aside(path, error)
             return self._adopted(DatabaseFile(path, self._log_bytes))
 
     def _adopted(self, file: DatabaseFile) -> DatabaseFile:
@@ -304,31 +312,19 @@ class Storage:
         else:
             self._faults.clear(PART)
 
-    def _replace(self, damaged: sqlite3.Connection, path: str, error: BaseException, close: Callable[[], None]) -> None:
-        """Puts a damaged file aside and begins a new one, with what can be read of the present state."""
-        self._use_memory(damaged, error)
-        close()
-        try:
-            aside = set_aside(path, self._wall_s())
-        except OSError as rename_error:
-            self._report(f"{path} is damaged ({error}) and {reason(rename_error, path)}; continuing in memory")
-            return
+    def _put_aside(self, path: str, error: BaseException) -> None:
+        """Renames a damaged file, or raises OSError."""
+        aside = set_aside(path, self._wall_s())
         self._report_replaced(f"{path} is damaged ({error}): kept as {aside}, a new history was begun")
-        self._open_file()
 
     def _use_memory(self, source: Optional[sqlite3.Connection], error: Optional[BaseException] = None) -> None:
-        """Goes on in memory, with what can be read of the present state.
-
-        Args:
-            source: the database that was used until now.
-            error: why it cannot be written.
-        """
+        """Goes on in memory, with what can be read of `source`, which was used until now; `error`: why no longer."""
         memory = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=CheckedConnection)
         schema.prepare(memory)
         memory.execute("BEGIN IMMEDIATE")
-        self._is_copy = source is not None and copy_state(source, memory)
+        self._is_copy = source is not None and schema.copy_state(source, memory)
         if not self._is_copy and self._path is not None:
-            number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
+            schema.number_from(memory, int(self._wall_s() * 1000.0))  # larger than any number in the file
         memory.executemany(_STORE_STATE, [(*key, state) for key, state in self._states.items()])
         number, started_s = self._run
         if number:
@@ -338,7 +334,7 @@ class Storage:
             memory.executemany("INSERT INTO watches (id, run_id, robot, started_s) VALUES (?, ?, ?, ?)", watches)
         else:
             self._begin_run(memory)
-        number_from(memory, self._last_id, ("transitions",))
+        schema.number_from(memory, self._last_id, ("transitions",))
         memory.execute("COMMIT")
         self._memory, self._retention = memory, None
         if error is not None:
@@ -346,11 +342,7 @@ class Storage:
             self._retry_later()
 
     def _require_memory(self, readable: Optional[str]) -> None:
-        """Goes on in memory unless that is already so.
-
-        Args:
-            readable: path of a file that may be readable, and contains the present state.
-        """
+        """Goes on in memory unless that is already so; `readable`: path of a file that may have the present state."""
         if self._memory is not None:
             return
         try:
@@ -368,8 +360,8 @@ class Storage:
         for table in schema.tables(memory):
             if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
                 connection.execute(f"DELETE FROM {table}")
-            copy_table(memory, connection, table)
-        number_from(connection, self._last_id, ("transitions",))  # a new file continues, too
+            schema.copy_table(memory, connection, table)
+        schema.number_from(connection, self._last_id, ("transitions",))  # a new file continues, too
 
     @property
     def _used_retention(self) -> Retention:
@@ -377,19 +369,6 @@ class Storage:
             max_bytes = self._max_bytes if self._file is not None else self._max_memory_bytes
             self._retention = Retention(self.connection, max_bytes)
         return self._retention
-
-    def _delete_old(self, connection: sqlite3.Connection) -> bool:
-        before_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._keep_s
-        retention = self._used_retention
-        return self._in_transaction(connection, lambda: retention.delete_old(self._run[0], before_s))
-
-    def _in_transaction(self, connection: sqlite3.Connection, function: Callable[[], bool]) -> bool:
-        try:
-            with schema.transaction(connection):
-                return function()
-        except BaseException:
-            self._retention = None  # its counts include what was rolled back
-            raise
 
     def _shorten_log(self, file: DatabaseFile) -> None:
         """Empties the log if it has become too long although its thread copies it.
@@ -423,7 +402,5 @@ def _boot_s() -> float:
 
 
 def _close(file: DatabaseFile) -> None:
-    try:
+    with contextlib.suppress(OSError, sqlite3.Error):  # closed before, or its disk fails
         file.close()
-    except (OSError, sqlite3.Error):
-        pass  # closed before, or its disk fails

@@ -21,8 +21,8 @@ from robot_health_monitor.core.signal_config import LINK
 from robot_health_monitor.core.state_reader import known_s
 
 from ..matchers import matches_pattern
-from .checked_rows import checked, is_count, is_level, is_number, is_text, is_time
 from .queries import pattern_condition
+from .rows import checked, is_count, is_level, is_number, is_text, is_time
 
 _PAGE = 5_000
 _CHECKS = (is_count, is_time, is_text, is_text, is_level, is_level, is_number, is_count)

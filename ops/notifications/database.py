@@ -14,10 +14,9 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level, Transition
 
 from ..history import schema
-from ..history.checked_rows import CheckedConnection, is_count, is_level, is_number, is_text, is_time, skip
-from ..history.copying import copy_state
 from ..history.database_file import is_file_error
 from ..history.history import History, OnRecord
+from ..history.rows import CheckedConnection, is_count, is_level, is_number, is_text, is_time, skip
 
 Result = TypeVar("Result")
 
@@ -102,7 +101,7 @@ class QueueDatabase:
             return
         memory = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False, factory=CheckedConnection)
         schema.prepare(memory)
-        copy_state(connection, memory, schema.QUEUE_TABLES)
+        schema.copy_state(connection, memory, schema.QUEUE_TABLES)
         if not _is_readable(connection, "open_alerts"):
             restore_open_alerts(memory)
         self._on_replaced(memory, not _is_readable(connection, "notified"))

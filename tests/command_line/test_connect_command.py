@@ -19,7 +19,8 @@ from harness.line_process import LineProcess
 
 pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
 
-from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history import queries
+from robot_health_monitor.ops.history.database_file import reading
 
 Start = Callable[..., LineProcess]
 
@@ -424,8 +425,8 @@ def test_with_an_ops_yaml_the_robots_share_one_history(robot_health: Start, tmp_
         process.wait_for_text(": link ERROR: ")
     process.signal()
     assert process.wait() == 0
-    with HistoryReader(tmp_path / "history.db") as reader:
-        found = [(each.robot, each.signal, each.to_level.name) for each in reader.transitions()]
+    with reading(tmp_path / "history.db") as connection:
+        found = [(each.robot, each.signal, each.to_level.name) for each in queries.transitions(connection)]
     assert sorted(found) == [("a", "link", "ERROR"), ("b", "link", "ERROR")]
 
 

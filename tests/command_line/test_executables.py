@@ -15,7 +15,8 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.executables import run
 from robot_health_monitor.exit_codes import ExitCode
-from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history import queries
+from robot_health_monitor.ops.history.database_file import reading
 
 Parameters = Dict[str, Dict[str, Any]]
 
@@ -235,12 +236,12 @@ def test_the_ops_yaml_of_the_parameter_gives_alert_system_a_history(tmp_path: Pa
     given = {"robot_name": "r3", "ops": str(file), "signals": {"temperature": {"startup_grace_s": 1.0}}}
     process = LocalProcess({"alert_system": given, "battery_sensor": {"ops": str(file)}})
     assert start("alert_system", process) == ExitCode.SUCCESS
-    with HistoryReader(tmp_path / "history.db") as reader:
-        assert [(stored.robot, stored.to_level) for stored in reader.transitions()] == [("r3", Level.STALE)]
+    with reading(tmp_path / "history.db") as connection:
+        assert [(stored.robot, stored.to_level) for stored in queries.transitions(connection)] == [("r3", Level.STALE)]
     again = LocalProcess({"alert_system": given})
     assert start("alert_system", again) == ExitCode.SUCCESS
-    with HistoryReader(tmp_path / "history.db") as reader:
-        assert len(list(reader.transitions())) == 1  # still stale: nothing new
+    with reading(tmp_path / "history.db") as connection:
+        assert len(list(queries.transitions(connection))) == 1  # still stale: nothing new
 
 
 def test_a_wrong_ops_yaml_ends_the_node_before_it_subscribes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

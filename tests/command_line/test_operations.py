@@ -19,7 +19,8 @@ from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.operations import Operations, configured_ops, open_operations
 from robot_health_monitor.ops.configuration import HistorySettings, OpsConfig, TargetSettings
-from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history import queries
+from robot_health_monitor.ops.history.database_file import reading
 from robot_health_monitor.ops.matchers import parse_matchers
 
 Start = Callable[..., LineProcess]
@@ -113,8 +114,8 @@ def test_all_robots_share_one_history(config: OpsConfig, operations: Operations)
     for name in ("r3", "r4"):
         Robot(operations, name).publish(10.0)
     assert config.history is not None
-    with HistoryReader(config.history.file) as reader:
-        assert [(stored.robot, stored.to_level) for stored in reader.transitions()] == [
+    with reading(config.history.file) as connection:
+        assert [(stored.robot, stored.to_level) for stored in queries.transitions(connection)] == [
             ("r3", Level.WARN),
             ("r4", Level.WARN),
         ]

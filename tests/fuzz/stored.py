@@ -17,7 +17,7 @@ from harness.histories import opened, texts, transition
 
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.active_silences import Silences
-from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history.database_file import reading
 
 Change = Tuple[str, str, Any]
 """Table, column, value."""
@@ -54,8 +54,8 @@ class HistoryRows(Target):
             except (sqlite3.Error, OverflowError, UnicodeError):
                 pass  # SQLite refuses the value: a key twice, no integer
         connection.close()
-        with HistoryReader(self._file) as reader:
-            read_everything(reader.connection)
+        with reading(self._file) as connection:
+            read_everything(connection)
         faults = Faults()
         history = opened(self._file, faults, keep_days=30_000.0)
         try:

@@ -10,8 +10,9 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history import queries
+from robot_health_monitor.ops.history.database_file import reading
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.history.reader import HistoryReader
 
 
 def transition(
@@ -51,8 +52,8 @@ def texts(history: History) -> List[str]:
 
 def stored_texts(file: Path) -> List[str]:
     """Returns the texts of all transitions in a file, in their order."""
-    with HistoryReader(file) as reader:
-        return [each.text for each in reader.transitions()]
+    with reading(file) as connection:
+        return [each.text for each in queries.transitions(connection)]
 
 
 def fault_texts(faults: Faults) -> List[Tuple[str, str]]:

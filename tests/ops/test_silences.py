@@ -11,8 +11,8 @@ from harness.silences import NOON_S, Clock, announce, on_file
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.ops.active_silences import Silences
+from robot_health_monitor.ops.history.database_file import reading
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.history.reader import HistoryReader
 from robot_health_monitor.ops.matchers import Matcher, parse_matchers
 from robot_health_monitor.ops.silences import (
     Silence,
@@ -164,5 +164,5 @@ def test_the_changes_that_a_silence_applied_to_are_counted(history: History, sil
     clock.now_s += 60.0
     announce(history, "r3", "temperature", Level.WARN)
     assert history.file is not None
-    with HistoryReader(history.file) as reader:
-        assert silenced_transitions(reader.connection, silence, clock.now_s) == 2
+    with reading(history.file) as connection:
+        assert silenced_transitions(connection, silence, clock.now_s) == 2

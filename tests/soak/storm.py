@@ -20,8 +20,8 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history import queries
+from robot_health_monitor.ops.history.database_file import reading
 from robot_health_monitor.ops.history.history import History, RobotHistory
-from robot_health_monitor.ops.history.reader import HistoryReader
 from robot_health_monitor.ops.silences import read_silences
 
 RATE_HZ = 1000.0
@@ -51,11 +51,11 @@ class _Page(threading.Thread):
             self.largest_bytes = max(self.largest_bytes, sum(_size(file) for file in self._files))
             if time.monotonic() >= read_at_s:
                 read_at_s = time.monotonic() + 1.0
-                with HistoryReader(self._files[0]) as reader:
-                    list(reader.transitions(newest_first=True, limit=1000))
-                    list(reader.transitions(signal="signal_7", newest_first=True, limit=100))
-                    queries.gaps(reader.connection)
-                    read_silences(reader.connection)
+                with reading(self._files[0]) as connection:
+                    list(queries.transitions(connection, newest_first=True, limit=1000))
+                    list(queries.transitions(connection, signal="signal_7", newest_first=True, limit=100))
+                    queries.gaps(connection)
+                    read_silences(connection)
                 self.reads += 1
 
     def end(self) -> None:
@@ -86,8 +86,8 @@ def run(seconds: float, keep_mb: float, seed: int) -> List[Figure]:
         took_s = time.monotonic() - begin_s
         page.end()
         history.close()
-        with HistoryReader(file) as reader:
-            kept = sum(1 for _ in reader.transitions(robot="quiet"))
+        with reading(file) as connection:
+            kept = sum(1 for _ in queries.transitions(connection, robot="quiet"))
         written_kb, blocks_kb = (
             (now - before) / (number - QUIET) / 1e3 for now, before in zip(_written_bytes(), written)
         )

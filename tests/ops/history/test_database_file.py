@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from harness.waiting import WAIT_S, wait_for
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.ops.history.database_file import (
     DatabaseFile,
     InUseError,
@@ -20,6 +21,7 @@ from robot_health_monitor.ops.history.database_file import (
     is_damage,
     is_file_error,
     lock_path,
+    reading,
     reason,
     set_aside,
 )
@@ -248,3 +250,9 @@ def test_a_mistake_in_a_statement_is_no_error_of_the_file() -> None:
 def test_the_reason_names_the_file_once() -> None:
     assert reason(PermissionError(13, "Permission denied", "/var/x.lock"), "/var/x") == "/var/x.lock: Permission denied"
     assert reason(sqlite3.OperationalError("disk I/O error"), "/var/x") == "/var/x: disk I/O error"
+
+
+def test_a_missing_file_is_one_line_and_is_not_created(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.db: No such file or directory"), reading(tmp_path / "none.db"):
+        pass
+    assert not (tmp_path / "none.db").exists()

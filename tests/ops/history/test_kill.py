@@ -10,7 +10,7 @@ from pathlib import Path
 
 from harness.histories import opened, stored_texts
 
-from robot_health_monitor.ops.history.reader import HistoryReader
+from robot_health_monitor.ops.history.database_file import reading
 
 ROUNDS = 12
 
@@ -50,9 +50,9 @@ def test_killed_at_random_points(tmp_path: Path) -> None:
         numbers = [int(text.rpartition(" ")[2]) for text in stored_texts(file)]
         # The last one may have been stored, but not announced before the kill.
         assert numbers in (list(range(1, announced + 1)), list(range(1, announced + 2)))
-        with HistoryReader(file) as reader:
-            assert reader.connection.execute("SELECT count(*) FROM evidence").fetchone() == (len(numbers),)
-            assert reader.connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        with reading(file) as connection:
+            assert connection.execute("SELECT count(*) FROM evidence").fetchone() == (len(numbers),)
+            assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
     history = opened(file)
     state = history.of_robot("r1").restore()
     assert state["battery_level"] == {"number": len(numbers)}

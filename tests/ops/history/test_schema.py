@@ -1,4 +1,4 @@
-"""Tables and versions of a history file."""
+"""Tables and versions of a history file, and copies between databases."""
 
 from __future__ import annotations
 
@@ -48,9 +48,8 @@ def older(connection: sqlite3.Connection) -> None:
     connection.execute("DROP TABLE new_resets")
 
 
-def add_robot(connection: sqlite3.Connection) -> None:
-    """Migrates what `older` makes."""
-    connection.execute("ALTER TABLE resets ADD COLUMN robot TEXT NOT NULL DEFAULT ''")
+ADD_ROBOT = "ALTER TABLE resets ADD COLUMN robot TEXT NOT NULL DEFAULT ''"
+"""Migrates what `older` makes."""
 
 
 def test_an_older_version_is_migrated_once_and_keeps_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,7 +58,7 @@ def test_an_older_version_is_migrated_once_and_keeps_its_rows(tmp_path: Path, mo
     older(connection)
     connection.close()
     monkeypatch.setattr(schema, "SCHEMA_VERSION", schema.SCHEMA_VERSION + 1)
-    monkeypatch.setattr(schema, "_MIGRATIONS", {schema.SCHEMA_VERSION - 1: add_robot})
+    monkeypatch.setattr(schema, "_MIGRATIONS", {schema.SCHEMA_VERSION - 1: (ADD_ROBOT,)})
     connection = sqlite3.connect(path, isolation_level=None)
     with pytest.raises(schema.UnknownSchemaError, match="an older version of the monitor, which has to open it once"):
         schema.require_known(connection)
@@ -80,13 +79,8 @@ def test_a_migration_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pyt
     older(connection)
     version = schema.SCHEMA_VERSION
     before = connection.execute("SELECT sql FROM sqlite_master ORDER BY name").fetchall()
-
-    def fail(database: sqlite3.Connection) -> None:
-        add_robot(database)
-        database.execute("INSERT INTO missing VALUES (1)")
-
     monkeypatch.setattr(schema, "SCHEMA_VERSION", version + 1)
-    monkeypatch.setattr(schema, "_MIGRATIONS", {version: fail})
+    monkeypatch.setattr(schema, "_MIGRATIONS", {version: (ADD_ROBOT, "INSERT INTO missing VALUES (1)")})
     with pytest.raises(sqlite3.Error, match="no such table: missing"):
         schema.prepare(connection)
     assert connection.execute("SELECT sql FROM sqlite_master ORDER BY name").fetchall() == before
@@ -180,3 +174,37 @@ def test_an_error_that_has_ended_the_transaction_stays_the_error() -> None:
     with pytest.raises(sqlite3.OperationalError, match="no such table"):
         run(connection, "ROLLBACK", "DELETE FROM missing")
     assert not connection.in_transaction
+
+
+def database() -> sqlite3.Connection:
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    schema.prepare(connection)
+    return connection
+
+
+def test_a_table_that_cannot_be_read_does_not_keep_the_others_from_being_copied() -> None:
+    source, target = database(), database()
+    source.execute("INSERT INTO signal_states (robot, signal, state) VALUES ('r1', 'a', '1')")
+    source.execute("DROP TABLE notifications")
+    source.execute("INSERT INTO silences VALUES (7, 'robot=r1', '', '', 1.0, NULL, 0, NULL, NULL, '', '')")
+    assert not schema.copy_state(source, target)
+    assert target.execute("SELECT state FROM signal_states").fetchall() == [("1",)]
+    assert target.execute("SELECT id FROM silences").fetchall() == [(7,)]
+    assert target.execute("SELECT seq FROM sqlite_sequence WHERE name = 'silences'").fetchall() == [(7,)]
+
+
+def test_a_row_that_the_tables_do_not_allow_is_left_out() -> None:
+    source, target = database(), database()
+    source.execute("DROP TABLE resets")
+    source.execute("CREATE TABLE resets (id INTEGER PRIMARY KEY, wall_s, robot)")
+    source.execute("INSERT INTO resets VALUES (1, 1.0, 'r1'), (2, 2.0, NULL), (3, 3.0, 'r3')")
+    schema.copy_table(source, target, "resets")
+    assert target.execute("SELECT id FROM resets ORDER BY id").fetchall() == [(1,), (3,)]
+
+
+@pytest.mark.parametrize(("number", "expected"), [(5, 11), (50, 51)])
+def test_numbers_continue_after_the_larger_one(number: int, expected: int) -> None:
+    connection = database()
+    connection.execute("INSERT INTO resets VALUES (10, 1.0, 'r1')")
+    schema.number_from(connection, number, ("resets",))
+    assert connection.execute("INSERT INTO resets (wall_s, robot) VALUES (2.0, 'r1')").lastrowid == expected

@@ -14,7 +14,8 @@ from harness.waiting import wait_for
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history import storage, writer
+from robot_health_monitor.ops.history import history as history_module
+from robot_health_monitor.ops.history import storage
 from robot_health_monitor.ops.history.history import History
 
 
@@ -22,7 +23,7 @@ from robot_health_monitor.ops.history.history import History
 def _quick_retries(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(storage, "_FIRST_RETRY_S", 0.1)
     monkeypatch.setattr(storage, "_LAST_RETRY_S", 0.1)
-    monkeypatch.setattr(writer, "_PERIOD_S", 0.05)
+    monkeypatch.setattr(history_module, "_PERIOD_S", 0.05)
 
 
 def numbers(found: List[str]) -> List[int]:

@@ -19,8 +19,8 @@ from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.configuration import HistorySettings, TargetSettings
 from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.history.checked_rows import CheckedConnection
 from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.history.rows import CheckedConnection
 from robot_health_monitor.ops.history.schema import QUEUE_TABLES
 from robot_health_monitor.ops.matchers import parse_matchers
 from robot_health_monitor.ops.notifications import Notifier
@@ -51,7 +51,7 @@ def running(file: Path, server: HttpServer) -> Iterator[Tuple[History, Notifier,
 
 def record(history: History, level: Level, signal: str = "battery") -> None:
     event = transition(0, level, robot="r3", signal=signal, fingerprint=signal, text=f"{signal} {level.name}")
-    history.record("r3", event, "1", [])
+    history.of_robot("r3").record(event, {"level": 1}, [])
 
 
 def received(server: HttpServer) -> str:
