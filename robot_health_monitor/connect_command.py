@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         if arguments.old_token_file:
             warn("--token-file is deprecated for the robots' token: use --robot-token-file")
         read_settings = partial(server_settings, arguments, TokenFiles(warn))
-        settings = read_settings(operations.server)
+        settings = read_settings(operations.config.server)
         fleet = Fleet(
             FleetReader(addresses, arguments.fleet, options, warn),
             clock=time.monotonic,

@@ -221,7 +221,7 @@ class _Running:
         self._after_nodes.callback(operations.close)
         alert_system = operations.start_only(middleware)
         self._before_nodes.callback(alert_system.save_state)
-        if operations.server or alert_system.monitor.config.rosbridge_port:
+        if operations.config.server or alert_system.monitor.config.rosbridge_port:
             from .serving import serve_in_thread
 
             create_node = partial(self._process.create_served_node, middleware)

@@ -10,7 +10,7 @@ import threading
 import time
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Protocol
+from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -21,29 +21,18 @@ from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.nodes.self_monitor import EMPTY_REPORT, SelfReport
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.yaml_file import read_yaml
-from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions, read_ops
+from robot_health_monitor.ops.configuration import OpsConfig, read_ops
 
 if TYPE_CHECKING:
     from robot_health_monitor.ops.active_silences import Silences
     from robot_health_monitor.ops.history.history import History, RobotHistory
     from robot_health_monitor.ops.notifications import Notifier
+    from robot_health_monitor.rosbridge.server import Server
 
 _CLOSE_S = 1.9
 """Longest time to close everything: a disk or a target may hang."""
 _LATE_S = 5.0
 """Age of the last tick from which a robot is not monitored, in s: then there is no heartbeat."""
-
-
-class ServerCounts(Protocol):
-    """What the status of the process shows of its server."""
-
-    @property
-    def clients(self) -> int:
-        """Number of connected clients."""
-
-    @property
-    def dropped(self) -> int:
-        """Number of messages that were dropped."""
 
 
 class Operations:
@@ -77,7 +66,7 @@ class Operations:
         self._alert_systems: Dict[str, AlertSystem] = {}
         self._histories: Dict[str, RobotHistory] = {}
         self._fed_s = float("-inf")
-        self._server: Optional[ServerCounts] = None
+        self._server: Optional[Server] = None
         if config.history is not None or config.notify or always_history:
             from robot_health_monitor.ops.active_silences import Silences
             from robot_health_monitor.ops.history.history import History
@@ -89,11 +78,6 @@ class Operations:
             self.notifier = Notifier(
                 self.history, config.notify, self.silences, self.faults, wall_time_s, self.is_simulated
             )
-
-    @property
-    def server(self) -> Optional[ServerOptions]:
-        """The section `server`; None: there is none."""
-        return self.config.server
 
     def use(self, config: OpsConfig) -> List[str]:
         """Applies the targets of another configuration and returns what changed; the rest needs a restart.
@@ -169,7 +153,7 @@ class Operations:
         if history is not None:
             history.close()
 
-    def note_server(self, server: ServerCounts) -> None:
+    def note_server(self, server: Server) -> None:
         """Call when the server has started: the status of the process shows its clients."""
         self._server = server
 

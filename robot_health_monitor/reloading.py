@@ -6,6 +6,7 @@ Each part by itself: a file that is broken keeps only what it configures from ch
 from __future__ import annotations
 
 import asyncio
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Awaitable, Callable, List, Optional, Tuple
 
@@ -88,53 +89,39 @@ class Reloads:
             self._log(Severity.INFO, f"reloaded: {NOTHING_CHANGED}")
 
 
+@dataclass
 class OpsReload:
     """Reads ops.yaml and the server's token again: a revoked token is refused at once, new targets are notified."""
 
-    def __init__(
-        self,
-        file: str,
-        operations: Operations,
-        server: Optional[Server],
-        settings: Optional[ServerSettings],
-        read_settings: ReadSettings,
-    ) -> None:
-        """Reads nothing yet.
-
-        Args:
-            file: path of the ops.yaml; empty: none.
-            operations: what it configures.
-            server: the server; None: there is none.
-            settings: those that are in force.
-            read_settings: reads those of the server.
-        """
-        self._file = file
-        self._operations = operations
-        self._server = server
-        self._settings = settings
-        self._read_settings = read_settings
+    file: str
+    """Path of the ops.yaml; empty: none."""
+    operations: Operations
+    server: Optional[Server]
+    settings: Optional[ServerSettings]
+    """Those of the server that are in force; None: it is not configured."""
+    read_settings: ReadSettings
 
     async def reload(self) -> str:
         """Reads both files, then applies what differs; see `Reload`. If one cannot be used, nothing has changed."""
         config, settings = await run_in_daemon_thread(self._read)
         texts = self._use_settings(settings)
-        texts += await run_in_daemon_thread(partial(self._operations.use, config))
+        texts += await run_in_daemon_thread(partial(self.operations.use, config))
         return "; ".join(texts) or NOTHING_CHANGED
 
     def _read(self) -> Tuple[OpsConfig, Optional[ServerSettings]]:
-        config = read_ops(read_yaml(self._file)) if self._file else self._operations.config
-        return config, self._read_settings(config.server)
+        config = read_ops(read_yaml(self.file)) if self.file else self.operations.config
+        return config, self.read_settings(config.server)
 
     def _use_settings(self, new: Optional[ServerSettings]) -> List[str]:
-        old = self._settings
-        if old is None or new is None or self._server is None:
-            self._settings = new
+        old = self.settings
+        if old is None or new is None or self.server is None:
+            self.settings = new
             return [] if old == new else ["server: takes effect after a restart"]
         texts = []
         if new.token != old.token:
-            self._server.use_token(new.token)
+            self.server.use_token(new.token)
             texts.append("server: the token changed, every client has to present the new one")
-        self._settings = new
+        self.settings = new
         others = [name for name, value in vars(new).items() if name != "token" and value != getattr(old, name)]
         if others:
             texts.append(f"server: {', '.join(others)} takes effect after a restart")

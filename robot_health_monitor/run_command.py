@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
             return server_settings(monitor.alert_system.monitor.config, options, arguments, tokens=tokens)
 
         try:
-            settings = read_settings(operations.server)
+            settings = read_settings(operations.config.server)
         except ConfigError:
             monitor.close()
             raise

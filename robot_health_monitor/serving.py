@@ -261,23 +261,20 @@ async def serve(
             threads=False,
         )
         await server.start()
-    except ModuleNotFoundError as error:
-        problem = _missing(error)
-    except OSError as error:
-        problem = _not_opened(settings, error)
-        if required:
-            node.close()
-            raise ConfigError(f"{problem}; --port 0 picks a free one") from None
-        problem += "; --port chooses another"
-    else:
-        monitor.on_new_alert_system(web.watch)
-        _show_log(monitor, server)
-        operations.note_server(server)
-        _report_start(server, web, settings, node.log)
-        return server
-    node.close()
-    monitor.faults.report(_FAULT, f"{_OFF}: {problem}")
-    return None
+    except (ModuleNotFoundError, OSError) as error:
+        node.close()
+        problem = _problem(error, settings)
+        if isinstance(error, OSError):
+            if required:
+                raise ConfigError(f"{problem}; --port 0 picks a free one") from None
+            problem += "; --port chooses another"
+        monitor.faults.report(_FAULT, f"{_OFF}: {problem}")
+        return None
+    monitor.on_new_alert_system(web.watch)
+    _show_log(monitor, server)
+    operations.note_server(server)
+    _report_start(server, web, settings, node.log)
+    return server
 
 
 async def stop_serving(server: Server) -> None:
@@ -308,7 +305,7 @@ def serve_in_thread(
         from robot_health_monitor.rosbridge.server import ServerThread
 
         tokens = TokenFiles(lambda text: middleware.log(Severity.WARN, text))
-        settings = server_settings(alert_system.monitor.config, operations.server, tokens=tokens)
+        settings = server_settings(alert_system.monitor.config, operations.config.server, tokens=tokens)
         node = create_node()
         given = {middleware.name: middleware.given_parameters()}
         server, web = _make_server(
@@ -321,30 +318,24 @@ def serve_in_thread(
             threads=True,
         )
         thread = ServerThread(server)
-    except ModuleNotFoundError as error:
-        problem = _missing(error)
-    except ConfigError as error:
-        problem = str(error)
-    except OSError as error:
-        problem = _not_opened(settings, error)
-    else:
-        operations.note_server(server)
-        _report_start(server, web, settings, node.log, "rosbridge: ")
-        return thread
-    if node is not None:
-        node.close()
-    middleware.faults.report(_FAULT, f"{_OFF}: {problem}")
-    return None
+    except (ModuleNotFoundError, ConfigError, OSError) as error:
+        if node is not None:
+            node.close()
+        middleware.faults.report(_FAULT, f"{_OFF}: {_problem(error, settings)}")
+        return None
+    operations.note_server(server)
+    _report_start(server, web, settings, node.log, "rosbridge: ")
+    return thread
 
 
-def _missing(error: ModuleNotFoundError) -> str:
-    return f"install {' '.join(missing_libraries(error, *ROSBRIDGE))}"
-
-
-def _not_opened(settings: ServerSettings, error: OSError) -> str:
-    """Returns what the operating system says; asyncio puts the address before it."""
-    cause = os.strerror(error.errno) if error.errno else str(error)
-    return f"port {settings.port} of {settings.address} cannot be opened: {cause}"
+def _problem(error: Exception, settings: ServerSettings) -> str:
+    """Returns why a server cannot be started."""
+    if isinstance(error, ModuleNotFoundError):
+        return f"install {' '.join(missing_libraries(error, *ROSBRIDGE))}"
+    if isinstance(error, OSError):
+        cause = os.strerror(error.errno) if error.errno else str(error)  # asyncio puts the address before it
+        return f"port {settings.port} of {settings.address} cannot be opened: {cause}"
+    return str(error)
 
 
 def _show_log(monitor: Served, server: Server) -> None:

@@ -47,16 +47,8 @@ def _field_type(text: str) -> FieldType:
     )
 
 
-native = NativeMessages(
-    Dialect(
-        functools.partial(find_generated, r"from \._{name} import \*\s*$"),
-        type_name,
-        field_types,
-        _ROS2_NAMES,
-        byte_array=bytes,
-        plain=as_it_is,
-    )
-)
+_find_class = functools.partial(find_generated, r"from \._{name} import \*\s*$")
+native = NativeMessages(Dialect(_find_class, type_name, field_types, _ROS2_NAMES, byte_array=bytes, plain=as_it_is))
 message_class = native.message_class
 service_class = native.service_class
 to_mapping = native.to_mapping

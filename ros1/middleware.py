@@ -24,6 +24,7 @@ from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceE
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.hints import Answer, explain, similar_topics
 from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity, resolve_name
+from robot_health_monitor.core.native_messages import Getter
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
 from robot_health_monitor.runtime.native_node import Log, NativeNode
@@ -42,8 +43,6 @@ _LOG = {
 }
 _QUEUE_SIZE = 1000
 """Messages that may wait to be sent to a subscriber, then the oldest are lost. Incoming ones wait at their sender."""
-Reader = Callable[[Any], Any]
-"""Reads the value from a native message."""
 
 
 class Ros1Middleware(NativeNode):
@@ -208,7 +207,7 @@ class Ros1Middleware(NativeNode):
         """Returns the absolute name. It is not remapped: rospy remaps every name that it gets."""
         return resolve_name(name, self.name)
 
-    def _choose_reader(self, topic: str, type_name: str, field: Optional[str]) -> Tuple[Any, Optional[Reader]]:
+    def _choose_reader(self, topic: str, type_name: str, field: Optional[str]) -> Tuple[Any, Optional[Getter]]:
         """Returns the class to subscribe with and the reader of its messages; None: they are only counted.
 
         All subscriptions of a process to a topic share one connection and the class of the first subscription.
@@ -255,12 +254,9 @@ class _RawReader:
     """
 
     def __init__(self, topic: str, expected: str, field: str, decoder: _Decoder, log: Log) -> None:
-        self._topic = topic
+        self._topic, self._field, self._decoder, self._log = topic, field, decoder, log
         self._expected = messages.type_name(messages.message_class(expected)) if expected else ""
-        self._field = field
-        self._decoder = decoder
-        self._log = log
-        self._readers: Dict[Tuple[str, str], Callable[[Any], Any]] = {}
+        self._readers: Dict[Tuple[str, str], Getter] = {}
         self._has_failed = False
 
     def __call__(self, native: Any) -> Any:
@@ -280,7 +276,7 @@ class _RawReader:
                 self._log(Severity.ERROR, f"{self._topic}: a message does not match {type_name}: {error}")
             return ABSENT
 
-    def _reader(self, type_name: str, checksum: str) -> Callable[[Any], Any]:
+    def _reader(self, type_name: str, checksum: str) -> Getter:
         if self._expected and type_name != self._expected:
             raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {type_name}")
         get = messages.field_getter(self._topic, type_name, self._field)

@@ -48,16 +48,8 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-native = NativeMessages(
-    Dialect(
-        functools.partial(find_generated, r"from {package}\.{kind}\._\w+ import {name}(?:\s|$)"),
-        type_name,
-        field_types,
-        _ROS1_NAMES,
-        byte_array=list,
-        plain=_plain,
-    )
-)
+_find_class = functools.partial(find_generated, r"from {package}\.{kind}\._\w+ import {name}(?:\s|$)")
+native = NativeMessages(Dialect(_find_class, type_name, field_types, _ROS1_NAMES, byte_array=list, plain=_plain))
 message_class = native.message_class
 service_class = native.service_class
 to_mapping = native.to_mapping

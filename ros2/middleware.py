@@ -23,6 +23,7 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
 from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity
+from robot_health_monitor.core.native_messages import Getter
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.runtime.native_node import NativeNode
 
@@ -216,7 +217,7 @@ class Ros2Middleware(NativeNode):
         """Subscribes, sharing rclpy's subscription with others to the topic: its cost per message is high."""
         cls = messages.message_class(type_name)
         topic, field = subscription.topic, subscription.field
-        serialized: Optional[Callable[[Any], Any]] = _arrival
+        serialized: Optional[Getter] = _arrival
         if field is not None:
             subscription.get = messages.field_getter(topic, type_name, field)
             serialized = messages.serialized_getter(cls, field)
@@ -334,7 +335,7 @@ class Subscription:
     callback: Callback
     field: Optional[str]
     is_latched: bool = False
-    get: Callable[[Any], Any] = _arrival
+    get: Getter = _arrival
     active: bool = True
     is_waiting: bool = False
     """Whether the type of the topic is not known yet."""
@@ -362,10 +363,7 @@ class PublisherLookup:
     ) -> None:
         """Reads nothing yet.
 
-        Args:
-            node: rclpy's node.
-            own_topics: returns the resolved topics that the node itself uses.
-            qos_of: returns the QoS of the node's subscriptions to a topic.
+        `own_topics` returns the resolved topics that the node uses, `qos_of` the QoS of its subscriptions to one.
         """
         self._node = node
         self._own_topics = own_topics

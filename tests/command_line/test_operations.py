@@ -78,7 +78,7 @@ def test_without_an_ops_yaml_nothing_is_opened() -> None:
         robot = Robot(operations, only=True)
         robot.publish(10.0)
         assert robot.announced == [Level.WARN]
-        assert (operations.history, operations.silences, operations.server) == (None, None, None)
+        assert (operations.history, operations.silences, operations.config.server) == (None, None, None)
         assert operations.silence_text("r3", "battery_level") is None
         assert not [line for line in robot.lines if line.text.startswith("operations")]
 
