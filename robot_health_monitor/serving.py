@@ -119,8 +119,8 @@ def _make_server(
         alert_system: the fully qualified name of the alert node; `*` as in file names.
         robots: returns the alert_systems of the robots that are watched now.
         operations: what the page shows besides.
-        parameters: what clients may read of the nodes' parameters, by the full name of the node.
-        process_faults: returns the faults of the monitor that belong to no robot, by part.
+        parameters: as of `Served`.
+        process_faults: as of `Served`.
         threads: whether the node is called back, and robots are judged, in other threads than the server's loop.
 
     Raises:
@@ -288,16 +288,9 @@ def serve_in_thread(
     alert_system: AlertSystem,
     operations: Operations,
 ) -> Optional[ServerThread]:
-    """Serves what alert_system watches, as its configuration and `operations` say. Never stops the monitoring.
+    """Serves what alert_system watches, beside ROS; `create_node` creates the node for the server.
 
-    Args:
-        create_node: creates the node for the server.
-        middleware: that of alert_system.
-        alert_system: the node that is served.
-        operations: what the page shows besides, and the section `server` of an ops.yaml.
-
-    Returns:
-        The running server; None: it cannot be started, which is now a fault of alert_system.
+    Returns the running server; None: it cannot be started, which is a fault of alert_system and stops nothing else.
     """
     node: Optional[ServedMiddleware] = None
     settings = ServerSettings(0)

@@ -44,7 +44,7 @@ class StandardStreams:
             if getattr(sys, name) is None:  # closed before this process started
                 setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
             else:
-                self._copies.append(_Copy(name, number, self._report))
+                self._copies.append(_Copy(name, number, lambda *change: self._on_change(*change)))
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -55,9 +55,6 @@ class StandardStreams:
     def on_change(self, callback: OnChange) -> None:
         """Calls back from now on, in place of an earlier function."""
         self._on_change = callback
-
-    def _report(self, name: str, problem: str) -> None:
-        self._on_change(name, problem)
 
 
 class _Copy:

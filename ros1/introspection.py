@@ -94,11 +94,8 @@ class Ros1ServedMiddleware(Ros1Middleware):
 def _call(service: str, address: str, type_name: str, request: Message, deadline_s: float) -> Message:
     """Calls a service over TCPROS (https://wiki.ros.org/ROS/TCPROS).
 
-    Raises:
-        ConfigError: the type of the service is not known here.
-        MessageError: the request does not match the type.
-        ServiceError: the service reports an error.
-        OSError: the connection failed, or the deadline passed (TimeoutError, socket.timeout).
+    Raises ConfigError if its type is not known here, ServiceError if it reports an error, TimeoutError or
+    socket.timeout after the deadline.
     """
     parts = urlsplit(address)
     with socket.create_connection((parts.hostname or "", parts.port or 0), _left_s(deadline_s)) as connection:

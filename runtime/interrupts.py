@@ -16,6 +16,7 @@ SIGHUP ends a process as usual, unless it calls `take_hangups()`: then it means 
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import time
 from typing import Any, Callable, List, Optional
@@ -43,12 +44,10 @@ class Interrupts:
 
     def __enter__(self) -> Interrupts:
         """Replaces the handlers; does nothing outside the main thread, which signals do not reach."""
-        try:
+        with contextlib.suppress(ValueError):
             self._before = [(number, signal.signal(number, self._handle)) for number in _ENDING_SIGNALS]
             if self._patience_s is not None:
-                self._before.append((signal.SIGALRM, signal.signal(signal.SIGALRM, self._lose_patience)))
-        except ValueError:
-            pass
+                self._before.append((signal.SIGALRM, signal.signal(signal.SIGALRM, signal.default_int_handler)))
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -73,10 +72,8 @@ class Interrupts:
 
     def take_hangups(self) -> None:
         """From now on SIGHUP calls the function of `on_hangup`; one that comes before that is called is kept for it."""
-        try:
+        with contextlib.suppress(ValueError):  # not the main thread, which signals do not reach
             self._before.append((signal.SIGHUP, signal.signal(signal.SIGHUP, self._handle_hangup)))
-        except ValueError:
-            pass  # not the main thread, which signals do not reach
 
     def on_hangup(self, callback: Callable[[], object]) -> None:
         """From now on SIGHUP calls a function, in the main thread; after `take_hangups`."""
@@ -111,6 +108,3 @@ class Interrupts:
             self._hangup_came = True
         else:
             self._on_hangup()
-
-    def _lose_patience(self, number: int, frame: object) -> None:
-        raise KeyboardInterrupt

@@ -110,11 +110,7 @@ class ThreadPool:
         return future
 
     async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Returns or raises what a function does in a thread.
-
-        Raises:
-            ServiceError: too many functions are pending, or it took too long.
-        """
+        """Returns or raises what a function does in a thread; ServiceError: too many are pending, or it took long."""
         future = self.submit(function, *arguments)
         if self._timeout_s is None:
             return await future
@@ -171,11 +167,7 @@ class LoopThread:
         return self._thread.is_alive()
 
     def call(self, coroutine: Coroutine[Any, Any, Result], timeout_s: float = 30.0) -> Result:
-        """Returns or raises what a coroutine does in the loop. Not to be called in the loop.
-
-        Raises:
-            concurrent.futures.TimeoutError: it took longer than `timeout_s`.
-        """
+        """Returns or raises what a coroutine does, or concurrent.futures.TimeoutError. Not to be called in the loop."""
         return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(timeout_s)
 
     def close(self) -> None:
@@ -197,26 +189,22 @@ class LoopThread:
             self.loop.close()
 
 
-class StepThread:
+class StepThread(threading.Thread):
     """Calls a function again and again, with the wait that the function requests, until it is closed."""
 
     def __init__(self, name: str, step: Callable[[], float], on_error: Callable[[Exception], object]) -> None:
-        """Prepares the thread; `start` begins.
+        """Prepares the thread.
 
         Args:
             name: the thread's name.
             step: called again after the number of seconds that it returns, or after `wake`.
             on_error: receives what `step` raises; then the thread continues.
         """
+        super().__init__(name=name, daemon=True)
         self._step = step
         self._on_error = on_error
         self._wake = MonotonicEvent()
         self._is_closed = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-
-    def start(self) -> None:
-        """Begins."""
-        self._thread.start()
 
     def wake(self) -> None:
         """Ends the present wait; returns at once."""
@@ -227,11 +215,8 @@ class StepThread:
         self._is_closed = True
         self._wake.set()
 
-    def join(self, timeout_s: float) -> None:
-        """Waits for the end of the thread."""
-        self._thread.join(timeout_s)
-
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Calls the function until `close`."""
         while not self._is_closed:
             self._wake.clear()
             if self._is_closed:  # closed before `clear`
