@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+from pathlib import Path
 from typing import Any, Callable, NoReturn, Optional, Sequence
 
 from robot_health_monitor.runtime.tokens import TOKEN_VARIABLE
@@ -33,6 +34,9 @@ COMMANDS = {
     "silence": "suppress notifications, for a time or until an alert resolves",
 }
 """Each command with its line in `robot-health --help`."""
+
+_PACKAGE = Path(__file__).resolve().parent
+"""Resolved, because `--symlink-install` and a catkin devel space link to the source tree."""
 
 INTERRUPTED = "interrupted before the end of the recordings"
 
@@ -222,3 +226,13 @@ def number_or_nan(text: str) -> float:
         return float(text)
     except ValueError:
         return float("nan")
+
+
+def find_installed(name: str) -> Optional[Path]:
+    """Returns the path of `config/thresholds.yaml` or another installed file; None: it is not installed.
+
+    The source tree has it beside the package; pip, colcon and catkin install it in
+    `<prefix>/share/robot_health_monitor`.
+    """
+    places = [_PACKAGE.parent, *(above / "share" / _PACKAGE.name for above in _PACKAGE.parents)]
+    return next((place / name for place in places if (place / name).is_file()), None)

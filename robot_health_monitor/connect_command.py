@@ -15,10 +15,9 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 from robot_health_monitor.runtime.libraries import ROSBRIDGE, libraries
 from robot_health_monitor.runtime.tokens import TokenFiles
 
-from .arguments import Parser, add_monitoring_options, add_namespace, add_token_file, port
+from .arguments import Parser, add_monitoring_options, add_namespace, add_token_file, find_installed, port
 from .exit_codes import ExitCode
 from .fleet_configuration import FleetReader, Options, read_addresses
-from .installed_files import find_installed
 from .live_session import choose_output, run_session
 from .operations import Operations, open_operations
 from .output.events import Events

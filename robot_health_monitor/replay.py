@@ -22,8 +22,8 @@ from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
 from robot_health_monitor.runtime.times import local_time
 
+from .arguments import find_installed
 from .embedded import sections_of_nodes
-from .installed_files import find_installed
 from .output.lines import OutputError
 from .replay_output import ReplayOutput, header, row, sentence, worst_first
 

@@ -14,10 +14,9 @@ from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.interrupts import Interrupts
 from robot_health_monitor.runtime.tokens import TokenFiles
 
-from .arguments import Parser, add_monitoring_options, add_token_file, port
+from .arguments import Parser, add_monitoring_options, add_token_file, find_installed, port
 from .embedded import EmbeddedMonitor, sections_of_nodes
 from .exit_codes import ExitCode
-from .installed_files import find_installed
 from .live_session import choose_output, run_session
 from .operations import configured_ops, open_operations
 from .output.events import Events

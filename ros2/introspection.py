@@ -9,7 +9,7 @@ from typing import Any, Callable, Dict, List
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
-from robot_health_monitor.core.native_messages import as_it_is
+from robot_health_monitor.core.native_messages import FieldType, as_it_is
 
 from . import messages
 from .middleware import Ros2Middleware, Subscription
@@ -92,22 +92,19 @@ def _names(names_and_types: Any) -> List[str]:
 def _full_text(native_class: Any) -> str:
     """Returns the fields of a class in .msg syntax, followed by the messages that it contains, each once."""
     parts: Dict[str, str] = {}
-
-    def add(cls: Any) -> None:
-        lines = []
-        inner = []
-        for name, field in messages.field_types(cls).items():
-            # As in a .msg file: byte, and string<=5 for string<5>.
-            element = "byte" if field.kind == "octet" else field.kind.replace("<", "<=").rstrip(">")
-            bound = str(field.size) if field.size else f"<={field.most}" if field.most else ""
-            lines.append(f"{element}{f'[{bound}]' if field.is_array else ''} {name}\n")
-            if field.message is not None:
-                inner.append(field.message)
-        parts[messages.type_name(cls)] = "".join(lines)
-        for one in inner:
-            if messages.type_name(one) not in parts:
-                add(one)
-
-    add(native_class)
+    waiting = [native_class]
+    while waiting:
+        cls = waiting.pop(0)
+        if messages.type_name(cls) not in parts:
+            fields = messages.field_types(cls)
+            parts[messages.type_name(cls)] = "".join(_line(name, field) for name, field in fields.items())
+            waiting += [field.message for field in fields.values() if field.message is not None]
     first, *others = parts.items()
     return first[1] + "".join(f"{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in others)
+
+
+def _line(name: str, field: FieldType) -> str:
+    # As in a .msg file: byte, and string<=5 for string<5>.
+    element = "byte" if field.kind == "octet" else field.kind.replace("<", "<=").rstrip(">")
+    bound = str(field.size) if field.size else f"<={field.most}" if field.most else ""
+    return f"{element}{f'[{bound}]' if field.is_array else ''} {name}\n"

@@ -81,11 +81,6 @@ class Ros2Middleware(NativeNode):
             post_callback=self._on_time_jump,
         )
 
-    @property
-    def executor(self) -> str:
-        """The parameter `executor` of this node."""
-        return self.parameters.executor
-
     def given_parameters(self) -> Mapping[str, Any]:
         return self.parameters.given()
 

@@ -106,7 +106,7 @@ class Ros2Process:
         """Runs the callbacks of all nodes in this thread until rclpy is shut down."""
         log = self.middlewares[0].log
         nodes = [middleware.node for middleware in self.middlewares]
-        _, spin = choose_executor(self.middlewares[0].executor, nodes, log)
+        _, spin = choose_executor(self.middlewares[0].parameters.executor, nodes, log)
         while self._leave_signals_to_rclpy() and rclpy.ok():
             try:
                 spin()

@@ -16,6 +16,7 @@ import robot_health_monitor
 from robot_health_monitor.arguments import (
     COMMANDS,
     duration,
+    find_installed,
     identifier,
     namespace,
     number_or_nan,
@@ -211,3 +212,12 @@ def test_a_namespace_has_words_and_slashes() -> None:
     assert namespace("fleet/carter") == "fleet/carter"
     with pytest.raises(argparse.ArgumentTypeError, match="expected a namespace such as carter"):
         namespace("a b")
+
+
+def test_the_configuration_is_found() -> None:
+    file = find_installed("config/thresholds.yaml")
+    assert file is not None and file.is_file()
+
+
+def test_a_file_that_does_not_exist_is_not_found() -> None:
+    assert find_installed("config/no_such_file.yaml") is None
