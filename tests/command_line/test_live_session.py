@@ -88,7 +88,7 @@ class Session:
                 self.left = True
 
         reloads = Reloads(lambda severity, text: None)
-        reloads.add(self.watched)
+        reloads.add(self.watched.reload)
         return run_session(self.watched, entered(), self.events, self.output, self.interrupts, reloads, duration_s)
 
     def assert_closed(self) -> None:
