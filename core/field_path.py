@@ -78,10 +78,8 @@ def mapping_getter(field: str) -> Callable[[Any], Any]:
     """Returns a function that reads the path `field` from a message that is a mapping.
 
     The function returns the whole message for an empty path, None for an index beyond the end, and ABSENT if no
-    element has the key. It raises KeyError, TypeError or AttributeError if the message has no such field.
-
-    Raises:
-        ConfigError: `field` is not a path.
+    element has the key. It raises KeyError, TypeError or AttributeError if the message has no such field. What is not a
+    path is a ConfigError.
     """
     try:
         steps = parse_field_path(field)

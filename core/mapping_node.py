@@ -49,11 +49,7 @@ class MappingSubscription:
     """Whether a None is a NaN, which JSON has no number for. Not with an index in the field: the array is too short."""
 
     def __init__(self, node: MappingNode, topic: str, type_name: str, field: Optional[str], callback: Callback) -> None:
-        """Binds the field, with arguments as of `Middleware.subscribe` and the resolved topic.
-
-        Raises:
-            ConfigError: `field` is not a path, or the type is known not to have it.
-        """
+        """Binds the field, with arguments, and errors, as of `Middleware.subscribe`, and the resolved topic."""
         if type_name:
             check_field(topic, type_name, field or "")
         self.topic = topic
@@ -160,8 +156,7 @@ class MappingNode(abc.ABC):
     def set_parameters(self, tree: Mapping[str, Any]) -> str:
         """Proposes a new configuration, nested, as `ros2 param set` and `~reload` do elsewhere; returns what changed.
 
-        Raises:
-            ConfigError: the node rejects it; the old values stay in force.
+        Raises ConfigError if the node rejects it; the old values stay in force.
         """
         with self._lock:
             try:
@@ -209,8 +204,7 @@ class MappingNode(abc.ABC):
             if was_waiting:
                 self._sim_timers.restart(now_s)
                 while self._waiting:
-                    subscription, value = self._waiting.popleft()
-                    self.call_back(subscription, value)
+                    self.call_back(*self._waiting.popleft())
             self._run_due(self._sim_timers, now_s)
 
     def type_of(self, topic: str) -> str:
@@ -237,12 +231,11 @@ class MappingNode(abc.ABC):
     def call(self, callback: Callable[..., object], *arguments: Any) -> None:
         """Calls back under the node's lock, unless the node is closed; an exception becomes a log line."""
         with self._lock:
-            if self.closed:
-                return
-            try:
-                callback(*arguments)
-            except Exception as error:
-                self.log_failure(error)
+            if not self.closed:
+                try:
+                    callback(*arguments)
+                except Exception as error:
+                    self.log_failure(error)
 
     def exclusively(self, function: Callable[[], Result]) -> Result:
         with self._lock:

@@ -112,11 +112,7 @@ class NativeMessages:
         self._writers = functools.lru_cache(maxsize=None)(self._make_writers)
 
     def message_class(self, type_name: str) -> Any:
-        """Returns the message class of `pkg/Type` or `pkg/msg/Type`.
-
-        Raises:
-            ConfigError: it is not installed, or not a type name.
-        """
+        """Returns the message class of `pkg/Type` or `pkg/msg/Type`; raises ConfigError if there is none here."""
         return self._find_class(type_name, "msg")
 
     def service_class(self, type_name: str) -> Any:
@@ -136,8 +132,7 @@ class NativeMessages:
     def to_native(self, native_class: Any, mapping: Message) -> Any:
         """Returns a native message; fields that `mapping` leaves out keep their defaults.
 
-        Raises:
-            MessageError: a field that the type does not have, or a value that does not match its field.
+        Raises MessageError for a field that the type does not have, or a value that does not match its field.
         """
         message = self._dialect.new(native_class)
         writers = self._writers(native_class)

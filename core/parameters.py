@@ -50,21 +50,16 @@ class Parameter:
         if self.kind in _ALLOWED:
             return _ALLOWED[self.kind]
         noun = "a whole number" if self.kind is int else "a number"
-        if self.minimum is not None and self.maximum is not None:
-            return f"{noun} from {self.minimum:.15g} to {self.maximum:.15g}"
-        if self.minimum is not None:
-            return f"{noun} of at least {self.minimum:.15g}"
-        if self.maximum is not None:
+        if self.maximum is None:
+            return noun if self.minimum is None else f"{noun} of at least {self.minimum:.15g}"
+        if self.minimum is None:
             return f"{noun} of at most {self.maximum:.15g}"
-        return noun
+        return f"{noun} from {self.minimum:.15g} to {self.maximum:.15g}"
 
     def read(self, found: object, path: Path = ()) -> Any:
-        """Returns `found` as this parameter's kind.
+        """Returns `found` as this parameter's kind; raises ConfigError if it is not of this kind and range, and finite.
 
         A whole number is accepted as a float, such as YAML's `20` for a bound.
-
-        Raises:
-            ConfigError: wrong kind, out of range, or not finite.
         """
         value = self._as_tuple(found) if self.kind in _ELEMENT_KINDS else self._as_kind(found)
         if value is None:

@@ -11,7 +11,6 @@ import operator
 from typing import Any, Dict, Mapping, Sequence, Tuple
 
 from .definitions import ROS1_KINDS, SEQUENCE, Field, parse_msg
-from .errors import ConfigError
 from .middleware import Message, canonical_type, split_type_name
 from .native_messages import Dialect, FieldType, NativeMessages, as_it_is, bytes_as_text
 
@@ -165,6 +164,7 @@ _ROSGRAPH: Mapping[str, str] = {
 """Definitions for clients that ask for them; these messages are not checked."""
 
 _TIME = "time"
+_DEFAULTS = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}
 _TIME_FIELDS = {"secs": FieldType("int32", "int32"), "nsecs": FieldType("int32", "int32")}
 
 
@@ -202,11 +202,7 @@ def _default(field: FieldType) -> Any:
         return [_default(field._replace(is_array=False)) for _ in range(field.size or 0)]
     if field.message is not None:
         return _new(field.message)
-    if field.kind == "bool":
-        return False
-    if field.kind == "string":
-        return ""
-    return 0.0 if field.kind.startswith("float") else 0
+    return _DEFAULTS.get(field.kind, 0)
 
 
 def _is_ros2(type_name: str, field: str) -> bool:
@@ -235,15 +231,12 @@ A message class is the name of a type, and a native message is a mapping with al
 def check_type(type_name: str) -> str:
     """Returns a message type as `package/Type` if its definition is known here; empty for types of other packages.
 
-    Raises:
-        ConfigError: not the name of a type, or a type that a package of `PACKAGES` does not have.
+    Raises ConfigError for what is no name of a type, and for a type that a package of `PACKAGES` does not have.
     """
     split = split_type_name(type_name)
-    if split is None:
-        raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
-    name = "/".join(split)
-    if split[0] in PACKAGES:
-        messages.message_class(type_name)
+    if split is None or split[0] in PACKAGES:
+        messages.message_class(type_name)  # raises
+    name = canonical_type(type_name)
     return name if name in MESSAGES else ""
 
 
@@ -254,11 +247,7 @@ def check_field(topic: str, type_name: str, field: str) -> None:
 
 
 def complete(type_name: str, message: Message) -> Dict[str, Any]:
-    """Returns a message with every field of its type, where the definition is known here.
-
-    Raises:
-        MessageError: the message does not match its type.
-    """
+    """Returns a message with all fields, where its type is known here; raises MessageError if it does not match."""
     known = check_type(type_name)
     completed: Dict[str, Any] = messages.to_native(known, message) if known else dict(message)
     return completed

@@ -44,7 +44,6 @@ def load(text: str, problems: Problems) -> Document:
     Raises:
         ConfigError: not valid YAML, or too large when aliases are expanded; with the line, without a file.
     """
-    loader: Any = None
     try:
         loader = _Loader(text)
         root = loader.get_single_node()
@@ -65,9 +64,6 @@ def load(text: str, problems: Problems) -> Document:
         raise ConfigError(f"is not valid YAML: character #x{character:04x} is not allowed", line=line) from None
     except yaml.YAMLError as error:
         raise ConfigError(f"is not valid YAML: {_short(str(error))}") from None
-    finally:
-        if loader is not None:
-            loader.dispose()
 
 
 if yaml.__with_libyaml__:

@@ -19,18 +19,7 @@ from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import Event, Notice, Outlet, Outlets, event_severity, event_text
 from ..signal_config import LINK
-from .node import (
-    DIAGNOSTICS,
-    LOG_LEVEL,
-    SIMULATED_SENSORS,
-    STRING_TYPE,
-    UNAVAILABLE_SENSORS,
-    base_name,
-    describe_changes,
-    host_name,
-    refuse_changes,
-    sections_of,
-)
+from . import node
 from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 
 TRIGGER_TYPE = "std_srvs/Trigger"
@@ -79,14 +68,14 @@ class AlertSystem:
         self._middleware = middleware
         self._announce_pauses = announce_pauses
         self._excused_since_s: Optional[float] = None
-        self._node = base_name(middleware)
+        self._node = node.base_name(middleware)
         given = middleware.given_parameters()
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
         self._config = config = self._read_config(given)
         self._unavailable: Set[str] = set()
         self._simulated_topics = ""
         self._simulated: FrozenSet[str] = frozenset()
-        self.robot = config.robot_name or host_name()
+        self.robot = config.robot_name or node.host_name()
         """The robot's name."""
         self.node_name = middleware.name
         """The full name of the node."""
@@ -102,7 +91,7 @@ class AlertSystem:
         if log_alerts:
             self.outlets.add("log", self._log)
         self.outlets.add("alerts", self._publish_alert)
-        self.outlets.add(DIAGNOSTICS, self._publish_change)
+        self.outlets.add(node.DIAGNOSTICS, self._publish_change)
         self_report = replace(
             self_report,
             signals=lambda: len(self.monitor.config.signals),
@@ -117,15 +106,15 @@ class AlertSystem:
         described = described_parameters(config, are_default=self._watches_defaults)
         middleware.declare_parameters(described, self._reconfigure)
         middleware.advertise("alerts", STATUS_TYPE)
-        middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
+        middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
         if self._continuity is not None:
             now_s = middleware.now_s()
-            self._continuity.record_configuration(sections_of(config))
+            self._continuity.record_configuration(node.sections_of(config))
             restored = self._continuity.restore(now_s, at_first_call=middleware.waiting_for_clock())
             self._announce(restored, now_s)
-        middleware.subscribe(SIMULATED_SENSORS, STRING_TYPE, self._note_simulated, field="data", latched=True)
+        middleware.subscribe(node.SIMULATED_SENSORS, node.STRING_TYPE, self._note_simulated, field="data", latched=True)
         self._follow_topics(config)
-        middleware.subscribe(UNAVAILABLE_SENSORS, STRING_TYPE, self._note_unavailable, field="data")
+        middleware.subscribe(node.UNAVAILABLE_SENSORS, node.STRING_TYPE, self._note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, lambda _: {"success": True, "message": self._reset()})
         middleware.create_timer(TICK_PERIOD_S, self._tick)
         middleware.create_timer(CHECK_PERIOD_S, self._check, steady=True)
@@ -331,7 +320,7 @@ class AlertSystem:
         self._middleware.faults.guard("diagnostics", self._publish_report, now_s)
 
     def _publish_report(self, now_s: float) -> None:
-        if self._middleware.has_listeners(DIAGNOSTICS):
+        if self._middleware.has_listeners(node.DIAGNOSTICS):
             signals = self.monitor.report(now_s).statuses.values()
             self._publish_statuses(*map(self._with_silence, signals), self.self_monitor.status())
 
@@ -361,7 +350,7 @@ class AlertSystem:
             self._publish_statuses(self.self_monitor.status())
 
     def _publish_statuses(self, *statuses: Status) -> None:
-        self._middleware.publish(DIAGNOSTICS, array_message(statuses, self._node))
+        self._middleware.publish(node.DIAGNOSTICS, array_message(statuses, self._node))
 
     def _with_silence(self, status: Status) -> Status:
         text = self.silence_of(status.name)
@@ -393,7 +382,7 @@ class AlertSystem:
         old = self._config
         config = self._read_config(tree)
         given = self._middleware.given_parameters()
-        refuse_changes(given, tree)
+        node.refuse_changes(given, tree)
         self._follow_topics(config)
         if config.publish_rate != old.publish_rate:
             self._report_timer.cancel()
@@ -401,9 +390,9 @@ class AlertSystem:
         self._config = config
         if self._continuity is not None:
             record = self._continuity.record_configuration
-            self._middleware.faults.guard("storing the configuration", record, sections_of(config))
+            self._middleware.faults.guard("storing the configuration", record, node.sections_of(config))
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
         self._unavailable &= same
         self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())
-        before = sections_of(old, log_level=given.get(LOG_LEVEL, "INFO"))
-        return describe_changes(before, sections_of(config, log_level=tree.get(LOG_LEVEL, "INFO")))
+        before = node.sections_of(old, log_level=given.get(node.LOG_LEVEL, "INFO"))
+        return node.describe_changes(before, node.sections_of(config, log_level=tree.get(node.LOG_LEVEL, "INFO")))

@@ -14,17 +14,7 @@ from ..parameters import Parameter, read_parameters
 from ..sensors import configuration
 from ..sensors.host import HOST_PATHS, HostPaths
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
-from .node import (
-    DIAGNOSTICS,
-    FLOAT_TYPE,
-    SIMULATED_SENSORS,
-    STRING_TYPE,
-    UNAVAILABLE_SENSORS,
-    base_name,
-    describe_changes,
-    host_name,
-    refuse_changes,
-)
+from . import node
 
 SENSOR_PARAMETERS = (
     *NODE_PARAMETERS,
@@ -44,20 +34,16 @@ class BatterySensor:
     """
 
     def __init__(self, middleware: Middleware, paths: HostPaths = HOST_PATHS) -> None:
-        """Starts publishing; reads the host's sensors from the files at `paths`.
-
-        Raises:
-            ConfigError: the configuration cannot be used.
-        """
+        """Starts publishing, the host's sensors from the files at `paths`; raises ConfigError."""
         self._middleware = middleware
         self._paths = paths
         self._failed: Dict[str, SensorError] = {}
         self._seen: Set[str] = set()
         tree = middleware.given_parameters()
         self._values, sources = _read_sensor(tree, paths)
-        self._robot = self._values["robot_name"] or host_name()
+        self._robot = self._values["robot_name"] or node.host_name()
         middleware.declare_parameters(SENSOR_PARAMETERS + configuration.declared_parameters(tree), self._reconfigure)
-        middleware.advertise(DIAGNOSTICS, ARRAY_TYPE)
+        middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
         self._use(tree, sources)
         self._timer = middleware.create_timer(1.0 / self._values["publish_rate"], self._publish)
         middleware.create_timer(_STATUS_PERIOD_S, self._publish_status)
@@ -81,11 +67,11 @@ class BatterySensor:
             for metric, settings in self._settings.items()
         }
         self._simulated = [metric for metric, kind in self._kinds.items() if kind == "simulated"]
-        self._middleware.advertise(SIMULATED_SENSORS, STRING_TYPE, latched=True)
-        self._topics = {metric: self._middleware.advertise(metric, FLOAT_TYPE) for metric in metrics}
+        self._middleware.advertise(node.SIMULATED_SENSORS, node.STRING_TYPE, latched=True)
+        self._topics = {metric: self._middleware.advertise(metric, node.FLOAT_TYPE) for metric in metrics}
         self._publish_simulated()
         if "host" in self._kinds.values():
-            self._middleware.advertise(UNAVAILABLE_SENSORS, STRING_TYPE)
+            self._middleware.advertise(node.UNAVAILABLE_SENSORS, node.STRING_TYPE)
 
     def _publish(self, now_s: float) -> None:
         for metric, source in self._sources.items():
@@ -106,17 +92,17 @@ class BatterySensor:
 
     def _publish_simulated(self) -> None:
         topics = [self._topics[metric] for metric in self._simulated]
-        self._middleware.publish(SIMULATED_SENSORS, {"data": ", ".join(topics)})
+        self._middleware.publish(node.SIMULATED_SENSORS, {"data": ", ".join(topics)})
 
     def _publish_status(self, now_s: float) -> None:
         self._publish_simulated()
         without_sensor = [metric for metric, error in self._failed.items() if isinstance(error, NoSuchSensor)]
         unavailable = [metric for metric in without_sensor if metric not in self._seen]
         if "host" in self._kinds.values():
-            self._middleware.publish(UNAVAILABLE_SENSORS, {"data": ", ".join(unavailable)})
-        if self._middleware.has_listeners(DIAGNOSTICS):
+            self._middleware.publish(node.UNAVAILABLE_SENSORS, {"data": ", ".join(unavailable)})
+        if self._middleware.has_listeners(node.DIAGNOSTICS):
             status = self._status(unavailable)
-            self._middleware.publish(DIAGNOSTICS, array_message([status], base_name(self._middleware)))
+            self._middleware.publish(node.DIAGNOSTICS, array_message([status], node.base_name(self._middleware)))
 
     def _status(self, unavailable: List[str]) -> Status:
         broken = [metric for metric in self._failed if metric not in unavailable]
@@ -133,7 +119,7 @@ class BatterySensor:
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
         values, sources = _read_sensor(tree, self._paths)
         old, old_settings = self._values, self._settings
-        refuse_changes(old, values, except_for=("sensors",))
+        node.refuse_changes(old, values, except_for=("sensors",))
         for metric in sources.keys() & self._sources.keys():
             same_settings = configuration.settings_of(tree, metric) == old_settings[metric]
             if same_settings and tree.get("seed") == self._tree.get("seed"):
@@ -144,7 +130,7 @@ class BatterySensor:
         if values["publish_rate"] != old["publish_rate"]:
             self._timer.cancel()
             self._timer = self._middleware.create_timer(1.0 / values["publish_rate"], self._publish)
-        return describe_changes({"": old, **old_settings}, {"": values, **self._settings})
+        return node.describe_changes({"": old, **old_settings}, {"": values, **self._settings})
 
 
 def _read_sensor(tree: Mapping[str, Any], paths: HostPaths) -> Tuple[Dict[str, Any], Dict[str, Source]]:

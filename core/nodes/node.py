@@ -40,11 +40,7 @@ def base_name(middleware: Middleware) -> str:
 
 
 def refuse_changes(old: Mapping[str, object], new: Mapping[str, object], *, except_for: Tuple[str, ...] = ()) -> None:
-    """Rejects changes of the common parameters that are fixed at the start: all but `log_level` and `except_for`.
-
-    Raises:
-        ConfigError: the old and the new configuration differ in such parameters.
-    """
+    """Raises ConfigError if common parameters change that are fixed at the start: not `log_level` and `except_for`."""
     problems = Problems()
     for parameter in NODE_PARAMETERS:
         name, default = parameter.name, parameter.default
