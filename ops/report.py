@@ -32,18 +32,13 @@ from robot_health_monitor.runtime.times import local_time
 
 from .plot import plot_bounds, plot_script, plot_style, read_text
 
-MARK = '<meta name="generator" content="robot-health replay">'
-"""In the head of every report."""
-MOST_ALERTS = 1000
-"""Most alerts in the table. All are counted."""
-MOST_LEVELS = 5000
-"""Most changes of level in a plot."""
+MARK = '<meta name="generator" content="robot-health replay">'  # in the head of every report
+MOST_ALERTS = 1000  # most alerts in the table. All are counted.
+MOST_LEVELS = 5000  # most changes of level in a plot
 _MOST_BUCKETS = 4096
 _FEWEST_BUCKETS = 256
-_SHARES = (*(level.name for level in Level), "unknown")
-"""Heads of the columns with shares of time."""
-_ALL_BUCKETS = 50_000
-"""Buckets of all plots together: they make up most of the file."""
+_SHARES = (*(level.name for level in Level), "unknown")  # heads of the columns with shares of time
+_ALL_BUCKETS = 50_000  # buckets of all plots together: they make up most of the file
 
 
 class Envelope:

@@ -25,17 +25,12 @@ from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 from .recording import Channel
 
-_LONGEST_PROBLEM = 300
-"""Characters of an error."""
-_DEEPEST = 32
-"""Types in one another."""
-_MOST_ELEMENTS = 500_000
-"""Strings and messages in the arrays of one message: each takes a few hundred bytes of memory."""
-_EMPTY = Field("structure_needs_at_least_one_member", "uint8", None)
-"""What an empty message consists of in ROS 2."""
+_LONGEST_PROBLEM = 300  # characters of an error
+_DEEPEST = 32  # types in one another
+_MOST_ELEMENTS = 500_000  # strings and messages in the arrays of one message: each takes a few hundred bytes of memory
+_EMPTY = Field("structure_needs_at_least_one_member", "uint8", None)  # what an empty message consists of in ROS 2
 
-_CDR_HEADER = 4
-"""Bytes before a CDR message, to which its alignment does not refer; the second is its byte order."""
+_CDR_HEADER = 4  # bytes before a CDR message, to which its alignment does not refer; the second is its byte order
 
 _Read = Callable[[bytes, int], Tuple[Any, int]]
 """Reads a value at a position; returns it with the position behind it. Raises ValueError and struct.error."""

@@ -24,8 +24,7 @@ from robot_health_monitor.core.signal_config import SignalConfig
 
 from .middleware import Player, RecordedMiddleware, Subscription
 
-CHUNK = 4096
-"""Samples that are collected before they are processed together."""
+CHUNK = 4096  # samples that are collected before they are processed together
 _LARGEST = sys.float_info.max
 
 

@@ -30,8 +30,7 @@ _prefix = struct.Struct("<BQ").unpack_from
 _message = struct.Struct("<HIQ").unpack_from
 _MESSAGE_HEADER = 22
 _footer = struct.Struct("<QQI").unpack_from
-_FOOTER_SIZE = 29
-"""Bytes of the footer record: prefix, start of the summary, start of its offsets, checksum."""
+_FOOTER_SIZE = 29  # bytes of the footer record: prefix, start of the summary, start of its offsets, checksum
 _chunk_header = struct.Struct("<QQQII").unpack_from
 _CHUNK_HEADER = 32
 

@@ -22,8 +22,7 @@ _METADATA = "metadata.yaml"
 _LARGEST_METADATA = 2_000_000
 _MOST_FILES = 10_000
 _LARGEST_UNPACKED = 64 << 20
-_LARGEST_RATIO = 200
-"""A file that is packed as a whole unpacks to at most 64 MB and this many times its size."""
+_LARGEST_RATIO = 200  # A file that is packed as a whole unpacks to at most 64 MB and this many times its size
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _EXPECTED = "expected a .bag file, an .mcap file, a .db3 file or a folder that rosbag2 recorded"
 

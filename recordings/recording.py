@@ -23,16 +23,12 @@ from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 LARGEST = 64 << 20
 """Bytes of a record, a chunk or a message, packed or unpacked: several of them are in memory at the same time."""
-_LARGEST_RATIO = 10_000
-"""Bytes that one packed byte may become; black images with zstd come close to it."""
-_LONGEST_NAME = 500
-"""Characters of a topic or a type; ROS 2 allows 255."""
+_LARGEST_RATIO = 10_000  # bytes that one packed byte may become; black images with zstd come close to it
+_LONGEST_NAME = 500  # characters of a topic or a type; ROS 2 allows 255
 _MOST_CHANNELS = 10_000
-_MOST_MESSAGES = 500_000
-"""Messages of a chunk; recorders write chunks of about 1 MB unless one message is larger."""
+_MOST_MESSAGES = 500_000  # messages of a chunk; recorders write chunks of about 1 MB unless one message is larger
 _BATCH = 4096
-_BATCH_BYTES = 16 << 20
-"""Messages outside of chunks that are sorted together: at most so many, of so many bytes."""
+_BATCH_BYTES = 16 << 20  # messages outside of chunks that are sorted together: at most so many, of so many bytes
 
 
 class Damaged(MessageError):

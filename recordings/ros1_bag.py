@@ -14,8 +14,7 @@ from typing import BinaryIO, Counter, Dict, Optional, Tuple
 from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
 
 _MESSAGE, _BAG_HEADER, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([op]) for op in (2, 3, 5, 6, 7))
-_LARGEST_HEADER = 65_536
-"""Bytes of a record's header; a definition's text is in the data of a connection."""
+_LARGEST_HEADER = 65_536  # bytes of a record's header; a definition's text is in the data of a connection
 _MOST_HEADER_FIELDS = 100
 
 _uint32 = struct.Struct("<I").unpack_from

@@ -13,17 +13,12 @@ from robot_health_monitor.core.signal_config import LINK
 from .decoding import types_of
 from .recording import Channel
 
-MOST_SIGNALS = 300
-"""Most signals that are looked at."""
-MOST_FIELDS = 100
-"""Most numbers of one topic that are looked at; the standard messages have at most 10."""
+MOST_SIGNALS = 300  # most signals that are looked at
+MOST_FIELDS = 100  # most numbers of one topic that are looked at; the standard messages have at most 10
 
-_LONGEST_NAME = 200
-"""Letters of a signal's name; YAML allows 1,024 in a key."""
-SUPPORTED_PACKAGES = ("std_msgs", "sensor_msgs")
-"""Packages whose numbers are taken."""
-_TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")
-"""Topics of the middleware itself."""
+_LONGEST_NAME = 200  # letters of a signal's name; YAML allows 1,024 in a key
+SUPPORTED_PACKAGES = ("std_msgs", "sensor_msgs")  # packages whose numbers are taken
+_TOPICS = ("/clock", "/rosout", "/rosout_agg", "/parameter_events")  # topics of the middleware itself
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 _TIMES = ("sec", "nanosec", "secs", "nsecs")
 

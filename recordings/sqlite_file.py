@@ -12,16 +12,12 @@ from .recording import LARGEST, Damaged, Messages, RawMessage, RecordedFile, Rec
 
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _BATCH = 1024
-_BATCH_BYTES = 4_000_000
-"""Messages that are read together: at most so many, and about so many bytes."""
+_BATCH_BYTES = 4_000_000  # messages that are read together: at most so many, and about so many bytes
 
-_LARGEST_IN_BATCH = 65_536
-"""Bytes of a message that is read together with others."""
+_LARGEST_IN_BATCH = 65_536  # bytes of a message that is read together with others
 _MOST_TOPICS = 10_000
-_LONGEST_TEXT = 2_000_000
-"""Bytes of a definition."""
-_STEPS = 10_000
-"""Steps of SQLite's virtual machine between two looks at how many are left."""
+_LONGEST_TEXT = 2_000_000  # bytes of a definition
+_STEPS = 10_000  # steps of SQLite's virtual machine between two looks at how many are left
 _STEPS_PER_BYTE, _LEAST_STEPS = 10, 1_000_000
 """Reading a row takes about 25 steps, and a row takes about 20 bytes. A page that is its own child has no end."""
 
@@ -29,8 +25,7 @@ _Row = Tuple[int, Any, Any]
 """Number of the topic, time, data or the number of the row instead."""
 _header = struct.Struct(">16sH6xII60xI").unpack_from
 """Of the file: magic, bytes per page (1: 65536), change counter, pages, change counter when `pages` was written."""
-_DAMAGE = (sqlite3.Error, ValueError, OverflowError, Damaged)
-"""What reading a damaged file raises."""
+_DAMAGE = (sqlite3.Error, ValueError, OverflowError, Damaged)  # what reading a damaged file raises
 
 
 class SqliteFile(RecordedFile):

@@ -17,37 +17,27 @@ from robot_health_monitor.core.signal_config import SignalConfig
 
 SIZE = 16_384
 """Numbers per buffer of `Quantiles`, an even number. A stream of n numbers needs at most log2(n / SIZE) + 2 buffers."""
-LEAST_SAMPLES = 100
-"""Valid samples below which no bound is suggested."""
-LEAST_DURATION_S = 30.0
-"""Time of samples, in s, below which no bound is suggested."""
-LEAST_RANGE_S = 600.0
-"""Time of samples, in s, below which a range is no bound: it is shown as a comment."""
-LEAST_MESSAGES = 20
-"""Messages below which no rate is suggested."""
+LEAST_SAMPLES = 100  # valid samples below which no bound is suggested
+LEAST_DURATION_S = 30.0  # time of samples, in s, below which no bound is suggested
+LEAST_RANGE_S = 600.0  # time of samples, in s, below which a range is no bound: it is shown as a comment
+LEAST_MESSAGES = 20  # messages below which no rate is suggested
 RATE_MARGIN, SHORT_RATE_MARGIN = 0.2, 0.3
 """Margin of a rate, as a fraction; the second one if it was seen for less than `SHORT_S`."""
 SHORT_S = 300.0
-LEAST_GAPS = 10
-"""Gaps between samples below which no `stale_after_s` is suggested."""
-MOST_CODES = 10
-"""A signal with at most this many different values, all whole numbers, is taken for a code."""
-TAIL = 0.001
-"""Fraction of the samples beyond the quantile from which a bound is derived."""
-MARGIN = 0.1
-"""Distance of a bound from its quantile, as a fraction of the spread between both quantiles."""
+LEAST_GAPS = 10  # gaps between samples below which no `stale_after_s` is suggested
+MOST_CODES = 10  # A signal with at most this many different values, all whole numbers, is taken for a code
+TAIL = 0.001  # fraction of the samples beyond the quantile from which a bound is derived
+MARGIN = 0.1  # distance of a bound from its quantile, as a fraction of the spread between both quantiles
 LEAST_MARGIN = 0.01
 """Smallest margin, as a fraction of the quantiles: other robots of the type differ by more than the noise of one."""
-OUTLIERS = 0.005
-"""Largest fraction of the samples that may be outliers; at least one sample may be."""
+OUTLIERS = 0.005  # largest fraction of the samples that may be outliers; at least one sample may be
 FENCE, WIDE_FENCE = 10.0, 1e6
 """Distance of an outlier from the quantiles of 1 % and 99 %, as a multiple of their distance; the second one if there
 are long excursions."""
 LONGEST_EXCURSION_S = 60.0
 """Values beyond a bound for longer than this, in s, are no short excursion: the bound is set from the extreme."""
 
-_TINY, _HUGE = 1e-200, 1e200
-"""Nothing is computed from margins and noise outside of this range: doubles would overflow."""
+_TINY, _HUGE = 1e-200, 1e200  # nothing is computed from margins and noise outside of this range: doubles would overflow
 
 _LOWEST = {"%": 0.0, "K": 0.0, "Hz": 0.0, "degC": -273.15}
 _HIGHEST = {"%": 100.0}

@@ -6,7 +6,8 @@ import argparse
 import contextlib
 import os
 import time
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from dataclasses import dataclass
+from typing import Any, Counter, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError, Path
 from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
@@ -27,9 +28,7 @@ from .embedded import sections_of_nodes
 from .output.lines import OutputError
 from .replay_output import ReplayOutput, header, row, sentence, worst_first
 
-_MARKED_BYTES = 1000
-"""Bytes at the start of a report that contain `MARK`."""
-_LEAST_SEVERITY = {"warn": Level.WARN.severity, "error": Level.ERROR.severity}
+_MARKED_BYTES = 1000  # bytes at the start of a report that contain `MARK`
 
 
 def replay(arguments: argparse.Namespace) -> bool:
@@ -61,6 +60,7 @@ class _Configuration(NamedTuple):
         return error if self.file is None else self.file.locate(error.below(self.path))
 
 
+@dataclass
 class ReportFile:
     """Where to write a report.
 
@@ -68,51 +68,51 @@ class ReportFile:
     replaces a file that is not a report only if that was asked for.
     """
 
-    def __init__(self, path: str, inputs: Iterable[str], force: bool) -> None:
-        """Checks the path, of which a link is followed, before a long replay that reads files and folders.
+    path: str
+    inputs: Sequence[str]
+    """Files and folders that the command reads."""
+    force: bool
+    """Replace a file that is not a report, too."""
 
-        With `force`, a file that is not a report is replaced, too. Raises ConfigError: it could not be written.
-        """
-        self._shown = path
-        self._path = os.path.realpath(path)
-        self._inputs = list(inputs)
-        self._force = force
+    def __post_init__(self) -> None:
+        """Checks the path, of which a link is followed, before a long replay. Raises ConfigError."""
+        self._real_path = os.path.realpath(self.path)
         self._check()
 
     def write(self, page: str) -> None:
-        """Writes the page as a whole or not at all. Raises ConfigError as `__init__` does, or OutputError."""
+        """Writes the page as a whole or not at all. Raises ConfigError, as at first, or OutputError."""
         self._check()
-        part = f"{self._path}.{os.getpid()}.part"
+        part = f"{self._real_path}.{os.getpid()}.part"
         try:
             with open(part, "x", encoding="utf-8") as stream:
                 try:
                     stream.write(page)
                     stream.flush()
-                    os.replace(part, self._path)
+                    os.replace(part, self._real_path)
                 except BaseException:
                     os.unlink(part)
                     raise
         except OSError as error:
-            raise OutputError(f"{self._shown}: cannot be written: {error.strerror or error}") from None
+            raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
 
     def _check(self) -> None:
         problem = self._problem()
         if problem:
-            raise ConfigError(f"--report: {problem}", file=self._shown)
+            raise ConfigError(f"--report: {problem}", file=self.path)
 
     def _problem(self) -> str:
-        folder = os.path.dirname(self._path)
+        folder = os.path.dirname(self._real_path)
         if not os.path.isdir(folder):
             return "there is no such folder"
         if not os.access(folder, os.W_OK):
             return "the folder cannot be written"
-        if not os.path.lexists(self._path):
+        if not os.path.lexists(self._real_path):
             return ""
-        if not os.path.isfile(self._path):
+        if not os.path.isfile(self._real_path):
             return "is not a file"
-        if any(os.path.samefile(self._path, each) for each in _files(self._inputs)):
+        if any(os.path.samefile(self._real_path, each) for each in _files(self.inputs)):
             return "is one of the files that this command reads"
-        if not self._force and not _is_report(self._path):
+        if not self.force and not _is_report(self._real_path):
             return "exists and is not a report of robot-health; --force replaces it"
         return ""
 
@@ -161,9 +161,8 @@ class _Replay:
         self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
         """By configuration and signal; only for a report."""
         self._shown: List[ReportedAlert] = []
-        self._transitions = 0
-        self._alerts = 0
-        self._worst = 0
+        self._shown_levels: Counter[Level] = Counter()
+        """New levels of all transitions that were shown."""
         self._error: Optional[OSError] = None
         names = [configuration.name for configuration in configurations]
         self._differences = Differences(names, self._show) if self._several else None
@@ -175,8 +174,12 @@ class _Replay:
             except ConfigError as error:
                 raise configuration.locate(error) from None
         self._require_recorded()
-        if report_file:
-            self._prepare_plots()
+        recorded = [summary for summary in self._judge.summaries if summary.recorded] if report_file else []
+        for summary in recorded:
+            file = summary.file if self._several else ""
+            span_s, buckets = self._player.end_s - self._start_s, buckets_of(len(recorded))
+            plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
+            self._plots[summary.file, summary.config.name] = plot
 
     def run(self) -> bool:
         with self._output as output:
@@ -195,8 +198,9 @@ class _Replay:
         for problem in problems:
             output.warn(f"WARN: {problem}")
         head, rows = header(self._several), [row(summary, self._several) for summary in summaries]
-        # Among differences OK counts: an alert may end at another time.
-        number, noun = (self._transitions, "difference") if self._several else (self._alerts, "alert")
+        number, noun = sum(self._shown_levels.values()), "difference"
+        if not self._several:  # else OK counts: an alert may end at another time
+            number, noun = number - self._shown_levels[Level.OK], "alert"
         verdict = count_text(number, noun) if number else f"no {noun}s"
         if missing:
             verdict += f"; {count_text(len(missing), 'signal')} not judged"
@@ -205,11 +209,12 @@ class _Replay:
             self._report_file.write(self._page(summaries, verdict, problems))
         if self._arguments.fail_on == "never":
             return False
+        fail_on = Level[self._arguments.fail_on.upper()]
         if missing and not self._arguments.allow_missing:
             return True
         if self._several:
-            return self._transitions > 0
-        return self._worst >= _LEAST_SEVERITY[self._arguments.fail_on]
+            return bool(self._shown_levels)
+        return max((level.severity for level in self._shown_levels), default=0) >= fail_on.severity
 
     def _summaries(self) -> List[SignalSummary]:
         """Returns the summaries; those of one signal follow each other, so that configurations can be compared."""
@@ -251,9 +256,7 @@ class _Replay:
         transition = judged.event
         assert isinstance(transition, Transition)
         file = judged.file if self._several else ""
-        self._transitions += 1
-        self._alerts += transition.to_level is not Level.OK
-        self._worst = max(self._worst, transition.to_level.severity)
+        self._shown_levels[transition.to_level] += 1
         if self._report_file and len(self._shown) < MOST_ALERTS:
             self._shown.append(ReportedAlert(judged.wall_s, file, transition))
         self._output.transition(judged.wall_s, transition, file)
@@ -269,14 +272,6 @@ class _Replay:
         self._output.progress(fraction)
 
     # The report
-
-    def _prepare_plots(self) -> None:
-        summaries = [summary for summary in self._judge.summaries if summary.recorded]
-        span_s, buckets = self._player.end_s - self._start_s, buckets_of(len(summaries))
-        for summary in summaries:
-            file = summary.file if self._several else ""
-            plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
-            self._plots[summary.file, summary.config.name] = plot
 
     def _on_gap(self, begin_s: float, end_s: float) -> None:
         for plot in self._plots.values():
@@ -310,7 +305,7 @@ class _Replay:
                 rows=[row(summary, self._several) for summary in summaries],
                 signals=[plot for plot in plots if plot is not None],
                 alerts=self._shown,
-                all_alerts=self._transitions,
+                all_alerts=sum(self._shown_levels.values()),
             )
         )
 

@@ -25,11 +25,9 @@ _STYLE_OF_LEVEL = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold r
 _REFRESH_S = 0.1
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 _WORST_FIRST = sorted((level for level in Level if level is not Level.OK), key=lambda level: -level.severity)
-_MOST_NAMES = 6
-"""Signals that are named in a sentence."""
+_MOST_NAMES = 6  # signals that are named in a sentence
 _NOT_RECORDED = "not recorded"
-_GAP = 2
-"""Blanks between columns."""
+_GAP = 2  # blanks between columns
 _NUMBERS = (
     "samples", "bad", *(level.name for level in _LEVELS), "unknown", "alerts", "min", "mean", "max", "longest gap"
 )  # fmt: skip

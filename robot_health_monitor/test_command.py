@@ -43,11 +43,9 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 from .arguments import Parser
 from .exit_codes import ExitCode
 
-TIME_TOLERANCE_S = 1e-6
-"""Two times closer than this are the same: `3 * 0.1` is not 0.3."""
+TIME_TOLERANCE_S = 1e-6  # two times closer than this are the same: `3 * 0.1` is not 0.3
 LONGEST_TEST_S = 1e6
-MOST_SAMPLES = 1_000_000
-"""Longest series."""
+MOST_SAMPLES = 1_000_000  # longest series
 
 _FILE_PARAMETERS = (Parameter("thresholds", str, None, "path of a thresholds.yaml, relative to this file"),)
 _TEST_PARAMETERS = (
@@ -92,12 +90,11 @@ class ThresholdTest(NamedTuple):
     """Every alert, in the order of their times."""
 
 
-class Difference(NamedTuple):
-    """One line of the comparison of expected and actual alerts."""
+Difference = Tuple[str, Alert]
+"""One line of the comparison of expected and actual alerts.
 
-    mark: str
-    """`-`: expected, did not occur; `+`: occurred, not expected; a space: as expected."""
-    alert: Alert
+Its mark is `-`: expected, did not occur; `+`: occurred, not expected; a space: as expected.
+"""
 
 
 def add_arguments(parser: Parser) -> None:
@@ -125,7 +122,7 @@ def _run_file(file: str) -> ExitCode:
     lines: List[str] = []
     for test in tests:
         differences = compare(test.expected, run_test(config, test))
-        if any(difference.mark != " " for difference in differences):
+        if any(mark != " " for mark, _ in differences):
             failed += 1
             lines += [f"{file}: FAILED: {test.name}", *_diff(differences)]
     tests_text = count_text(len(tests), "test")
@@ -137,7 +134,7 @@ def _run_file(file: str) -> ExitCode:
 def _diff(differences: Sequence[Difference]) -> Iterator[str]:
     yield "  - expected, did not occur"
     yield "  + occurred, not expected"
-    width = max(len(str(difference.alert)) for difference in differences)
+    width = max(len(str(alert)) for _, alert in differences)
     for mark, alert in differences:
         yield f"  {mark} {alert!s:<{width}}  # {alert.text}" if alert.text else f"  {mark} {alert}"
 
@@ -315,9 +312,9 @@ def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Differen
         match = next((each for each in missing if _same(each, alert)), None)
         if match is not None:
             missing.remove(match)
-        result.append(Difference("+" if match is None else " ", alert))
-    result.extend(Difference("-", alert) for alert in missing)
-    return sorted(result, key=lambda each: (each.alert.at_s, "- +".index(each.mark)))
+        result.append(("+" if match is None else " ", alert))
+    result.extend(("-", alert) for alert in missing)
+    return sorted(result, key=lambda each: (each[1].at_s, "- +".index(each[0])))
 
 
 def _same(expected: Alert, actual: Alert) -> bool:

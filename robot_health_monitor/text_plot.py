@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.formatting import number_text
 from robot_health_monitor.runtime.times import local_time
@@ -33,7 +33,11 @@ def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], wi
     bad = [" "] * columns
     first_s, last_s = samples[0][0], samples[-1][0]
     span_s = last_s - first_s
-    for column, of_column in _columns(samples, first_s, span_s, columns):
+    found: Dict[int, List[float]] = {}
+    for time_s, value in samples:
+        share = (time_s - first_s) / span_s if span_s > 0.0 else 0.0
+        found.setdefault(round(min(max(share, 0.0), 1.0) * (columns - 1)), []).append(value)
+    for column, of_column in found.items():
         numbers = [value for value in of_column if math.isfinite(value)]
         if len(numbers) < len(of_column):
             bad[column] = "x"
@@ -47,17 +51,6 @@ def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], wi
     has_room = columns > len(begin) + len(end)
     lines.append(" " * len(axis) + begin + (end.rjust(columns - len(begin)) if has_room else ""))
     return lines
-
-
-def _columns(
-    samples: Sequence[Tuple[float, float]], first_s: float, span_s: float, columns: int
-) -> List[Tuple[int, List[float]]]:
-    """Returns the values of each column that has any."""
-    found: List[List[float]] = [[] for _ in range(columns)]
-    for time_s, value in samples:
-        share = (time_s - first_s) / span_s if span_s > 0.0 else 0.0
-        found[round(min(max(share, 0.0), 1.0) * (columns - 1))].append(value)
-    return [(column, values) for column, values in enumerate(found) if values]
 
 
 def _row(value: float, low: float, high: float) -> int:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import re
 import sys
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import MonitorConfig, Section, read_monitor
 from robot_health_monitor.core.errors import ConfigError
@@ -27,11 +28,9 @@ from robot_health_monitor.recordings.suggestion import Measured, Setting, Sugges
 from .embedded import sections_of_nodes
 
 _ORDER = ("warn_below", "warn_above", "hysteresis", "for_s", "stale_after_s")
-_OF_BOUNDS = ("hysteresis", "for_s")
-"""Keys that refer to the bounds: they are not suggested for bounds that were given."""
+_OF_BOUNDS = ("hysteresis", "for_s")  # keys that refer to the bounds: they are not suggested for bounds that were given
 _PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/.]*\Z")
-_COLUMN = 36
-"""Column of the comments."""
+_COLUMN = 36  # column of the comments
 
 
 def suggest_thresholds(arguments: argparse.Namespace) -> None:
@@ -187,7 +186,7 @@ class _Study:
         for group in self._groups:
             for measured in self._measured.values():
                 measured.begin_recording()
-            self._judge(group, signals, _ignore, take, self.problems)
+            self._judge(group, signals, lambda judged: None, take, self.problems)
         for name, settings in self._given.items():
             self._convert_fraction(name, settings)
 
@@ -265,10 +264,8 @@ class _Study:
             player = Player(recordings, namespace=self._namespace)
             judge = Judge(player, on_event, on_samples)
             parameters = {"robot_name": "recorded", "signals": self._placed(signals)}
-            try:
+            with self._located():
                 judge.add("", parameters)
-            except ConfigError as error:
-                raise self._located(error) from None
             judge.run()
             problems += (problem for problem in player.problems if problem not in problems)
             return player.wall_s
@@ -285,15 +282,18 @@ class _Study:
         }
 
     def _checked(self, tree: Mapping[str, Any]) -> MonitorConfig:
-        try:
+        with self._located():
             return read_monitor(Section((), tree))
-        except ConfigError as error:
-            raise self._located(error) from None
 
-    def _located(self, error: ConfigError) -> ConfigError:
-        if self._file is None:
-            return error
-        return self._file.locate(error.below(self._section.path))
+    @contextlib.contextmanager
+    def _located(self) -> Iterator[None]:
+        """Gives errors of the configuration their place in its file."""
+        try:
+            yield
+        except ConfigError as error:
+            if self._file is None:
+                raise
+            raise self._file.locate(error.below(self._section.path)) from None
 
     def _recorded_topics(self) -> str:
         return list_text(sorted({channel.topic for channel in self._channels})) or "no topic"
@@ -302,7 +302,9 @@ class _Study:
 
     def _text(self, suggestions: Mapping[str, Suggestion], alerts: _Alerts) -> str:
         names = [os.path.basename(os.path.abspath(path)) for path in self._paths]
-        hours = _hours(self._duration_s)
+        hours = duration_text(self._duration_s)
+        if self._duration_s >= 3600.0:
+            hours = f"{self._duration_s / 3600.0:.1f} h"
         total = sum(alerts.by_bound.values()) + sum(alerts.stale.values())
         lines = [
             f"# Suggested by `robot-health suggest` from {hours} of recordings: {list_text(names, 5)}",
@@ -386,17 +388,9 @@ def _yaml(value: Any) -> str:
 _NOT_TEXT = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 
 
-def _hours(seconds: float) -> str:
-    return f"{seconds / 3600.0:.1f} h" if seconds >= 3600.0 else duration_text(seconds)
-
-
 def _hint(type_name: str) -> str:
     if type_name == "diagnostic_msgs/DiagnosticArray":
         return ': watch its statuses by name, field status["NAME"].level; docs/signals.md'
     if type_name.partition("/")[0] in SUPPORTED_PACKAGES:
         return ": has no numbers that can be watched, or is a topic of the middleware"
     return ": only std_msgs and sensor_msgs are suggested for"
-
-
-def _ignore(judged: JudgedEvent) -> None:
-    """Signals without rules announce nothing of interest."""
