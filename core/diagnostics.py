@@ -31,15 +31,15 @@ def array_message(statuses: Iterable[Status], node: str) -> Message:
 def alert_message(transition: Transition, node: str, silence: Optional[str] = None) -> Message:
     """Returns the DiagnosticStatus of one transition: its message is the alert line.
 
-    Args:
-        transition: the transition.
-        node: base name of the node that judged it.
-        silence: text of the silence of its signal; None: it is not silenced.
+    `node` is the base name of the node that judged it, `silence` the text of its signal's silence, None without one.
     """
+    value = "" if transition.value is None else datum_text(transition.value)
+    if isinstance(transition.value, float):  # in full
+        value = repr(transition.value)
     values: Dict[str, str] = {
         "from_level": transition.from_level.name,
         "to_level": transition.to_level.name,
-        "value": _datum_text(transition.value),
+        "value": value,
         "statistic": transition.statistic,
         "bound": "" if transition.bound is None else str(transition.bound),
         "now_s": str(transition.now_s),
@@ -50,10 +50,3 @@ def alert_message(transition: Transition, node: str, silence: Optional[str] = No
         values["silenced"] = silence
     status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values, transition.hint)
     return status_message(status, node)
-
-
-def _datum_text(value: object) -> str:
-    """Returns a number in full, and any other datum shortened."""
-    if value is None:
-        return ""
-    return repr(value) if isinstance(value, float) else datum_text(value)

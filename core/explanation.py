@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from typing import Dict, Mapping, NamedTuple, Optional
 
 from .flapping import MOST, PERIOD_S
@@ -28,6 +27,8 @@ STATES: Mapping[str, str] = {
     State.KEEPING.value: "no condition is true, but not yet for `keep_firing_for_s`",
 }
 """The states of a signal, with their meaning for docs/reference/api.md."""
+
+_KEEPING = "still firing until keep_firing_for_s has passed"
 
 
 class Judgement(NamedTuple):
@@ -87,29 +88,17 @@ class Judgement(NamedTuple):
 
 
 def status(judgement: Judgement, message: Optional[str] = None) -> Status:
-    """Returns the status of a signal.
-
-    Args:
-        judgement: the signal's state.
-        message: in place of the reason for its level.
-    """
+    """Returns the status of a signal; `message` replaces the reason for its level."""
     config = judgement.config
-    values: Dict[str, str] = {
-        "value": latest_text(judgement),
-        "unit": config.unit,
-        "statistic": config.statistic,
-    }
+    lasts_s = judgement.now_s - judgement.since_s
+    values = {"value": latest_text(judgement), "unit": config.unit, "statistic": config.statistic}
     values.update((name, number_text(value)) for name, value in judgement.statistics.items())
-    values["window_samples"] = str(judgement.window_samples)
-    values["good_samples"] = str(judgement.good_samples)
-    values["bad_samples"] = str(judgement.bad_samples)
+    for name in ("window_samples", "good_samples", "bad_samples"):
+        values[name] = str(getattr(judgement, name))
     if judgement.seen:
         values["age_s"] = number_text(judgement.now_s - judgement.last_seen_s)
     values.update(_settings(config))
-    values["state"] = judgement.state
-    values["since"] = f"{judgement.since_s:.3f}"
-    lasts_s = judgement.now_s - judgement.since_s
-    values["lasts_s"] = number_text(lasts_s)
+    values.update(state=judgement.state, since=f"{judgement.since_s:.3f}", lasts_s=number_text(lasts_s))
     values["flapping"] = "true" if judgement.flapping else "false"
     if config.flap_detection or judgement.flapping:
         values["state_change_percent"] = number_text(judgement.state_change_percent)
@@ -138,12 +127,11 @@ def alert_line(
     text = f"{config.name} {judgement.level.name}: {message} ({before})"
     if not judgement.flapping:
         return text
-    if judgement.is_storm:
-        storm = f"more than {MOST} transitions in {PERIOD_S:g} s"
-        return f"{text}, flapping: {storm}, further changes not announced until it settles"
-    percent = number_text(judgement.state_change_percent, config.flap_high)
-    low = bound_text(config.flap_low)
-    return f"{text}, flapping: {percent} % state change, further changes not announced until below {low} %"
+    why, until = f"more than {MOST} transitions in {PERIOD_S:g} s", "it settles"
+    if not judgement.is_storm:
+        percent = number_text(judgement.state_change_percent, config.flap_high)
+        why, until = f"{percent} % state change", f"below {bound_text(config.flap_low)} %"
+    return f"{text}, flapping: {why}, further changes not announced until {until}"
 
 
 def reason(judgement: Judgement) -> str:
@@ -220,12 +208,11 @@ def _last_announced(judgement: Judgement) -> str:
 
 
 def _link_reason(judgement: Judgement) -> str:
-    down = f"down: {judgement.cause}" if judgement.cause else "down"
     if judgement.level is Level.OK:
         return "up"
     if judgement.rule is not None and judgement.rule.state is State.KEEPING:
-        return "up, still firing until keep_firing_for_s has passed"
-    return down
+        return f"up, {_KEEPING}"
+    return f"down: {judgement.cause}" if judgement.cause else "down"
 
 
 def _invalid_reason(judgement: Judgement) -> str:
@@ -233,14 +220,14 @@ def _invalid_reason(judgement: Judgement) -> str:
     number = converted(config, raw)
     if math.isnan(number) and not math.isnan(raw) and config.placeholders:
         return f"invalid data: {datum_text(judgement.latest)} is a placeholder for 'not measured'"
-    for name, limit, is_beyond in (
-        ("below valid_min", config.valid_min, operator.lt),
-        ("above valid_max", config.valid_max, operator.gt),
-    ):
-        if limit is not None and is_beyond(number, limit):
-            shown = number_text(number, limit) if math.isfinite(number) else datum_text(judgement.latest)
-            return f"invalid data: {with_unit(shown, config.unit)} is {name} {bound_text(limit)}"
-    return f"invalid data: {latest_text(judgement)}"
+    if config.valid_min is not None and number < config.valid_min:
+        side, limit = "below valid_min", config.valid_min
+    elif config.valid_max is not None and number > config.valid_max:
+        side, limit = "above valid_max", config.valid_max
+    else:
+        return f"invalid data: {latest_text(judgement)}"
+    shown = number_text(number, limit) if math.isfinite(number) else datum_text(judgement.latest)
+    return f"invalid data: {with_unit(shown, config.unit)} is {side} {bound_text(limit)}"
 
 
 def _value_reason(judgement: Judgement) -> str:
@@ -273,7 +260,7 @@ def _value_reason(judgement: Judgement) -> str:
     if rule.condition or judgement.level is Level.OK:
         return text
     if rule.fires:
-        return f"{text}, still firing until keep_firing_for_s has passed"
+        return f"{text}, {_KEEPING}"
     release = f" or {config.latch_release_if}" if config.latch_release_if else ""
     return f"{text}, latched until reset{release}"
 
@@ -289,16 +276,12 @@ def _undefined_reason(judgement: Judgement) -> str:
 
 def _settings(config: SignalConfig) -> Dict[str, str]:
     """Returns the key-values that come from the configuration."""
-    values = {name: bound_text(bound) for name, bound in config.bounds.items()}
-    names = ("valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s")
-    for name in names if config.statistic == "last" else (*names, "window_min_s"):
-        setting = getattr(config, name)
-        if setting is not None:
-            values[name] = bound_text(setting)
+    names = ["valid_min", "valid_max", "hysteresis", "for_s", "keep_firing_for_s", "stale_after_s"]
+    if config.statistic != "last":
+        names.append("window_min_s")
     if config.scale != 1.0:
-        values["scale"] = bound_text(config.scale)
-    for name in CONDITIONS:
-        condition = getattr(config, name)
-        if condition is not None:
-            values[name] = str(condition)
-    return values
+        names.append("scale")
+    settings = {**config.bounds, **{name: getattr(config, name) for name in names}}
+    values = {name: bound_text(setting) for name, setting in settings.items() if setting is not None}
+    conditions = {name: getattr(config, name) for name in CONDITIONS}
+    return {**values, **{name: str(condition) for name, condition in conditions.items() if condition is not None}}

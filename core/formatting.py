@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 _DIGITS = (4, 6, 9, 17)
 _DEGREE_CELSIUS = re.compile(r"\bdegC\b")
@@ -40,12 +40,10 @@ def duration_text(seconds: float) -> str:
         return f"{_plain(seconds, 3)} s"
     whole = round(seconds)
     if whole < 3600:
-        return _two_units(whole // 60, "min", whole % 60, "s")
-    minutes = whole // 60
-    if minutes < 6000:
-        return _two_units(minutes // 60, "h", minutes % 60, "min")
-    hours = minutes // 60
-    return _two_units(hours // 24, "d", hours % 24, "h")
+        return _two_units(divmod(whole, 60), "min", "s")
+    if whole < 360_000:
+        return _two_units(divmod(whole // 60, 60), "h", "min")
+    return _two_units(divmod(whole // 3600, 24), "d", "h")
 
 
 def with_unit(number: str, unit: str) -> str:
@@ -104,9 +102,9 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() or unicodedata.category(letter) == "Zs" else "?" for letter in text)
 
 
-def _two_units(large: int, large_unit: str, small: int, small_unit: str) -> str:
-    text = f"{large} {large_unit}"
-    return f"{text} {small} {small_unit}" if small else text
+def _two_units(numbers: Tuple[int, int], large_unit: str, small_unit: str) -> str:
+    large, small = numbers
+    return f"{large} {large_unit} {small} {small_unit}" if small else f"{large} {large_unit}"
 
 
 def _plain(value: float, digits: int) -> str:

@@ -29,7 +29,7 @@ from array import array
 from bisect import bisect_right
 from itertools import accumulate
 from operator import mul
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 _LARGEST = sys.float_info.max
 _LARGEST_DISTANCE = 1e150
@@ -37,6 +37,18 @@ _LARGEST_DISTANCE = 1e150
 _SCALE = 2.0**-600
 """Makes the distance between any two doubles smaller than `_LARGEST_DISTANCE`."""
 _TIME_TOLERANCE_S = 1e-6
+
+
+class _Front(NamedTuple):
+    """Aggregates of the front: entry n is that of its newest n + 1 samples."""
+
+    reference: float
+    scaled: int
+    """Sums and squares are scaled from this entry on."""
+    sums: Sequence[float]
+    squares: Sequence[float]
+    smallest: Sequence[float]
+    largest: Sequence[float]
 
 
 class Window:
@@ -47,29 +59,9 @@ class Window:
     """
 
     __slots__ = (
-        "_back",
-        "_back_max",
-        "_back_min",
-        "_back_reference",
-        "_back_scale",
-        "_back_squares",
-        "_back_sum",
-        "_began_s",
-        "_first",
-        "_front",
-        "_front_is_built",
-        "_front_max",
-        "_front_min",
-        "_front_reference",
-        "_front_scaled",
-        "_front_squares",
-        "_front_sums",
-        "_times",
-        "_values",
-        "window_min_s",
-        "window_s",
-        "window_samples",
-    )
+        "_back", "_back_max", "_back_min", "_back_reference", "_back_scale", "_back_squares", "_back_sum", "_began_s",
+        "_built", "_first", "_front", "_times", "_values", "window_min_s", "window_s", "window_samples",
+    )  # fmt: skip
 
     _back_min: float
     _back_max: float
@@ -85,7 +77,6 @@ class Window:
         self.window_s = window_s
         self.window_samples = window_samples
         self.window_min_s = window_min_s
-        """How often the back became the front: each costs the window's length."""
         self.clear()
 
     def clear(self) -> None:
@@ -96,26 +87,15 @@ class Window:
         """Index of the oldest sample; those before it have left."""
         self._began_s: Optional[float] = None
         self._front = 0
-        self._front_is_built = True
-        self._front_reference = 0.0
-        self._front_scaled = 0
-        # Entry n is the aggregate of the newest n + 1 samples of the front, of which `_front` are left.
-        self._front_sums = array("d")
-        self._front_squares = array("d")
-        self._front_min = array("d")
-        self._front_max = array("d")
+        """How many samples of the front are left."""
+        self._built: Optional[_Front] = None
         self._clear_back()
 
     def __len__(self) -> int:
         return len(self._values) - self._first
 
     def add(self, value: float, now_s: float) -> None:
-        """Adds a sample and drops those that are too old.
-
-        Args:
-            value: a finite number.
-            now_s: its time in seconds, not before that of the previous sample.
-        """
+        """Adds a finite number and its time in s, not before that of the previous one; drops those that are too old."""
         times = self._times
         times.append(now_s)
         self._values.append(value)
@@ -167,12 +147,10 @@ class Window:
         return {name: value for name, value in found.items() if value is not None}
 
     def samples(self, limit: int, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
-        """Returns samples as (time in seconds, value), oldest first.
+        """Returns samples after a time as (time in seconds, value), oldest first.
 
-        Args:
-            limit: the most to return, at least 4. Of more samples it returns the first, the last, and the smallest and
-                largest of each of equal parts of the others.
-            since_s: only those after this time, in s.
+        Of more samples than `limit`, which is at least 4, it returns the first, the last, and the smallest and largest
+        of each of equal parts of the others.
         """
         begin = bisect_right(self._times, since_s, self._first)
         samples = list(zip(self._times[begin:], self._values[begin:]))
@@ -251,7 +229,7 @@ class Window:
         del self._values[: self._first]
         self._first = 0
         self._front = len(self._times)
-        self._front_is_built = False
+        self._built = None
         self._clear_back()
 
     def _clear_back(self) -> None:
@@ -266,8 +244,6 @@ class Window:
     def _extremes(self) -> Tuple[float, float]:
         """Returns the smallest and the largest value, and brings the aggregates up to date. Not without samples."""
         values, front = self._values, self._front
-        if front and not self._front_is_built:
-            self._build_front()
         new = len(values) - self._first - front - self._back
         if new == 1:
             self._add_to_back(values[-1])
@@ -276,7 +252,8 @@ class Window:
                 self._add_to_back(value)
         smallest, largest = self._back_min, self._back_max
         if front:
-            front_min, front_max = self._front_min[front - 1], self._front_max[front - 1]
+            built = self._built or self._build_front()
+            front_min, front_max = built.smallest[front - 1], built.largest[front - 1]
             smallest = front_min if front_min < smallest else smallest
             largest = front_max if front_max > largest else largest
         return smallest, largest
@@ -296,8 +273,7 @@ class Window:
     def _rescale_back(self, value: float) -> float:
         """Makes the first sample the reference, and scales the aggregate before a distance too large to be squared.
 
-        Returns:
-            The distance of `value`, scaled.
+        Returns the distance of `value`, scaled.
         """
         if math.isnan(self._back_reference):
             self._back_reference = value
@@ -309,71 +285,57 @@ class Window:
             self._back_squares = self._back_squares * _SCALE * _SCALE
         return value * _SCALE - self._back_reference
 
-    def _build_front(self) -> None:
+    def _build_front(self) -> _Front:
         """Computes the front's aggregates: of every sample and all newer ones of the front."""
-        self._front_is_built = True
         newest_first = self._values[self._first : self._first + self._front]
         newest_first.reverse()
-        reference = self._front_reference = newest_first[0]
+        reference = newest_first[0]
         distances = [value - reference for value in newest_first]
         sums = array("d", accumulate(distances))
         squares = array("d", accumulate(map(mul, distances, distances)))
-        self._front_scaled = len(distances)
+        scaled = len(distances)
         if not -_LARGEST_DISTANCE < min(distances) <= max(distances) < _LARGEST_DISTANCE:
-            first = next(at for at, each in enumerate(distances) if not -_LARGEST_DISTANCE < each < _LARGEST_DISTANCE)
+            scaled = next(at for at, each in enumerate(distances) if not -_LARGEST_DISTANCE < each < _LARGEST_DISTANCE)
             small = [value * _SCALE - reference * _SCALE for value in newest_first]
-            sums[first:] = array("d", accumulate(small))[first:]
-            squares[first:] = array("d", accumulate(map(mul, small, small)))[first:]
-            self._front_scaled = first
-        self._front_sums = sums
-        self._front_squares = squares
-        self._front_min = array("d", accumulate(newest_first, min))
-        self._front_max = array("d", accumulate(newest_first, max))
+            sums[scaled:] = array("d", accumulate(small))[scaled:]
+            squares[scaled:] = array("d", accumulate(map(mul, small, small)))[scaled:]
+        smallest, largest = array("d", accumulate(newest_first, min)), array("d", accumulate(newest_first, max))
+        self._built = _Front(reference, scaled, sums, squares, smallest, largest)
+        return self._built
 
     def _moments(self) -> Tuple[float, float, float]:
-        """Combines front and back; call `_extremes` before.
+        """Returns mean and variance of the values times a scale, and the scale; call `_extremes` before.
 
         Source: Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm", 1979.
-
-        Returns:
-            Mean and variance of the values times a scale, and the scale.
         """
-        front = self._front
-        back = self._back
+        front, back, built = self._front, self._back, self._built
         scale = back_scale = self._back_scale
-        front_scale = _SCALE if front > self._front_scaled else 1.0
-        if front and front_scale < scale:
-            scale = front_scale
         front_mean = front_squares = back_mean = back_squares = apart = 0.0
-        if front:
+        if front and built:
+            front_scale = _SCALE if front > built.scaled else 1.0
+            scale = min(scale, front_scale)
             factor = scale / front_scale
-            total = self._front_sums[front - 1] * factor
+            total = built.sums[front - 1] * factor
             front_mean = total / front
-            front_squares = self._front_squares[front - 1] * factor * factor - total * front_mean
+            front_squares = built.squares[front - 1] * factor * factor - total * front_mean
+            back_reference = front_reference = built.reference * scale
+            back_mean = front_mean
         if back:
             factor = scale / back_scale
             total = self._back_sum * factor
             back_mean = total / back
             back_squares = self._back_squares * factor * factor - total * back_mean
             back_reference = self._back_reference * factor
-        else:
-            back_reference = self._front_reference * scale
-            back_mean = front_mean
         count = front + back
         if front and back:
             # The references first: their difference is exact where they are close; sums with the means are not.
-            apart = (self._front_reference * scale - back_reference) + (front_mean - back_mean)
+            apart = (front_reference - back_reference) + (front_mean - back_mean)
         squares = max(0.0, front_squares) + max(0.0, back_squares) + apart * apart * front * back / count
         return back_reference + back_mean + apart * front / count, squares / count, scale
 
 
 STATISTIC_OF_WINDOW: Mapping[str, Callable[[Window], Optional[float]]] = {
-    "last": Window.last,
-    "mean": Window.mean,
-    "min": Window.min,
-    "max": Window.max,
-    "stddev": Window.stddev,
-    "rate": Window.rate,
-    "frequency_hz": Window.frequency_hz,
-}
+    "last": Window.last, "mean": Window.mean, "min": Window.min, "max": Window.max, "stddev": Window.stddev,
+    "rate": Window.rate, "frequency_hz": Window.frequency_hz,
+}  # fmt: skip
 """The statistics by their names in the configuration."""
