@@ -29,9 +29,7 @@ MOST_TARGETS = 50
 HISTORY_PARAMETERS = (
     Parameter("file", str, None, "path of the SQLite file, which is created"),
     Parameter("keep_days", float, 90.0, "age at which entries are deleted, in days", 0.01, 36_500.0),
-    Parameter(
-        "keep_mb", float, 100.0, "largest size of the file with its log, in MB; old entries are deleted", 1.0, 1e6
-    ),
+    Parameter("keep_mb", float, 100.0, "largest size of the file with its log, in MB; old entries are deleted", 1, 1e6),
 )
 
 _TYPE = Parameter("type", str, None, "kind of target", choices=TARGET_TYPES)
@@ -49,14 +47,12 @@ TARGET_PARAMETERS = (
     Parameter("every_s", float, 60.0, "period of the heartbeat, in s", 1.0, 86_400.0),
 )  # fmt: skip
 
-_ADDRESS = ("url", "url_file")
-_FILTER = ("min_level", "robots", "signals", "simulated")
+_ADDRESS = ("type", "url", "url_file")
+_FILTER = ("min_level", "robots", "signals", "simulated", "timeout_s")
 _KEYS: Mapping[str, Sequence[str]] = {
-    "alertmanager": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
-    "webhook": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
-    "command": ("type", "command", *_FILTER, "timeout_s"),
-    "apprise": ("type", *_ADDRESS, *_FILTER, "timeout_s"),
-    "heartbeat": ("type", *_ADDRESS, "every_s", "timeout_s"),
+    **dict.fromkeys(("alertmanager", "webhook", "apprise"), (*_ADDRESS, *_FILTER)),
+    "command": ("type", "command", *_FILTER),
+    "heartbeat": (*_ADDRESS, "every_s", "timeout_s"),
 }
 """The keys of each type of target."""
 

@@ -16,9 +16,8 @@ from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import TargetSettings, read_ops
 from robot_health_monitor.ops.notifications.alertmanager import ALERT, REPEAT_EVERY_S
-from robot_health_monitor.ops.notifications.notification import Notification
 from robot_health_monitor.ops.notifications.notifier import make_sender
-from robot_health_monitor.ops.notifications.sender import DeliveryError, Sender
+from robot_health_monitor.ops.notifications.sender import DeliveryError, Notification, Sender
 from robot_health_monitor.ops.notifications.webhook import HttpTarget
 from robot_health_monitor.runtime.interrupts import Interrupts
 
@@ -86,7 +85,6 @@ class Trial(NamedTuple):
     """How a target responded to a test."""
 
     name: str
-    """The target's name."""
     succeeded: bool
     text: str
     """One line: where the target is, and its response or the failure. No secrets."""
@@ -134,13 +132,7 @@ def try_target(
 ) -> Trial:
     """Sends a test alert of the target's `min_level` for the signal `test`, then resolves it; calls a heartbeat once.
 
-    Args:
-        settings: the target.
-        robot: name of the robot in the alert.
-        hold_s: for how long the alert stays, in s.
-        stop: ends that early.
-        on_firing: receives a line that says what to look for, if the alert stays.
-        wall_time_s: seconds since 1970.
+    The alert stays for `hold_s`, or until `stop`; then `on_firing` receives a line that says what to look for.
     """
     target = HttpTarget(settings) if settings.type == "heartbeat" else make_sender(settings, wall_time_s)
     try:

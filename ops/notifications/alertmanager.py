@@ -17,8 +17,7 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.times import utc_text
 
 from ..configuration import TargetSettings
-from .notification import Notification, Notified
-from .sender import DeliveryError, Sender
+from .sender import DeliveryError, Notification, Notified, Sender
 from .webhook import HttpTarget
 
 ALERT = "RobotHealth"

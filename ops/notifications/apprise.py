@@ -9,8 +9,7 @@ from typing import Any, Dict, List, Set
 from robot_health_monitor.core.model import Level
 
 from ..configuration import TargetSettings
-from .notification import Notification
-from .sender import Address, DeliveryError, Sender
+from .sender import Address, DeliveryError, Notification, Sender
 
 MISSING = "apprise is not installed: pip install apprise"
 

@@ -14,8 +14,7 @@ from typing import Optional
 from robot_health_monitor.core.formatting import printable
 
 from ..configuration import TargetSettings
-from .notification import Notification
-from .sender import DeliveryError, Sender
+from .sender import DeliveryError, Notification, Sender
 
 _NOT_INHERITED = ("ROBOT_HEALTH_TOKEN", "NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC")
 """Variables that are for the monitor only: a secret, and systemd's supervision."""

@@ -30,13 +30,9 @@ class QueueDatabase:
     def __init__(
         self, history: History, faults: Faults, on_replaced: Callable[[sqlite3.Connection, bool], None]
     ) -> None:
-        """Uses the history.
+        """Uses the history. That its tables there cannot be used is a fault until the monitor is restarted.
 
-        Args:
-            history: where the queue is.
-            faults: receives the fault that its tables there cannot be used; it lasts until the monitor is restarted.
-            on_replaced: receives the database in memory that takes the place of the history, and whether it is unknown
-                what the targets were sent.
+        Then `on_replaced` receives the database in memory, and whether it is unknown what the targets were sent.
         """
         self._history = history
         self._faults = faults

@@ -26,7 +26,7 @@ from robot_health_monitor.core.outlets import json_line
 from ..configuration import TargetSettings
 from ..matchers import matches_pattern
 from .database import delete_odd_rows, is_transition
-from .notification import Notification, Notified, alert_line
+from .sender import Notification, Notified, alert_line
 
 MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
@@ -96,9 +96,9 @@ class NotificationQueue:
 
         Args:
             targets: those that are sent alerts.
-            is_silenced: whether the alerts of a robot's signal are silenced now; called often.
+            is_silenced: of a robot's signal; called often.
             look: reads silences that others have added; called in the transaction that decides what is sent.
-            is_simulated: whether the values of a robot's signal are simulated now.
+            is_simulated: of a robot's signal, now.
         """
         self._targets = {target.name: target for target in targets}
         self._is_silenced = is_silenced

@@ -63,7 +63,7 @@ class Notifier:
             silences: alerts that must not be sent; None: there are none.
             faults: receives failing targets, as `notify <name>`.
             wall_time_s: seconds since 1970.
-            is_simulated: whether the values of a robot's signal are simulated. Cheap, from any thread.
+            is_simulated: of a robot's signal. Cheap, from any thread.
         """
         self._faults = faults = Faults() if faults is None else faults
         self._database = QueueDatabase(history, faults, self._prepare_again)
@@ -89,10 +89,9 @@ class Notifier:
         self._start(targets)
 
     def use_targets(self, targets: Sequence[TargetSettings]) -> str:
-        """Replaces the targets. What waits for one that stays is sent there. Takes up to some seconds.
+        """Replaces the targets; returns what changed, in one line. Takes up to some seconds.
 
-        Returns:
-            What changed, in one line; empty: nothing.
+        What waits for a target that stays is sent there.
 
         Raises:
             ServiceError: the history did not answer in time; call this again.

@@ -16,8 +16,7 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.alertmanager import Alertmanager
-from robot_health_monitor.ops.notifications.notification import Notification, Notified
-from robot_health_monitor.ops.notifications.sender import DeliveryError
+from robot_health_monitor.ops.notifications.sender import DeliveryError, Notification, Notified
 
 BEGIN_S = 1_700_000_000.0
 WARN = Notified("r3", "battery", Level.WARN, BEGIN_S, "r3: battery WARN: 19 %")

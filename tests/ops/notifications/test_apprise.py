@@ -15,8 +15,7 @@ from harness.transitions import transition
 from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.apprise import AppriseTarget
-from robot_health_monitor.ops.notifications.notification import Notification
-from robot_health_monitor.ops.notifications.sender import DeliveryError
+from robot_health_monitor.ops.notifications.sender import DeliveryError, Notification
 
 needs_apprise = pytest.mark.skipif(importlib.util.find_spec("apprise") is None, reason="apprise is not installed")
 

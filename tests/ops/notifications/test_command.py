@@ -18,8 +18,7 @@ from harness.waiting import wait_for
 from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.configuration import TargetSettings
 from robot_health_monitor.ops.notifications.command import Command
-from robot_health_monitor.ops.notifications.notification import Notification
-from robot_health_monitor.ops.notifications.sender import DeliveryError
+from robot_health_monitor.ops.notifications.sender import DeliveryError, Notification
 
 NOTIFICATION = Notification(json.loads(json_line(transition(text="line $(id); `id`"))), False, 0.0)
 DEADLINE_S = 30.0
