@@ -49,12 +49,7 @@ class RedirectError(LinkError, aiohttp.ClientError):
 
 
 def cause_of_error(error: BaseException, has_token: bool) -> Cause:
-    """Returns the cause behind an error that ended a connection or an attempt to connect.
-
-    Args:
-        error: what aiohttp raised.
-        has_token: whether this side presented a token.
-    """
+    """Returns the cause behind an error of aiohttp that ended a connection or an attempt to connect."""
     if isinstance(error, aiohttp.WSServerHandshakeError):
         return _cause_of_status(error.status, has_token)
     if isinstance(error, RedirectError):
@@ -76,13 +71,7 @@ def cause_of_error(error: BaseException, has_token: bool) -> Cause:
 
 
 def cause_of_close(code: Optional[int], reason: str, has_token: bool) -> Cause:
-    """Returns the cause behind a connection that ended.
-
-    Args:
-        code: close code of the WebSocket; None or 1006: it ended without one.
-        reason: the server's text.
-        has_token: whether this side presented a token.
-    """
+    """Returns the cause behind a WebSocket that ended with this code and text of the server; None or 1006: without."""
     if code in (None, 1006):
         return Cause("connection lost")
     if code == _POLICY_VIOLATION and "token" in reason.lower():

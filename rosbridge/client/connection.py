@@ -74,11 +74,7 @@ class ConnectBackoff:
         self._backoff = Backoff(_FIRST_DELAY_S, _LONGEST_DELAY_S, spread=0.5, chance=chance)
 
     def next_s(self, held_s: Optional[float]) -> float:
-        """Returns the delay before the next attempt, in s.
-
-        Args:
-            held_s: how long the last connection lasted, in s; None: the attempt failed.
-        """
+        """Returns the delay before the next attempt, in s, after a connection of `held_s` or, if None, a failed attempt."""
         if held_s is not None and held_s >= _HELD_S:
             self._backoff.reset()
         closed_at_once = held_s is not None and held_s < _SHORT_LIVED_S
@@ -155,13 +151,7 @@ class ServerConnection:
                 self.send(operations.Unadvertise(topic))
 
     def offer(self, service: str, type_name: str, handler: Handler) -> None:
-        """Offers a service, now and after every reconnection.
-
-        Args:
-            service: its name.
-            type_name: its type.
-            handler: called in the event loop with the request; returns the response, or raises ServiceError.
-        """
+        """Offers a service, now and after every reconnection; the handler is called in the loop and may raise ServiceError."""
         with self._lock:
             self._services[service] = canonical_type(type_name), handler
             self.send(operations.AdvertiseService(service, canonical_type(type_name)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from typing import Any, Awaitable, Callable, Container, Dict, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Awaitable, Callable, Container, Dict, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.errors import LinkError, MessageError, ServiceError
 from robot_health_monitor.core.formatting import printable
@@ -71,12 +71,6 @@ class ServiceCalls:
                 future.set_exception(LinkError(cause))
 
 
-class _Question(NamedTuple):
-    topic: str
-    type_name: str
-    own_topics: Container[str]
-
-
 class PublisherLookup:
     """Finds why a topic brings no samples, as far as the server's rosapi knows: without rosapi there is no reason.
 
@@ -86,38 +80,33 @@ class PublisherLookup:
     def __init__(self, call: Call) -> None:
         """Asks nothing yet."""
         self._call = call
-        self._questions: Dict[Tuple[str, str], Tuple[_Question, Answer]] = {}
+        self._questions: Dict[Tuple[str, str], Tuple[Container[str], Answer]] = {}
+        """Topics that the node itself uses, and who is answered; by topic and configured type (empty: any)."""
         self._task: Optional[asyncio.Task[None]] = None
 
     def look_up(self, topic: str, type_name: str, own_topics: Container[str], answer: Answer) -> None:
-        """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`.
-
-        Args:
-            topic: the resolved topic.
-            type_name: the configured type; empty: any.
-            own_topics: the topics that the node itself uses.
-            answer: receives the text.
-        """
-        self._questions[topic, type_name] = _Question(topic, type_name, own_topics), answer
+        """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`."""
+        self._questions[topic, type_name] = own_topics, answer
         if self._task is None or self._task.done():
             self._task = asyncio.get_event_loop().create_task(self._ask())
 
     async def _ask(self) -> None:
         while self._questions:
-            waiting = list(self._questions.values())
+            waiting = list(self._questions.items())
             self._questions.clear()
             try:
                 topics = _types_by_topic(await self._call("/rosapi/topics", {}, _TIMEOUT_S))
                 while waiting:
-                    question, answer = waiting[0]
-                    answer(await self._explain(question, topics))
+                    (topic, type_name), (own_topics, answer) = waiting[0]
+                    answer(await self._explain(topic, type_name, topics, own_topics))
                     del waiting[0]
             except (LinkError, MessageError, ServiceError):
-                for _, answer in waiting:
+                for _, (_, answer) in waiting:
                     answer(None)
 
-    async def _explain(self, question: _Question, topics: Mapping[str, str]) -> Optional[str]:
-        topic, type_name, own_topics = question
+    async def _explain(
+        self, topic: str, type_name: str, topics: Mapping[str, str], own_topics: Container[str]
+    ) -> Optional[str]:
         if await self._has_publisher(topic):
             return explain(topic, type_name, [topics[topic]], ()) if topics.get(topic) else None
         similar = similar_topics(topic, type_name, topics, own_topics)[:_MOST_CANDIDATES]

@@ -114,16 +114,10 @@ def _look_up(host: str, port: int, family: int) -> Sequence[Dict[str, Any]]:
     addresses = []
     for family_found, _, protocol, _, address in found:
         numeric, service = sockets.getnameinfo(address, sockets.NI_NUMERICHOST | sockets.NI_NUMERICSERV)
-        addresses.append(
-            {
-                "hostname": host,
-                "host": numeric,  # with the scope of a link-local IPv6 address
-                "port": int(service),
-                "family": family_found,
-                "proto": protocol,
-                "flags": sockets.AI_NUMERICHOST | sockets.AI_NUMERICSERV,
-            }
-        )
+        # `numeric` has the scope of a link-local IPv6 address.
+        target = {"hostname": host, "host": numeric, "port": int(service)}
+        flags = sockets.AI_NUMERICHOST | sockets.AI_NUMERICSERV
+        addresses.append({**target, "family": family_found, "proto": protocol, "flags": flags})
     return addresses
 
 
@@ -177,12 +171,8 @@ async def wait_until_unanswered(socket: Socket, period_s: float, received_s: Cal
 
     In place of aiohttp's heartbeat, which costs a fifth of the CPU time of a small message. The server is asked, by a
     ping, when nothing was received for a period: one that stops answering is noticed after at most one and a half.
-    Silence alone says nothing: a server without traffic is silent until it is asked.
-
-    Args:
-        socket: the connection.
-        period_s: of the pings, in s.
-        received_s: returns when this process received something last, in s of the event loop's time.
+    Silence alone says nothing: a server without traffic is silent until it is asked. `received_s` returns when this
+    process received something last, in s of the event loop's time.
     """
     clock = asyncio.get_event_loop().time
 

@@ -300,13 +300,10 @@ _JSON_MEMBER = re.compile(r'[\s,]*"(\w{1,32})"\s*:\s*("(?:[^"\\\x00-\x1f]|\\.)*"
 
 
 def topic_of_message(data: Wire) -> Optional[str]:
-    """Finds the topic of a large message without decoding the message.
+    """Finds the topic of a large message without decoding the message, which need not be valid.
 
     Only the members before `msg` are looked at, and at most `HEAD_BYTES`: servers write `op` and `topic` first. None:
     this is not a `publish` operation, or its topic comes later.
-
-    Args:
-        data: JSON or CBOR, of any size; it need not be valid.
     """
     head = data[:HEAD_BYTES]
     members = dict(_members_of_json(head) if isinstance(head, str) else _members_of_cbor(head))

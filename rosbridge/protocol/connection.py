@@ -9,6 +9,7 @@ and nothing else.
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
 from .codec import Wire, decode, encode_cbor, encode_json, encode_json_with_nan, encode_png
@@ -25,10 +26,8 @@ class Connection:
     def __init__(self, limits: Limits = DEFAULT_LIMITS, *, nan_as_null: bool = True) -> None:
         """Starts a connection.
 
-        Args:
-            limits: limits for received messages.
-            nan_as_null: write NaN and infinities as null, which every JSON reader accepts. False writes them as
-                Python does (`NaN`, `Infinity`): lossless, and accepted by rosbridge servers.
+        With `nan_as_null`, NaN and infinities are written as null, which every JSON reader accepts; else as Python does
+        (`NaN`, `Infinity`): lossless, and accepted by rosbridge servers.
         """
         self.limits = limits
         self._reassembly = Reassembly(limits)
@@ -43,9 +42,7 @@ class Connection:
     def receive(self, data: Wire, now_s: float) -> Optional[Operation]:
         """Takes one message of the peer; returns its operation, or None after a fragment while others are missing.
 
-        Args:
-            data: the message.
-            now_s: the current time in s, for the timeout of incomplete messages.
+        `now_s` is for the timeout of incomplete messages.
 
         Raises:
             ProtocolError: not rosbridge, or over a limit. The connection remains usable.
@@ -68,12 +65,9 @@ class Connection:
     def send(
         self, operation: Operation, *, fragment_size: Optional[int] = None, compression: str = "none"
     ) -> List[Wire]:
-        """Returns the messages to transmit for an operation.
+        """Returns the messages to transmit for an operation, encoded with one of COMPRESSIONS.
 
-        Args:
-            operation: the operation.
-            fragment_size: split longer messages, in characters. None: never.
-            compression: one of COMPRESSIONS, as requested by the peer. CBOR is not split.
+        JSON that is longer than `fragment_size` characters is split in fragments.
 
         Raises:
             MessageError: the operation contains a value that cannot be encoded.
@@ -91,27 +85,21 @@ class Connection:
 
 
 def split(text: str, size: int, id: str) -> Iterator[Dict[str, Any]]:  # noqa: A002 - the protocol's word
-    """Yields the operations `fragment` of a message.
-
-    Args:
-        text: the message as JSON.
-        size: largest number of characters in one fragment, 1 or more.
-        id: identifies the message; unique within the connection.
-    """
+    """Yields the operations `fragment` of a JSON text: `size` characters each, with an id unique in the connection."""
     total = -(-len(text) // size)
     for number in range(total):
         data = text[number * size : (number + 1) * size]
         yield {"op": "fragment", "id": id, "data": data, "num": number, "total": total}
 
 
+@dataclass
 class _Partial:
     """An incomplete message."""
 
-    def __init__(self, total: int) -> None:
-        self.pieces: List[Optional[str]] = [None] * total
-        self.missing = total
-        self.chars = 0
-        self.last_s = 0.0
+    total: int
+    last_s: float
+    pieces: Dict[int, str] = field(default_factory=dict)
+    chars: int = 0
 
 
 class Reassembly:
@@ -136,24 +124,23 @@ class Reassembly:
         if partial is None:
             if len(self._partial) >= self._limits.partial_messages:
                 self._drop(next(iter(self._partial)))
-            partial = self._partial[id] = _Partial(total)
-        if len(partial.pieces) != total:
+            partial = self._partial[id] = _Partial(total, now_s)
+        if partial.total != total:
             self._drop(id)
-            raise ProtocolError(f"total: expected {len(partial.pieces)} as before, got {total}", "fragment", id)
+            raise ProtocolError(f"total: expected {partial.total} as before, got {total}", "fragment", id)
         partial.last_s = now_s
-        if partial.pieces[number] is not None:
+        if number in partial.pieces:
             return None
         if self.chars + len(data) > self._limits.message_bytes:
             self._drop(id)
             raise ProtocolError(f"fragments with more than {self._limits.message_bytes} characters", "fragment", id)
         partial.pieces[number] = data
-        partial.missing -= 1
         partial.chars += len(data)
         self.chars += len(data)
-        if partial.missing:
+        if len(partial.pieces) < total:
             return None
         self._drop(id)
-        return "".join(piece for piece in partial.pieces if piece is not None)
+        return "".join(partial.pieces[number] for number in range(total))
 
     def _expire(self, now_s: float) -> None:
         for id, partial in tuple(self._partial.items()):  # noqa: A001 - the protocol's word

@@ -48,11 +48,9 @@ class Access:
         return _matches(service, self.offer)
 
     def origin_allowed(self, origin: str, host: str = "") -> bool:
-        """Returns whether a web page may send requests.
+        """Returns whether a web page of this `Origin` may send requests, also to its own `Host`.
 
-        Args:
-            origin: the header `Origin`. Clients other than browsers send none and are allowed.
-            host: the header `Host`; the server's own pages are allowed.
+        Clients other than browsers send no Origin and are allowed.
         """
         if not origin or "*" in self.origins or origin in self.origins:
             return True
@@ -74,15 +72,9 @@ def monitor_access(
     origins: Sequence[str] = (),
     token: str = "",
 ) -> Access:
-    """Returns the access to a health monitor: reading, `reset` and `reload` of alert_system, and what is granted.
+    """Returns the access to a health monitor: reading, `reset` and `reload` of `alert_system`, and what is granted.
 
-    Args:
-        alert_system: the fully qualified name of the alert node.
-        publish: patterns of topics that clients may publish on.
-        services: patterns of further services that clients may call.
-        offer: patterns of services that clients may provide.
-        origins: origins of web pages that may connect, besides those of this machine.
-        token: token that clients must present; empty: none.
+    `origins` may connect besides the pages of this machine; the other arguments are as in `Access`.
     """
     own_services = (f"{alert_system}/reset", f"{alert_system}/reload")
     return Access(publish, (*own_services, *services), offer, (*LOCAL_PAGES, *origins), token)
@@ -115,11 +107,8 @@ class Refusal(NamedTuple):
 def check_request(request: web.Request, access: Access, *, check_host: bool) -> Optional[Refusal]:
     """Checks the host and the origin of a request, whatever it asks for; returns None if it may be served.
 
-    Args:
-        request: the request.
-        access: which origins may connect.
-        check_host: whether `Host` must be a loopback name. Otherwise a web page could reach a server on loopback
-            through a name that resolves to 127.0.0.1 (DNS rebinding).
+    With `check_host`, `Host` must be a loopback name. Otherwise a web page could reach a server on loopback through a
+    name that resolves to 127.0.0.1 (DNS rebinding).
     """
     host, origin = request.headers.get("Host", ""), request.headers.get("Origin", "")
     if check_host and not is_loopback(host):

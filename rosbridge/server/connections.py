@@ -51,11 +51,8 @@ class Connections:
     def __init__(self, limit: int, timeout_s: float, clock: Callable[[], float], on_full: Callable[[], None]) -> None:
         """Starts without connections.
 
-        Args:
-            limit: most open connections.
-            timeout_s: connections in the stages OPENED and KNOWN are closed after this time, in s.
-            clock: monotonic seconds.
-            on_full: called when the limit is reached, once until the number falls below nine tenths of it.
+        Those in the stages OPENED and KNOWN are closed after `timeout_s`. `on_full` is called when the limit is
+        reached, once until the number falls below nine tenths of it. `clock` returns monotonic seconds.
         """
         self._limit = limit
         self._timeout_s = timeout_s

@@ -21,7 +21,6 @@ LARGE_BYTES = 65_536
 
 R = TypeVar("R")
 Serializer = Callable[[Mapping[str, Any]], bytes]
-
 _FINAL_TEXT, _FINAL_BINARY = 0x81, 0x82
 _OBJECT_BYTES = 32
 _COUNTED_ITEMS = 16
@@ -80,7 +79,7 @@ class EncodedMessage:
         data: Optional[bytes] = None,
         serialize: Optional[Serializer] = None,
     ) -> None:
-        """Stores the message.
+        """Stores a message.
 
         Args:
             topic: its topic, as sent to clients.
@@ -155,12 +154,8 @@ class EncodingQueue(Generic[R]):
     ) -> None:
         """Starts empty.
 
-        Args:
-            encoding: of the messages.
-            pool: runs the encoder.
-            bound_bytes: estimated size of the messages that may wait; one larger message may wait alone.
-            send: called in the loop with the frames of a message and its receivers.
-            on_failure: called with the reason if a message cannot be encoded.
+        `send` is called in the loop with the frames of a message and its receivers, `on_failure` with the reason if it
+        cannot be encoded. `bound_bytes`: estimated size of those that wait; one larger message may wait alone.
         """
         self._encoding = encoding
         self._pool = pool

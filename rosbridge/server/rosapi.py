@@ -34,13 +34,13 @@ class Rosapi:
         parameters: Callable[[], Mapping[str, Values]],
         time_s: Callable[[], float],
     ) -> None:
-        """Stores the sources.
+        """Stores functions that return what is known.
 
         Args:
-            graph: returns the current graph.
-            definition: returns the definition of a message type, with the types that it contains; empty if unknown.
-            parameters: returns the parameters per node, nested.
-            time_s: returns the time for `get_time`, in s since its epoch.
+            graph: the current graph.
+            definition: the definition of a message type, with the types that it contains; empty if unknown.
+            parameters: the parameters per node, nested.
+            time_s: the time for `get_time`, in s since its epoch.
         """
         self._graph = graph
         self._definition = definition
@@ -52,11 +52,7 @@ class Rosapi:
         """Type per service."""
 
     def answer(self, service: str, args: object) -> Values:
-        """Returns the response of a service. May block.
-
-        Args:
-            service: its name, `/rosapi/topics`.
-            args: the fields of the request, by name or in order.
+        """Returns the response of a service to the fields of a request, by name or in order. May block.
 
         Raises:
             ServiceError: the service does not exist, or the graph cannot be read.

@@ -24,8 +24,7 @@ class SendQueue:
         Args:
             transport: where frames are written.
             bound_bytes: most bytes that wait here. One larger frame may wait alone.
-            high_water: frames wait here while the transport's buffer holds more than this, in bytes. Also the size of
-                the pieces that are written.
+            high_water: frames wait here while the transport's buffer holds more bytes; also the size of the pieces.
         """
         self._transport = transport
         self._bound = bound_bytes

@@ -142,7 +142,8 @@ class Server:
         loop = asyncio.get_event_loop()
         # Later than `_authenticate`, which sends the client the reason.
         timeout_s = self._auth_timeout_s + _SWEEP_PERIOD_S
-        self._connections = Connections(self._max_clients, timeout_s, loop.time, self._report_full)
+        full = f"connection limit reached; closing the oldest idle ones (limit {self._max_clients})"
+        self._connections = Connections(self._max_clients, timeout_s, loop.time, lambda: self.log(full))
         application = web.Application(middlewares=[self._check])
         application.add_routes([*self._routes(self._tokens.client), web.get("/", _explain)])
         runner = web.AppRunner(application, handle_signals=False)
@@ -223,9 +224,6 @@ class Server:
                 f"address {self._host} is reachable from other machines: expected a token or TLS client certificates"
             )
 
-    def _report_full(self) -> None:
-        self.log(f"connection limit reached; closing the oldest idle ones (limit {self._max_clients})")
-
     def _sweep(self) -> None:
         self._connections.sweep()
         self._sweeper = asyncio.get_event_loop().call_later(_SWEEP_PERIOD_S, self._sweep)
@@ -281,7 +279,12 @@ class Server:
             if authenticated or await self._authenticate(request, socket, incoming, session):
                 self._set_stage(request, Stage.ACCEPTED)
                 self._sessions.add(session)
-                await self._receive(request, incoming, session)
+                message = await incoming.next()
+                if message.type in _MESSAGES:
+                    self._set_stage(request, Stage.ACTIVE)
+                while message.type in _MESSAGES:
+                    await session.receive(message.data)
+                    message = await incoming.next()
         except FloodError:
             self.log(f"disconnected a client at {request.remote}: it floods the server with pings or empty messages")
             session.abort()
@@ -308,14 +311,6 @@ class Server:
             await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=reason.encode("ascii"))
             return False
         return True
-
-    async def _receive(self, request: web.Request, incoming: Incoming, session: Session) -> None:
-        message = await incoming.next()
-        if message.type in _MESSAGES:
-            self._set_stage(request, Stage.ACTIVE)
-        while message.type in _MESSAGES:
-            await session.receive(message.data)
-            message = await incoming.next()
 
     async def _end(self, session: Session) -> None:
         try:

@@ -48,13 +48,7 @@ class Session:
     """The server's side of one connection. Used in the event loop only."""
 
     def __init__(self, parts: ServerParts, transport: asyncio.WriteTransport, *, cbor: bool = False) -> None:
-        """Starts a session.
-
-        Args:
-            parts: of the server.
-            transport: where frames are written.
-            cbor: whether to send every operation as CBOR.
-        """
+        """Starts a session over `transport`; with `cbor`, every operation is sent as CBOR."""
         self.queue = SendQueue(transport, parts.limits.queue_bytes)
         self.throttled = ByteBudget(parts.limits.queue_bytes)
         self.dropped = 0
@@ -71,11 +65,7 @@ class Session:
         self._calls: Set[asyncio.Task[None]] = set()
 
     def read_auth(self, data: Wire) -> operations.Auth:
-        """Returns the first message of a client that has not presented the token in its request.
-
-        Raises:
-            AuthenticationError: it is not an `auth` operation.
-        """
+        """Returns the first message of a client, which must be an `auth`; raises AuthenticationError if it is not."""
         if not isinstance(data, str) or len(data) > self._parts.limits.first_message_bytes:
             raise AuthenticationError("token required")
         try:

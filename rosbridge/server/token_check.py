@@ -68,18 +68,9 @@ class TokenCheck:
     """Checks tokens and cookies. Without a token, every client is valid."""
 
     def __init__(
-        self,
-        token: str,
-        wall_time_s: Callable[[], float] = time.time,
-        clock: Callable[[], float] = time.monotonic,
+        self, token: str, wall_time_s: Callable[[], float] = time.time, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Remembers the token.
-
-        Args:
-            token: what clients must present; empty: nothing.
-            wall_time_s: seconds since 1970.
-            clock: monotonic seconds.
-        """
+        """Remembers the token; `wall_time_s` returns seconds since 1970, `clock` monotonic ones."""
         self._token = _bytes(token)
         self._wall_time_s = wall_time_s
         self._wrong = WrongTokens(clock)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from dataclasses import dataclass
 from typing import (
     Any,
     Callable,
@@ -42,6 +43,11 @@ class Options(NamedTuple):
     """In characters; None: no fragments."""
     compression: str = "none"
 
+    @property
+    def encoding(self) -> Encoding:
+        """What the bytes that are sent depend on."""
+        return Encoding(self.compression, self.fragment_size)
+
 
 def options_of(request: Subscribe, limits: Limits) -> Options:
     """Returns the options that a client requests, within the limits."""
@@ -65,25 +71,19 @@ def merge(requests: Iterable[Options]) -> Options:
     )
 
 
+@dataclass
 class ByteBudget:
     """Bytes that the throttled messages of one client may occupy together."""
 
-    def __init__(self, bound: int) -> None:
-        """Starts with nothing used."""
-        self.bound = bound
-        self.used = 0
+    bound: int
+    used: int = 0
 
 
 class Pacer(Generic[T]):
     """Limits the rate of one subscription."""
 
     def __init__(self, options: Options, budget: ByteBudget) -> None:
-        """Starts empty; the first message may be sent at once.
-
-        Args:
-            options: rate and queue.
-            budget: shared by all subscriptions of the client.
-        """
+        """Starts empty; the first message may be sent at once. All subscriptions of a client share `budget`."""
         self._period_s = options.throttle_s
         self._length = options.queue_length
         self._budget = budget
@@ -91,14 +91,9 @@ class Pacer(Generic[T]):
         self._next_s = float("-inf")
 
     def offer(self, message: T, size: int, now_s: float) -> Optional[T]:
-        """Processes a message; returns the one to send now, None if it is too early.
+        """Processes a message of `size` bytes; returns the one to send now, None if it is too early.
 
         If the queue or the budget is full, the oldest messages of the queue are dropped.
-
-        Args:
-            message: the message.
-            size: its estimated size in bytes.
-            now_s: monotonic seconds.
         """
         if now_s < self._next_s - self._period_s:
             self._next_s = now_s
@@ -212,8 +207,11 @@ class Topic:
         self._direct = {}
         for other, chosen in self._options.items():
             if not chosen.throttle_s:
-                self._direct.setdefault(_encoding(chosen), []).append(other)
-        self._forget_unused_queues()
+                self._direct.setdefault(chosen.encoding, []).append(other)
+        for unused in self._queues.keys() - {options.encoding for options in self._options.values()}:
+            queue = self._queues.pop(unused)
+            queue.clear()
+            self._dropped += queue.dropped
 
     def deliver(self, message: Mapping[str, Any]) -> None:
         """Sends a message to every client, except those that receive it from `deliver_raw`."""
@@ -235,8 +233,7 @@ class Topic:
             now_s = asyncio.get_event_loop().time()
             for receiver, pacer in tuple(self._pacers.items()):
                 if self._is_raw(self._options[receiver].compression) == raw:
-                    self._send_paced(receiver, pacer.offer(message, message.size, now_s))
-                    self._wait(receiver, pacer, now_s)
+                    self._send_paced(receiver, pacer, pacer.offer(message, message.size, now_s), now_s)
 
     def _is_raw(self, compression: str) -> bool:
         return compression == "cbor-raw" and self.native_raw
@@ -266,12 +263,12 @@ class Topic:
         self._dropped += 1
         self._on_failure(f"{self.name} ({self.type_name}): {reason}")
 
-    def _send_paced(self, receiver: Receiver, message: Optional[EncodedMessage]) -> None:
+    def _send_paced(
+        self, receiver: Receiver, pacer: Pacer[EncodedMessage], message: Optional[EncodedMessage], now_s: float
+    ) -> None:
+        """Sends a message, and the next queued one when it is due."""
         if message is not None:
-            self._send(message, _encoding(self._options[receiver]), [receiver])
-
-    def _wait(self, receiver: Receiver, pacer: Pacer[EncodedMessage], now_s: float) -> None:
-        """Sends the next queued message when it is due."""
+            self._send(message, self._options[receiver].encoding, [receiver])
         if pacer.next_s is not None and receiver not in self._timers:
             delay_s = max(0.0, pacer.next_s - now_s)
             self._timers[receiver] = asyncio.get_event_loop().call_later(delay_s, self._on_due, receiver)
@@ -281,17 +278,4 @@ class Topic:
         pacer = self._pacers.get(receiver)
         if pacer is not None:
             now_s = asyncio.get_event_loop().time()
-            self._send_paced(receiver, pacer.due(now_s))
-            self._wait(receiver, pacer, now_s)
-
-    def _forget_unused_queues(self) -> None:
-        used = {_encoding(options) for options in self._options.values()}
-        for encoding in tuple(self._queues):
-            if encoding not in used:
-                queue = self._queues.pop(encoding)
-                queue.clear()
-                self._dropped += queue.dropped
-
-
-def _encoding(options: Options) -> Encoding:
-    return Encoding(options.compression, options.fragment_size)
+            self._send_paced(receiver, pacer, pacer.due(now_s), now_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Mapping, Optional
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
@@ -24,28 +25,21 @@ _LOG_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARN: 4, Severity.E
 """Severity in rosgraph_msgs/Log."""
 
 
+@dataclass(eq=False)
 class _Subscribed:
     """A topic and the subscriptions of the middleware that supply it."""
 
-    def __init__(self, topic: Topic) -> None:
-        self.topic = topic
-        self.messages: Optional[Subscription] = None
-        self.raw: Optional[Subscription] = None
-        self.lock = asyncio.Lock()
+    topic: Topic
+    messages: Optional[Subscription] = None
+    raw: Optional[Subscription] = None
+    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
 
 
 class Topics:
     """The topics that clients subscribe to."""
 
     def __init__(self, node: ServedNode, encoder: ThreadPool, limits: Limits, log: Callable[[str], None]) -> None:
-        """Starts without subscriptions.
-
-        Args:
-            node: the served node.
-            encoder: encodes large messages.
-            limits: sizes of queues and messages.
-            log: writes one line about a message that cannot be sent.
-        """
+        """Starts without subscriptions; `log` writes one line about a message that cannot be sent."""
         self._node = node
         self._encoder = encoder
         self._limits = limits
@@ -64,18 +58,9 @@ class Topics:
         if rosout is None:
             return
         seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
-        rosout.topic.deliver(
-            {
-                "header": {"seq": 0, "stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": ""},
-                "level": _LOG_LEVELS[line.severity],
-                "name": line.node,
-                "msg": line.text,
-                "file": "",
-                "function": "",
-                "line": 0,
-                "topics": [],
-            }
-        )
+        header = {"seq": 0, "stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": ""}
+        content = {"level": _LOG_LEVELS[line.severity], "name": line.node, "msg": line.text}
+        rosout.topic.deliver({"header": header, **content, "file": "", "function": "", "line": 0, "topics": []})
 
     async def subscribe(self, receiver: Receiver, topic: str, type_name: str, options: Optional[Options]) -> None:
         """Sends the messages of a topic to a client as in `options`; None: no longer.
