@@ -53,11 +53,8 @@ class Incoming:
     async def next(self, timeout_s: Optional[float] = None) -> WSMessage:
         """Returns the next message with content, or the one that ends the connection.
 
-        Args:
-            timeout_s: longest wait, in s. None: no limit.
-
         Raises:
-            asyncio.TimeoutError: no message came in time.
+            asyncio.TimeoutError: none came within `timeout_s`; None: no limit.
             FloodError: the connection must be closed at once.
         """
         while True:

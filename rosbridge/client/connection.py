@@ -74,7 +74,7 @@ class ConnectBackoff:
         self._backoff = Backoff(_FIRST_DELAY_S, _LONGEST_DELAY_S, spread=0.5, chance=chance)
 
     def next_s(self, held_s: Optional[float]) -> float:
-        """Returns the delay before the next attempt, in s, after a connection of `held_s` or, if None, a failed attempt."""
+        """Returns the delay before the next attempt, in s; the last connection held for `held_s`, or failed: None."""
         if held_s is not None and held_s >= _HELD_S:
             self._backoff.reset()
         closed_at_once = held_s is not None and held_s < _SHORT_LIVED_S
@@ -151,7 +151,7 @@ class ServerConnection:
                 self.send(operations.Unadvertise(topic))
 
     def offer(self, service: str, type_name: str, handler: Handler) -> None:
-        """Offers a service, now and after every reconnection; the handler is called in the loop and may raise ServiceError."""
+        """Offers a service, now and after every reconnection; the handler runs in the loop and raises ServiceError."""
         with self._lock:
             self._services[service] = canonical_type(type_name), handler
             self.send(operations.AdvertiseService(service, canonical_type(type_name)))
@@ -163,9 +163,7 @@ class ServerConnection:
                 self.send(operations.UnadvertiseService(service))
 
     def send(self, operation: Operation) -> None:
-        """Sends an operation; drops it while the connection is down.
-
-        A `publish` is also dropped while the send queue is full.
+        """Sends an operation; drops it while the connection is down, and a `publish` while the send queue is full.
 
         Raises:
             MessageError: the operation cannot be encoded.

@@ -112,11 +112,7 @@ def _check_nesting(value: object, deepest: int) -> None:
 
 
 def encode_json(value: object) -> str:
-    """Returns compact JSON. As in rosbridge, NaN and infinities become null, and bytes become base64.
-
-    Raises:
-        MessageError: the value contains a type that JSON does not have.
-    """
+    """Returns compact JSON, with null for NaN and infinities, base64 for bytes; MessageError: JSON has no such type."""
     try:
         return _STRICT_JSON.encode(value)
     except ValueError:
@@ -182,11 +178,7 @@ _FLOATS = {25: struct.Struct(">e"), 26: struct.Struct(">f"), 27: struct.Struct("
 
 
 def encode_cbor(value: Mapping[str, Any]) -> bytes:
-    """Returns `value` as CBOR.
-
-    Raises:
-        MessageError: the value contains a type that cannot be encoded.
-    """
+    """Returns `value` as CBOR; raises MessageError if it contains a type that cannot be encoded."""
     try:
         return cbor2.dumps(value)
     except (cbor2.CBOREncodeError, ValueError, TypeError) as error:

@@ -224,20 +224,11 @@ def _unexpected(expected: str, found: object) -> ProtocolError:
     return ProtocolError(f"expected {expected}, got {shown(found)}")
 
 
-def _instance(kind: type, expected: str) -> _Reader:
+def _if(is_valid: Callable[[Any], bool], expected: str) -> _Reader:
     def read(found: object, limits: Limits) -> object:
-        if isinstance(found, kind):
+        if is_valid(found):
             return found
         raise _unexpected(expected, found)
-
-    return read
-
-
-def _word(words: Sequence[str]) -> _Reader:
-    def read(found: object, limits: Limits) -> object:
-        if isinstance(found, str) and found in words:
-            return found
-        raise _unexpected(f"one of {', '.join(words)}", found)
 
     return read
 
@@ -246,10 +237,6 @@ def _read_name(found: object, limits: Limits) -> str:
     if not isinstance(found, str) or not found or len(found) > limits.name_chars or not found.isprintable():
         raise _unexpected(f"a name of 1 to {limits.name_chars} characters", found)
     return found
-
-
-def _read_optional_name(found: object, limits: Limits) -> str:
-    return "" if found is None or found == "" else _read_name(found, limits)
 
 
 def _read_id(found: object, limits: Limits) -> Id:
@@ -292,18 +279,18 @@ def _read_arguments(found: object, limits: Limits) -> Union[Mapping[str, Any], L
 
 _READERS: Dict[str, _Reader] = {
     "Name": _read_name,
-    "OptionalName": _read_optional_name,
+    "OptionalName": lambda found, limits: "" if found in (None, "") else _read_name(found, limits),
     "AnyId": _read_id,
-    "Flag": _instance(bool, "true or false"),
+    "Flag": _if(lambda found: isinstance(found, bool), "true or false"),
     "Count": lambda found, limits: int(_read_positive(found, limits)),
     "Milliseconds": _read_positive,
     "Seconds": lambda found, limits: None if found is None else _read_positive(found, limits),
     "Number": _read_number,
     "Size": _read_size,
-    "Compression": _word(COMPRESSIONS),
-    "StatusLevel": _word(STATUS_LEVELS),
-    "Text": _instance(str, "a string"),
-    "Fields": _instance(dict, "an object"),
+    "Compression": _if(lambda found: found in COMPRESSIONS, f"one of {', '.join(COMPRESSIONS)}"),
+    "StatusLevel": _if(lambda found: found in STATUS_LEVELS, f"one of {', '.join(STATUS_LEVELS)}"),
+    "Text": _if(lambda found: isinstance(found, str), "a string"),
+    "Fields": _if(lambda found: isinstance(found, dict), "an object"),
     "Arguments": _read_arguments,
     "Anything": lambda found, limits: found,
 }
@@ -319,11 +306,7 @@ _FIELDS = {name: _fields_of(operation) for name, operation in OPERATIONS.items()
 
 
 def read_operation(fields: Mapping[str, Any], limits: Limits) -> Operation:
-    """Returns the operation in a decoded message.
-
-    Raises:
-        ProtocolError: the operation is unknown, or a field is missing or of the wrong kind.
-    """
+    """Returns the operation in a decoded message; raises ProtocolError if it or a field of it is not valid."""
     op = fields.get("op")
     found_id = fields.get("id")
     id = found_id if isinstance(found_id, (str, int)) else None  # noqa: A001 - the protocol's word

@@ -99,11 +99,7 @@ class EncodedMessage:
         self._frames: Dict[Encoding, bytes] = {}
 
     def frames(self, encoding: Encoding) -> bytes:
-        """Returns the WebSocket frames of the message: one, or one per fragment.
-
-        Raises:
-            MessageError: the message cannot be encoded in this way.
-        """
+        """Returns the WebSocket frames: one, or one per fragment; raises MessageError if it cannot be encoded so."""
         frames = self._frames.get(encoding)
         if frames is None:
             frames = self._frames[encoding] = self._framed(self._wire(encoding.compression), encoding.fragment_size)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from typing import Callable, Deque, Optional, Protocol, Set
+from typing import Callable, Deque, Optional, Set
 
 _PERIOD_S = 0.02
 
@@ -16,19 +16,25 @@ _PERIOD_S = 0.02
 class SendQueue:
     """The frames that wait for one client."""
 
-    __slots__ = ("_bound", "_bytes", "_frames", "_high", "_sent", "_transport", "behind_since_s", "dropped")
-
-    def __init__(self, transport: asyncio.WriteTransport, bound_bytes: int, high_water: int = 65_536) -> None:
+    def __init__(
+        self,
+        transport: asyncio.WriteTransport,
+        bound_bytes: int,
+        on_caught_up: Callable[[], None],
+        high_water: int = 65_536,
+    ) -> None:
         """Starts empty.
 
         Args:
             transport: where frames are written.
             bound_bytes: most bytes that wait here. One larger frame may wait alone.
+            on_caught_up: called when a slow client has read everything.
             high_water: frames wait here while the transport's buffer holds more bytes; also the size of the pieces.
         """
         self._transport = transport
         self._bound = bound_bytes
         self._high = high_water
+        self.on_caught_up = on_caught_up
         self._frames: Deque[bytes] = deque()
         self._bytes = 0
         self._sent = 0
@@ -76,6 +82,10 @@ class SendQueue:
             self._bytes -= len(piece)
             transport.write(piece)
 
+    def abort(self) -> None:
+        """Closes the connection at once."""
+        self._transport.abort()
+
     def clear(self) -> None:
         """Drops everything that waits."""
         self._frames.clear()
@@ -93,20 +103,6 @@ class SendQueue:
             self.dropped += 1
 
 
-class SlowClient(Protocol):
-    """A client with frames in its send queue."""
-
-    @property
-    def queue(self) -> SendQueue:
-        """Its send queue."""
-
-    def caught_up(self) -> None:
-        """Called when the queue is empty again."""
-
-    def abort(self) -> None:
-        """Closes the connection at once."""
-
-
 class SlowClients:
     """Empties the send queues of slow clients, and disconnects those that do not catch up."""
 
@@ -114,36 +110,35 @@ class SlowClients:
         """Starts without clients; those that are behind for longer than `timeout_s` are disconnected."""
         self._timeout_s = timeout_s
         self._log = log
-        self._clients: Set[SlowClient] = set()
+        self._queues: Set[SendQueue] = set()
         self._running = False
 
-    def add(self, client: SlowClient) -> None:
+    def add(self, queue: SendQueue) -> None:
         """Adds a client that is behind."""
-        if client.queue.behind_since_s is None:
-            client.queue.behind_since_s = asyncio.get_event_loop().time()
-        self._clients.add(client)
+        loop = asyncio.get_event_loop()
+        if queue.behind_since_s is None:
+            queue.behind_since_s = loop.time()
+        self._queues.add(queue)
         if not self._running:
             self._running = True
-            asyncio.get_event_loop().call_later(_PERIOD_S, self._flush)
+            loop.call_later(_PERIOD_S, self._flush)
 
-    def discard(self, client: SlowClient) -> None:
+    def discard(self, queue: SendQueue) -> None:
         """Removes a client that has left."""
-        self._clients.discard(client)
+        self._queues.discard(queue)
 
     def _flush(self) -> None:
         loop = asyncio.get_event_loop()
-        now_s = loop.time()
-        for client in tuple(self._clients):
-            queue = client.queue
+        for queue in tuple(self._queues):
             queue.flush()
             if not queue.behind:
                 queue.behind_since_s = None
-                self._clients.discard(client)
-                client.caught_up()
-            elif queue.behind_since_s is not None and now_s - queue.behind_since_s > self._timeout_s:
-                self._clients.discard(client)
+                self._queues.discard(queue)
+                queue.on_caught_up()
+            elif queue.behind_since_s is not None and loop.time() - queue.behind_since_s > self._timeout_s:
+                self._queues.discard(queue)
                 self._log(f"disconnected a client: behind for more than {self._timeout_s:g} s")
-                client.abort()
-        self._running = bool(self._clients)
+                queue.abort()
+        self._running = bool(self._queues)
         if self._running:
             loop.call_later(_PERIOD_S, self._flush)

@@ -68,23 +68,13 @@ class ServedNode:
         """Messages that were dropped because the loop was busy."""
 
     async def call(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Calls a method of the node, in a thread if it may block.
-
-        Raises:
-            ServiceError: too many calls are pending.
-            Exception: what the method raised.
-        """
+        """Calls a method of the node, in a thread if it may block; raises ServiceError if too many are pending."""
         if not self.threads:
             return function(*arguments)
         return await self._workers.run(function, *arguments)
 
     async def call_service(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
-        """Calls a service of the middleware and returns its response.
-
-        Raises:
-            ServiceError: no response within `timeout_s`, or too many calls are pending.
-            Exception: what the middleware raised.
-        """
+        """Returns the response of a service; ServiceError: not within `timeout_s`, or too many calls are pending."""
         arguments = (service, "", request, timeout_s)
         if not self.threads:
             return self.middleware.call_service(*arguments)
@@ -126,11 +116,7 @@ class ServedNode:
         return resolve_name(name, self.middleware.name)
 
     def graph(self) -> Graph:
-        """Returns the graph that clients see. May block: not to be called in the loop.
-
-        Raises:
-            ServiceError: the middleware's name server does not respond.
-        """
+        """Returns the graph that clients see. May block; raises ServiceError if the name server does not respond."""
         graph = self.middleware.graph()
         topics, nodes, added = dict(graph.topics), dict(graph.nodes), self._added_services()
         own = nodes.get(self.middleware.name, NodeInfo((), (), ()))

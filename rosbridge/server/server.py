@@ -27,14 +27,13 @@ from robot_health_monitor.runtime.threads import LoopThread, ThreadPool
 
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
 from ..sockets import FloodError, Incoming, limit_reads
-from .access import Access, check_request, is_loopback
+from .access import Access, Client, Credentials, TokenCheck, check_request, is_loopback
 from .connections import ClientLog, Connections, HttpConnection, Stage, connection_limit, json_error
 from .rosapi import Rosapi
 from .send_queue import SlowClients
 from .served_node import ServedNode
 from .services import Services
 from .session import AuthenticationError, ServerParts, Session
-from .token_check import Client, Credentials, TokenCheck
 from .topics import Publications, Topics
 
 _SWEEP_PERIOD_S = 1.0
@@ -134,11 +133,7 @@ class Server:
         )
 
     async def start(self) -> None:
-        """Opens the port.
-
-        Raises:
-            OSError: the port is in use, or the address is not one of this machine.
-        """
+        """Opens the port; raises OSError if it is in use, or the address is not one of this machine."""
         loop = asyncio.get_event_loop()
         # Later than `_authenticate`, which sends the client the reason.
         timeout_s = self._auth_timeout_s + _SWEEP_PERIOD_S
@@ -287,7 +282,7 @@ class Server:
                     message = await incoming.next()
         except FloodError:
             self.log(f"disconnected a client at {request.remote}: it floods the server with pings or empty messages")
-            session.abort()
+            session.queue.abort()
         finally:
             self._sockets.discard(socket)
             self._sessions.discard(session)

@@ -88,11 +88,7 @@ class ClientServices:
                 future.set_exception(ServiceError(f"the provider of {service} disconnected"))
 
     async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Any:
-        """Calls a service of a client and returns the response.
-
-        Raises:
-            ServiceError: the call failed, the client disconnected or did not respond in time.
-        """
+        """Calls a service of a client; raises ServiceError if it failed, disconnected or did not respond in time."""
         provider = self._providers.get(service)
         if provider is None:
             raise ServiceError(f"no service {service}")

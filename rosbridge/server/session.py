@@ -49,7 +49,7 @@ class Session:
 
     def __init__(self, parts: ServerParts, transport: asyncio.WriteTransport, *, cbor: bool = False) -> None:
         """Starts a session over `transport`; with `cbor`, every operation is sent as CBOR."""
-        self.queue = SendQueue(transport, parts.limits.queue_bytes)
+        self.queue = SendQueue(transport, parts.limits.queue_bytes, self._report_dropped)
         self.throttled = ByteBudget(parts.limits.queue_bytes)
         self.dropped = 0
         """Frames dropped in total because the client reads too slowly."""
@@ -95,14 +95,10 @@ class Session:
         if self._closed or self._transport.is_closing():
             return
         if self.queue.put(frames):
-            self._parts.slow_clients.add(self)
+            self._parts.slow_clients.add(self.queue)
 
     def send(self, operation: Operation) -> None:
-        """Sends an operation in the client's own encoding.
-
-        Raises:
-            MessageError: it cannot be encoded.
-        """
+        """Sends an operation in the client's own encoding; raises MessageError if it cannot be encoded."""
         for wire in self._connection.send(operation, compression=self._compression):
             self.put(frame(wire))
 
@@ -111,23 +107,19 @@ class Session:
         if operations.STATUS_LEVELS.index(level) <= self._level:
             self.send(operations.Status(level, text, id))
 
-    def caught_up(self) -> None:
+    def _report_dropped(self) -> None:
         """Reports how many messages were dropped, once the client has read the others."""
         if self.queue.dropped:
             count, self.queue.dropped = self.queue.dropped, 0
             self.dropped += count
             self.send_status("warning", f"{count} messages were dropped: this client reads too slowly")
 
-    def abort(self) -> None:
-        """Closes the connection at once."""
-        self._transport.abort()
-
     async def close(self) -> None:
         """Ends everything that the client has requested."""
         self._closed = True
         self.dropped += self.queue.dropped
         self.queue.clear()
-        self._parts.slow_clients.discard(self)
+        self._parts.slow_clients.discard(self.queue)
         for call in tuple(self._calls):
             call.cancel()
         for service in self._provided:

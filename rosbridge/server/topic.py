@@ -149,9 +149,7 @@ class Topic:
         serialize: Optional[Serializer],
         encoder: ThreadPool,
         on_failure: Callable[[str], None],
-        *,
-        queue_bytes: int = 1_000_000,
-        sent_bytes: int = 16_000_000,
+        limits: Limits,
     ) -> None:
         """Starts without clients.
 
@@ -161,8 +159,7 @@ class Topic:
             serialize: makes raw bytes of a message if the middleware gives none; None: not possible.
             encoder: encodes large messages.
             on_failure: called with the reason if a message cannot be sent.
-            queue_bytes: estimated size of the messages that may wait per encoding.
-            sent_bytes: estimated size of the largest message.
+            limits: bounds of a message, and of those that wait per encoding.
         """
         self.name = name
         self.type_name = type_name
@@ -171,8 +168,7 @@ class Topic:
         self._serialize = serialize
         self._encoder = encoder
         self._on_failure = on_failure
-        self._queue_bytes = queue_bytes
-        self._sent_bytes = sent_bytes
+        self._limits = limits
         self._options: Dict[Receiver, Options] = {}
         self._direct: Dict[Encoding, List[Receiver]] = {}
         self._pacers: Dict[Receiver, Pacer[EncodedMessage]] = {}
@@ -222,9 +218,9 @@ class Topic:
         self._deliver(EncodedMessage(self.name, None, data), raw=True)
 
     def _deliver(self, message: EncodedMessage, *, raw: bool) -> None:
-        if message.size > self._sent_bytes:
+        if message.size > self._limits.sent_bytes:
             self._dropped += 1
-            self._on_failure(f"{self.name}: message of {message.size} bytes dropped (limit {self._sent_bytes})")
+            self._on_failure(f"{self.name}: message of {message.size} bytes dropped (limit {self._limits.sent_bytes})")
             return
         for encoding, receivers in self._direct.items():
             if self._is_raw(encoding.compression) == raw:
@@ -242,7 +238,7 @@ class Topic:
         queue = self._queues.get(encoding)
         if message.is_large or (queue is not None and queue.busy):
             if queue is None:
-                queue = EncodingQueue(encoding, self._encoder, self._queue_bytes, self._put, self._fail)
+                queue = EncodingQueue(encoding, self._encoder, self._limits.encoding_bytes, self._put, self._fail)
                 self._queues[encoding] = queue
             queue.put(message, tuple(receivers))
             return

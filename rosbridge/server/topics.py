@@ -90,15 +90,7 @@ class Topics:
             text = await self._node.message_definition(type_name)
         except ServiceError as error:
             raise ProtocolError(str(error), "subscribe") from None
-        return Topic(
-            name,
-            type_name,
-            serializer(type_name, text),
-            self._encoder,
-            self._log,
-            queue_bytes=self._limits.encoding_bytes,
-            sent_bytes=self._limits.sent_bytes,
-        )
+        return Topic(name, type_name, serializer(type_name, text), self._encoder, self._log, self._limits)
 
     async def _set_options(self, subscribed: _Subscribed, receiver: Receiver, options: Optional[Options]) -> None:
         topic = subscribed.topic

@@ -36,10 +36,9 @@ from robot_health_monitor.rosbridge.protocol import Connection, Limits, Protocol
 from robot_health_monitor.rosbridge.protocol.codec import topic_of_message
 from robot_health_monitor.rosbridge.protocol.definitions import null_reader, parse, serializer
 from robot_health_monitor.rosbridge.protocol.operations import COMPRESSIONS
-from robot_health_monitor.rosbridge.server.access import Access, is_loopback
+from robot_health_monitor.rosbridge.server.access import Access, TokenCheck, is_loopback
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.server.session import AuthenticationError, Session
-from robot_health_monitor.rosbridge.server.token_check import TokenCheck
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [file.read_bytes() for file in sorted((ROOT / "config").glob("*.yaml"))]

@@ -21,7 +21,7 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
-from robot_health_monitor.rosbridge.server.token_check import SESSION_S
+from robot_health_monitor.rosbridge.server.access import SESSION_S
 
 BEARER = {"Authorization": "Bearer s3cret"}
 EXPECTED = {

@@ -1,11 +1,26 @@
+"""Hosts, origins, tokens, cookies, and the limit of wrong tokens."""
+
 from __future__ import annotations
 
-from typing import Dict, Optional
+import hashlib
+import json
+from typing import Any, Dict, List, Optional
 
 import pytest
 from aiohttp.test_utils import make_mocked_request
 
-from robot_health_monitor.rosbridge.server.access import Access, check_request, is_loopback, monitor_access
+from robot_health_monitor.rosbridge.protocol.operations import Auth
+from robot_health_monitor.rosbridge.server.access import (
+    SESSION_S,
+    Access,
+    Client,
+    Credentials,
+    TokenCheck,
+    WrongTokens,
+    check_request,
+    is_loopback,
+    monitor_access,
+)
 
 
 @pytest.mark.parametrize(
@@ -133,3 +148,174 @@ def test_without_a_token_host_and_origin_must_be_local(
 )
 def test_with_a_token_only_the_origin_is_checked(headers: Dict[str, str], status: Optional[int]) -> None:
     assert check(headers, Access(token="s3cret")) == status
+
+
+HOST = {"Host": "robot:9090"}
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def client(check: TokenCheck, headers: Dict[str, str], path: str = "/") -> Client:
+    return check.client(make_mocked_request("GET", path, {**HOST, **headers}))
+
+
+@pytest.mark.parametrize(
+    ("headers", "path", "credentials"),
+    [
+        ({"Authorization": "Bearer s3cret"}, "/", Credentials.VALID),
+        ({"Authorization": "bearer  s3cret "}, "/", Credentials.VALID),
+        ({}, "/?token=s3cret", Credentials.VALID),
+        ({}, "/", Credentials.MISSING),
+        ({"Authorization": "Bearer wrong"}, "/", Credentials.WRONG),
+        ({"Authorization": "Bearer s3cre"}, "/", Credentials.WRONG),
+        ({"Authorization": "Bearer s3cret2"}, "/", Credentials.WRONG),
+        ({"Authorization": "Basic s3cret"}, "/", Credentials.WRONG),
+        ({"Authorization": "s3cret"}, "/", Credentials.WRONG),
+        ({"Authorization": "Bearer"}, "/", Credentials.WRONG),
+        ({"Authorization": "Bearer wrong"}, "/?token=s3cret", Credentials.WRONG),
+        ({}, "/?token=", Credentials.WRONG),
+        ({}, "/?token=%E2%98%83", Credentials.WRONG),
+    ],
+)
+def test_the_token_is_presented_in_the_header_or_the_address(headers: Any, path: str, credentials: Any) -> None:
+    assert client(TokenCheck("s3cret"), headers, path).token is credentials
+    assert client(TokenCheck(""), headers, path).admitted
+
+
+def auth(**changes: Any) -> Auth:
+    """A proof as in rosauth's documentation: sha512 of secret, client, dest, rand, t, level, end."""
+    mac = hashlib.sha512(b"s3cret" + b"laptop" + b"robot" + b"xyz" + b"1000" + b"admin" + b"2000").hexdigest()
+    return Auth(mac, "laptop", "robot", "xyz", 1000.0, "admin", 2000.0)._replace(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "time_s", "may"),
+    [
+        ({}, 1002.0, True),
+        ({}, 998.0, True),
+        ({}, 1010.0, False),  # too old
+        ({"end": 999.0}, 1001.0, False),
+        ({"level": "root"}, 1002.0, False),
+        ({"mac": ""}, 1002.0, False),
+        ({"mac": "\N{SNOWMAN}"}, 1002.0, False),
+    ],
+)
+def test_the_operation_auth_proves_the_token(changes: Any, time_s: float, may: bool) -> None:
+    assert TokenCheck("s3cret", lambda: time_s).is_proof(auth(**changes)) is may
+    assert TokenCheck("other", lambda: time_s).is_proof(auth(**changes)) is False
+
+
+def test_any_text_can_be_judged() -> None:
+    assert TokenCheck("s3cret").judge("\udcff") is Credentials.WRONG  # the byte 0xff, as aiohttp decodes it
+    assert TokenCheck("s3cret").judge(["s3cret"]) is Credentials.WRONG
+
+
+def login(check: TokenCheck, headers: Dict[str, str]) -> str:
+    """Returns the header Cookie that a browser sends after a login."""
+    response = client(check, headers).login("s3cret")
+    assert response.status == 200
+    return response.headers["Set-Cookie"].partition(";")[0]
+
+
+def test_a_cookie_is_valid_for_its_time_and_its_token_only() -> None:
+    clock = Clock()
+    check = TokenCheck("s3cret", clock)
+    cookie = {"Cookie": login(check, {})}
+    assert client(check, cookie).admitted
+    assert client(TokenCheck("s3cret", clock), cookie).admitted  # after a restart
+    other = client(TokenCheck("another", clock), cookie)
+    assert (other.admitted, other.cookie) == (False, Credentials.WRONG)
+    clock.now_s += SESSION_S
+    expired = client(check, cookie)
+    assert (expired.admitted, expired.cookie) == (False, Credentials.MISSING)
+
+
+def test_a_wrong_token_is_not_made_good_by_a_cookie() -> None:
+    check = TokenCheck("s3cret")
+    assert not client(check, {"Cookie": login(check, {}), "Authorization": "Bearer wrong"}).admitted
+
+
+def test_servers_on_one_host_have_cookies_of_different_names() -> None:
+    check = TokenCheck("s3cret")
+    names = [
+        login(check, {"Host": host}).partition("=")[0] for host in ("robot:9090", "robot:9091", "robot", "[::1]:x")
+    ]
+    assert names == ["robot_health_9090", "robot_health_9091", "robot_health", "robot_health"]
+
+
+def test_what_is_sent_before_the_token_does_not_depend_on_it() -> None:
+    def sent(token: str) -> List[Any]:
+        responses = [
+            client(TokenCheck(token), {}).logout(),
+            client(TokenCheck(token), {}).refusal(),
+            client(TokenCheck(token), {}).login("guess"),
+            client(TokenCheck(token), {"Cookie": "robot_health_9090=1.2.3"}).refusal(),
+        ]
+        return [(response.status, dict(response.headers), response.body) for response in responses]
+
+    assert sent("s3cret") == sent("another")
+
+
+def test_every_session_is_another_and_none_contains_the_token() -> None:
+    cookies = [login(TokenCheck("s3cret"), {}) for _ in range(3)]
+    assert len(set(cookies)) == 3
+    assert not any("s3cret" in cookie for cookie in cookies)
+
+
+@pytest.mark.parametrize("forged", [".", "..", "9999999999.0.", "x" * 10_000, "٣.a.b", "1.2.\udcff", "9" * 150])
+def test_a_forged_cookie_is_refused(forged: str) -> None:
+    assert TokenCheck("s3cret").judge_cookie(forged) is Credentials.WRONG
+
+
+def test_a_changed_expiry_is_refused() -> None:
+    check = TokenCheck("s3cret")
+    expiry, rest = check.new_cookie().split(".", 1)
+    assert check.judge_cookie(f"{int(expiry) + 1}.{rest}") is Credentials.WRONG
+
+
+def test_every_way_to_present_a_wrong_token_counts_and_the_right_one_is_never_locked_out() -> None:
+    clock = Clock()
+    check = TokenCheck("s3cret", clock, clock)
+    cookie = {"Cookie": login(check, {})}
+    ways = [
+        lambda: client(check, {"Authorization": "Bearer guess"}).refusal(),
+        lambda: client(check, {}, "/?token=guess").refusal(),
+        lambda: client(check, {}).login("guess"),
+        lambda: client(check, {"Cookie": "robot_health_9090=9999999999.a.b"}).refusal(),
+    ]
+    assert [ways[number % 4]().status for number in range(10)] == [401] * 10
+    clock.now_s += 20.0
+    for way in ways:
+        response = way()
+        assert (response.status, response.headers["Retry-After"]) == (429, "40")
+        assert json.loads(response.body or b"") == {"error": "too many wrong tokens; try again in 40 s"}
+    assert check.refusal("", Credentials.WRONG) == ("too many wrong tokens; try again in 40 s", 40.0)
+    assert client(check, {}).refusal().status == 401  # nothing was presented
+    assert client(check, {"Authorization": "Bearer s3cret"}).admitted
+    assert client(check, {}, "/?token=s3cret").admitted
+    assert client(check, cookie).admitted
+    assert client(check, {}).login("s3cret").status == 200
+
+
+def test_ten_wrong_tokens_in_a_minute_are_too_many_of_one_address() -> None:
+    clock = Clock()
+    wrong = WrongTokens(clock)
+    for _ in range(10):
+        assert wrong.note("10.0.0.1") == 0.0
+        clock.now_s += 1.0
+    assert wrong.note("10.0.0.1") == 50.0
+    assert wrong.note("10.0.0.2") == 0.0
+    clock.now_s += 50.0
+    assert wrong.note("10.0.0.1") == 0.0
+
+
+def test_the_memory_for_addresses_is_bounded() -> None:
+    wrong = WrongTokens(Clock())
+    assert not any(wrong.note(f"client {number}") for number in range(5000))
+    assert len(wrong._times) == 1000

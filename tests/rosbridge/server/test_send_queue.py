@@ -10,7 +10,7 @@ from robot_health_monitor.rosbridge.server.send_queue import SendQueue, SlowClie
 
 def send_queue(bound: int, high_water: int = 10) -> Any:
     transport = SlowTransport()
-    return transport, SendQueue(transport, bound, high_water)  # type: ignore[arg-type]
+    return transport, SendQueue(transport, bound, lambda: None, high_water)  # type: ignore[arg-type]
 
 
 def test_frames_go_straight_through_while_the_transport_takes_them() -> None:
@@ -112,15 +112,10 @@ def test_nothing_more_is_written_once_the_connection_has_broken() -> None:
 
 class Client:
     def __init__(self) -> None:
-        self.transport = SlowTransport(1_000_000)
-        self.queue = SendQueue(self.transport, 1_000_000)  # type: ignore[arg-type]
         self.events: List[str] = []
-
-    def caught_up(self) -> None:
-        self.events.append("caught up")
-
-    def abort(self) -> None:
-        self.events.append("aborted")
+        self.transport: Any = SlowTransport(1_000_000)
+        self.transport.abort = lambda: self.events.append("aborted")
+        self.queue = SendQueue(self.transport, 1_000_000, lambda: self.events.append("caught up"))
 
 
 async def wait_for_event(client: Client) -> None:
@@ -134,7 +129,7 @@ def test_a_queue_is_emptied_as_soon_as_the_client_reads_again() -> None:
         slow = SlowClients(60.0, lines.append)
         client: Any = Client()
         client.queue.put(b"frame")
-        slow.add(client)
+        slow.add(client.queue)
         client.transport.buffered = 0
         await asyncio.wait_for(wait_for_event(client), 20.0)
         assert (client.events, client.transport.written, lines) == (["caught up"], [b"frame"], [])
@@ -151,8 +146,8 @@ def test_a_client_that_stays_behind_is_disconnected() -> None:
         left: Any = Client()
         for client in (stuck, left):
             client.queue.put(b"frame")
-            slow.add(client)
-        slow.discard(left)
+            slow.add(client.queue)
+        slow.discard(left.queue)
         await asyncio.wait_for(wait_for_event(stuck), 20.0)
         assert (stuck.events, left.events) == (["aborted"], [])
         assert lines == ["disconnected a client: behind for more than 0.05 s"]
