@@ -156,12 +156,11 @@ class EmbeddedMonitor:
         self._file, self._sections = file, sections
         texts = {}
         for name, middleware in self._middlewares.items():
-            section = self._section(name)
             try:
-                texts[name] = middleware.set_parameters(self._parameters(name, section.tree))
+                texts[name] = middleware.set_parameters(self._parameters(name))
             except ConfigError as error:
                 texts[name] = ""
-                located = file.locate(error.below(section.path))
+                located = file.locate(error.below(self._section(name).path))
                 middleware.log(Severity.ERROR, f"not reloaded, the old configuration stays in force: {located}")
         changes = {name: text for name, text in texts.items() if text not in ("", NOTHING_CHANGED)}
         if not changes:
@@ -175,22 +174,22 @@ class EmbeddedMonitor:
         return self._sections.get(node, Section((), {}))
 
     def _start(self, name: str, make: Callable[[LocalMiddleware], Any]) -> Any:
-        section = self._section(name)
-        middleware = self.bus.node(name, parameters=self._parameters(name, section.tree))
+        middleware = self.bus.node(name, parameters=self._parameters(name))
         try:
             node = make(middleware)
         except ConfigError as error:
             middleware.close()
             self.close()
-            if self._file is None or not section.path:
+            path = self._section(name).path
+            if self._file is None or not path:
                 raise
-            raise self._file.locate(error.below(section.path)) from None
+            raise self._file.locate(error.below(path)) from None
         self._nodes.append(node)
         self._middlewares[name] = middleware
         return node
 
-    def _parameters(self, name: str, given: Mapping[str, Any]) -> Mapping[str, Any]:
-        parameters: Dict[str, Any] = dict(given)
+    def _parameters(self, name: str) -> Mapping[str, Any]:
+        parameters: Dict[str, Any] = dict(self._section(name).tree)
         if self._robot:
             parameters["robot_name"] = self._robot
         elif "alert_system" in self._sections:  # one robot: the file need not name it three times

@@ -49,12 +49,7 @@ class Process(Protocol):
     """The middlewares of its nodes."""
 
     def start(self) -> None:
-        """Connects the process to ROS.
-
-        Raises:
-            ConfigError: ROS cannot use the command line or a parameter file.
-            ServiceError: ROS stopped answering.
-        """
+        """Connects to ROS; ConfigError: it cannot use the arguments or a file, ServiceError: it stopped answering."""
 
     def create_node(self, name: str) -> Middleware:
         """Creates the middleware of one node."""
@@ -80,14 +75,7 @@ OpenProcess = Callable[[str, Interrupts], Process]
 
 
 def run(executable: str, open_process: OpenProcess, *, ros: str, patience_s: Optional[float] = None) -> int:
-    """Runs an executable; returns the exit code.
-
-    Args:
-        executable: its name, a key of `EXECUTABLES`.
-        open_process: opens the process.
-        ros: name of the middleware for error messages.
-        patience_s: see `Interrupts`.
-    """
+    """Runs one of `EXECUTABLES`; returns the exit code. `ros` names the middleware, `patience_s` is of `Interrupts`."""
     with StandardStreams() as streams, Interrupts(patience_s) as interrupts:
         try:
             if {"-h", "--help"} & set(sys.argv[1:]):

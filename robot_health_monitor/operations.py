@@ -51,7 +51,7 @@ class Operations:
             config: the contents of an ops.yaml.
             wall_time_s: returns seconds since 1970.
             clock: returns monotonic seconds.
-            always_history: keep a history in memory if no file is configured, for the web page.
+            always_history: keep one in memory if no file is configured, for the web page.
         """
         self._clock = clock
         self.config = config
@@ -223,11 +223,7 @@ class Operations:
 def open_operations(
     file: str, wall_time_s: Callable[[], float] = time.time, *, always_history: bool = False
 ) -> Operations:
-    """Reads an ops.yaml and opens what it configures; arguments as for `Operations`, empty `file`: none.
-
-    Raises:
-        ConfigError: it cannot be used; nothing has been opened.
-    """
+    """Opens what an ops.yaml configures, as `Operations`; empty `file`: none. ConfigError: nothing has been opened."""
     config = read_ops(read_yaml(file)) if file else OpsConfig()
     return Operations(config, wall_time_s, always_history=always_history)
 

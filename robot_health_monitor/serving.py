@@ -234,19 +234,13 @@ def page_address(address: str, port: int, scheme: str = "http") -> str:
 async def serve(
     monitor: Served, settings: ServerSettings, operations: Operations, *, required: bool
 ) -> Optional[Server]:
-    """Serves monitors in the running loop; `stop_serving` ends it.
-
-    Args:
-        monitor: what is served.
-        settings: where to listen, and what clients may do.
-        operations: what the page shows besides the monitors.
-        required: whether a port that is in use is an error.
+    """Serves monitors, and what the page shows of `operations`, in the running loop; `stop_serving` ends it.
 
     Returns:
         The server; None: it cannot be started, which is now a fault of alert_system.
 
     Raises:
-        ConfigError: the address is not protected, or the required port cannot be opened.
+        ConfigError: the address is not protected, or the port cannot be opened and is `required`.
     """
     node = monitor.bus.node("rosbridge")
     try:
@@ -302,13 +296,7 @@ def serve_in_thread(
         node = create_node()
         given = {middleware.name: middleware.given_parameters()}
         server, web = _make_server(
-            node,
-            settings,
-            middleware.name,
-            lambda: [alert_system],
-            operations,
-            parameters=lambda: given,
-            threads=True,
+            node, settings, middleware.name, lambda: [alert_system], operations, parameters=lambda: given, threads=True
         )
         thread = ServerThread(server)
     except (ModuleNotFoundError, ConfigError, OSError) as error:

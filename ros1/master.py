@@ -47,9 +47,7 @@ class Master:
     def __init__(self, caller: str, timeout_s: float = _TIMEOUT_S) -> None:
         """Does not connect yet. Raises ServiceError if ROS_MASTER_URI is not an address.
 
-        Args:
-            caller: name of the node that calls.
-            timeout_s: limit for connecting and for each wait for the response, in s.
+        `caller` is the name of the node; `timeout_s` limits connecting and each wait for the response, in s.
         """
         try:
             self.uri: str = rosgraph.get_master_uri()
@@ -138,13 +136,9 @@ class MasterWatch(threading.Thread):
     def __init__(
         self, master: Master, node: str, on_change: Callable[[str, Level], None], period_s: float = 2.0
     ) -> None:
-        """Prepares the thread. Raises ServiceError if the master does not answer.
+        """Prepares the thread, for a node that the master knows now. Raises ServiceError if it does not answer.
 
-        Args:
-            master: the master, which knows the node now.
-            node: name of the node of this process.
-            on_change: called with what is wrong and how bad it is; empty and OK: the master answers again.
-            period_s: pause between two checks in s.
+        Calls `on_change` with what is wrong and how bad it is; empty and OK: the master answers again.
         """
         super().__init__(name="master watch", daemon=True)
         self.lost = threading.Event()

@@ -29,14 +29,7 @@ class NativeNode(abc.ABC):
         look_up: Callable[[str, str, Answer], None],
         simulated_s: Optional[Callable[[], float]],
     ) -> None:
-        """Connects nothing.
-
-        Args:
-            name: the fully qualified name.
-            messages: converts its messages.
-            look_up: as for `Hints`.
-            simulated_s: the time under `use_sim_time`, in s; None: time is not simulated.
-        """
+        """Connects nothing; `look_up` is for `Hints`, `simulated_s` gives the time under `use_sim_time`; None: not."""
         self.name = name
         self.faults = Faults()
         self._messages = messages
