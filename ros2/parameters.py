@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import os
 import re
+from functools import partial
 from typing import Any, Dict, Iterator, List, Mapping, Sequence
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -62,6 +62,8 @@ class ParameterNode(Node):  # type: ignore[misc]  # rclpy is not typed
         names = self.get_parameters_by_prefix("")
         for parameter in parameter_list:
             if parameter.name not in names:
+                import difflib  # only for mistakes: it takes memory in every node
+
                 close = difflib.get_close_matches(parameter.name, names, n=1)
                 hint = f"; did you mean {close[0]}?" if close else ""
                 return SetParametersResult(successful=False, reason=f"{parameter.name}: unknown parameter{hint}")
@@ -79,8 +81,6 @@ class NodeParameters:
         self._own = {name: given[name] for name in _START_ONLY if name in given}
         self._given = {name: value for name, value in given.items() if name.partition(".")[0] not in _NOT_FOR_NODES}
         self._declared: Dict[str, Parameter] = {}
-        self._apply: OnChange
-        self._log: Log
 
     @property
     def executor(self) -> str:
@@ -88,11 +88,7 @@ class NodeParameters:
         return str(self._own.get(EXECUTOR.name, EXECUTOR.default))
 
     def given(self) -> Mapping[str, Any]:
-        """Returns the configuration in force.
-
-        Raises:
-            ConfigError: a parameter of the adapter is not allowed, or a name is also the prefix of another.
-        """
+        """Returns the configuration in force; ConfigError: of a parameter of the adapter, or a name begins another."""
         for parameter in (EXECUTOR, USE_SIM_TIME):
             if parameter.name in self._own:
                 parameter.read(self._own[parameter.name], (parameter.name,))
@@ -106,11 +102,10 @@ class NodeParameters:
         self._declared = {parameter.name: parameter for parameter in parameters}
         for parameter in self._declared.values():
             self._declare(parameter)
-        self._apply, self._log = apply, log
         self._set_log_level(self._given)
         # rclpy calls this callback first. The only other one is its own for use_sim_time, which is read-only: a change
         # that the node has accepted is never rejected afterwards.
-        self._node.add_on_set_parameters_callback(self._propose)
+        self._node.add_on_set_parameters_callback(partial(self._propose, apply, log))
         self._node.add_post_set_parameters_callback(self._declare_deleted)
 
     def _declare(self, parameter: Parameter) -> None:
@@ -134,19 +129,19 @@ class NodeParameters:
             default = None if parameter.default == () else parameter.default
             self._node.declare_parameter(parameter.name, default, descriptor, ignore_override=True)
 
-    def _propose(self, changes: Sequence[Any]) -> SetParametersResult:
+    def _propose(self, apply: OnChange, log: Log, changes: Sequence[Any]) -> SetParametersResult:
         proposed = {**self._given, **{change.name: _plain(change.value) for change in changes}}
         proposed = {name: value for name, value in proposed.items() if value is not None}
         if proposed == self._given:
             return SetParametersResult(successful=True)
 
-        def apply() -> str:
-            changes = self._apply(unflatten(proposed))
+        def use() -> str:
+            changed = apply(unflatten(proposed))
             self._set_log_level(proposed)
             self._given = proposed
-            return changes
+            return changed
 
-        accepted, text = apply_change(apply, self._log)
+        accepted, text = apply_change(use, log)
         return SetParametersResult(successful=accepted, reason="" if accepted else text)
 
     def _declare_deleted(self, changes: Sequence[Any]) -> None:

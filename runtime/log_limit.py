@@ -32,15 +32,15 @@ class LogLimit:
         now_s = self._clock()
         if kind not in self._minutes and len(self._minutes) >= _MOST_KINDS:
             kind = ""
-        minute, left_out = self._minutes.get(kind), 0
+        minute = self._minutes.get(kind)
         if minute is None or now_s - minute.begin_s >= _PERIOD_S:
-            left_out = 0 if minute is None else minute.left_out
-            minute = self._minutes[kind] = _Minute(now_s)
-        if minute.written >= self._most:
-            minute.left_out += 1
-            return None
-        minute.written += 1
-        return left_out
+            self._minutes[kind] = _Minute(now_s)
+            return 0 if minute is None else minute.left_out
+        if minute.written < self._most:
+            minute.written += 1
+            return 0
+        minute.left_out += 1
+        return None
 
 
 @dataclass
@@ -48,7 +48,7 @@ class _Minute:
     """The lines of one kind since the begin of a minute."""
 
     begin_s: float
-    written: int = 0
+    written: int = 1
     left_out: int = 0
 
 
