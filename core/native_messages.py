@@ -108,8 +108,9 @@ class NativeMessages:
     def __init__(self, dialect: Dialect) -> None:
         """Loads no class before it is used."""
         self._dialect = dialect
-        self._readers = functools.lru_cache(maxsize=None)(self._make_readers)
-        self._writers = functools.lru_cache(maxsize=None)(self._make_writers)
+        types, cached = dialect.field_types, functools.lru_cache(maxsize=None)
+        self._readers = cached(lambda cls: tuple((name, self._reader(of)) for name, of in types(cls).items()))
+        self._writers = cached(lambda cls: {name: self._writer(of) for name, of in types(cls).items()})
 
     def message_class(self, type_name: str) -> Any:
         """Returns the message class of `pkg/Type` or `pkg/msg/Type`; raises ConfigError if there is none here."""
@@ -234,9 +235,6 @@ class NativeMessages:
 
         return get
 
-    def _make_readers(self, native_class: Any) -> Tuple[Tuple[str, Getter], ...]:
-        return tuple((name, self._reader(of)) for name, of in self._dialect.field_types(native_class).items())
-
     def _reader(self, field_type: FieldType) -> Getter:
         """Returns the native-to-mapping converter of a field."""
         is_octet = field_type.kind == "octet"
@@ -248,13 +246,12 @@ class NativeMessages:
         plain = self._dialect.plain
         return lambda values: [read_one(value) for value in plain(values)]
 
-    def _make_writers(self, native_class: Any) -> Mapping[str, Getter]:
-        return {name: self._writer(of) for name, of in self._dialect.field_types(native_class).items()}
-
     def _writer(self, field_type: FieldType) -> Getter:
         """Returns the mapping-to-native converter of a field."""
         native_class = field_type.message
-        write_one = functools.partial(self.to_native, native_class) if native_class else _plain_writer(field_type.kind)
+        write_one = _PLAIN_WRITERS.get(field_type.kind, _text_writer)
+        if native_class:
+            write_one = functools.partial(self.to_native, native_class)
         if not field_type.is_array:
             return write_one
         byte_array = self._dialect.byte_array
@@ -285,14 +282,6 @@ def bytes_as_text(values: Any) -> str:
     return base64.b64encode(bytes(values)).decode("ascii")
 
 
-def _plain_writer(kind: str) -> Getter:
-    if kind == "octet":
-        return lambda found: bytes([_integer(found, kind)])
-    if kind in _INTEGER_RANGES:
-        return lambda found: _integer(found, kind)
-    return {"bool": _bool, "float32": _float32, "float64": _float}.get(kind, _text)
-
-
 def _plain_elements(kind: str, values: Any) -> Optional[Sequence[Any]]:
     """Returns the elements of a large array without a call per element: a picture has a million.
 
@@ -313,17 +302,11 @@ def _plain_elements(kind: str, values: Any) -> Optional[Sequence[Any]]:
     return None
 
 
-def _integer(found: Any, kind: str) -> int:
+def _integer(kind: str, found: Any) -> int:
     low, high = _INTEGER_RANGES[kind]
     if isinstance(found, bool) or not hasattr(found, "__index__") or not low <= operator.index(found) <= high:
         raise MessageError(f"expected a whole number from {low} to {high}, got {describe(found)}")
     return operator.index(found)
-
-
-def _bool(found: Any) -> bool:
-    if not isinstance(found, bool):
-        raise MessageError(f"expected true or false, got {describe(found)}")
-    return found
 
 
 def _float(found: Any) -> float:
@@ -348,10 +331,20 @@ def _short_name(native_class: Any) -> str:
     return str(getattr(native_class, "__name__", native_class)).rpartition("/")[2]
 
 
-def _text(found: Any) -> str:
-    if not isinstance(found, str):
-        raise MessageError(f"expected text, got {describe(found)}")
+def _checked(kind: type, words: str, found: Any) -> Any:
+    if not isinstance(found, kind):
+        raise MessageError(f"expected {words}, got {describe(found)}")
     return found
+
+
+_PLAIN_WRITERS: Mapping[str, Getter] = {
+    **{kind: functools.partial(_integer, kind) for kind in _INTEGER_RANGES},
+    "octet": lambda found: bytes([_integer("octet", found)]),
+    "bool": functools.partial(_checked, bool, "true or false"),
+    "float32": _float32,
+    "float64": _float,
+}
+_text_writer = functools.partial(_checked, str, "text")
 
 
 def _bytes_from(found: Any) -> Any:

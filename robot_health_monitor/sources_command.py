@@ -10,7 +10,7 @@ import time
 from typing import Any, Dict, List, NamedTuple, Optional, TextIO
 
 from robot_health_monitor.core.formatting import number_text, printable, with_unit
-from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostSource
+from robot_health_monitor.core.sensors.configuration import HOST_SOURCES, HostSource
 from robot_health_monitor.core.sensors.host import HOST_PATHS, HostPaths
 from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError, Source
 from robot_health_monitor.runtime.interrupts import Interrupts

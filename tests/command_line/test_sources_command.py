@@ -13,7 +13,7 @@ import pytest
 from harness.machine import Machine
 
 from robot_health_monitor.core.sensors import configuration as sensing
-from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
+from robot_health_monitor.core.sensors.configuration import HOST_SOURCES
 from robot_health_monitor.sources_command import SourceReading, show_sources
 
 yaml = pytest.importorskip("yaml")

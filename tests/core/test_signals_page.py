@@ -11,7 +11,7 @@ import pytest
 from robot_health_monitor.core.config import load_config
 from robot_health_monitor.core.field_path import parse_field_path
 from robot_health_monitor.core.sensors import configuration as sensing
-from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
+from robot_health_monitor.core.sensors.configuration import HOST_SOURCES
 
 yaml = pytest.importorskip("yaml")
 

@@ -11,7 +11,7 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import BatterySensor
 from robot_health_monitor.core.sensors import configuration as sensing
-from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostReading
+from robot_health_monitor.core.sensors.configuration import HOST_SOURCES, HostReading
 from robot_health_monitor.core.sensors.host import HostCpuUsage, HostTemperature
 from robot_health_monitor.core.sensors.simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 

@@ -17,7 +17,7 @@ from harness.port_conformance import levels_to
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
-from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
+from robot_health_monitor.core.sensors.configuration import HOST_SOURCES
 from robot_health_monitor.core.sensors.host import HOST_PATHS
 from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError
 
