@@ -6,7 +6,7 @@ import sqlite3
 import threading
 import time
 from dataclasses import replace
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -25,9 +25,9 @@ from .silences import (
     read_silences,
     resolve_alert,
     time_text,
-)
+)  # fmt: skip
 
-__all__ = ["Silences"]
+Changed = TypeVar("Changed")
 
 _MOST_CACHED = 20_000
 _REFRESH_S = 1.0
@@ -47,10 +47,7 @@ class Silences:
     ) -> None:
         """Reads the silences; `close` ends following the file.
 
-        Args:
-            history: where they are stored.
-            faults: receives a fault while they cannot be read. Then the last known ones stay in force.
-            wall_time_s: seconds since 1970.
+        While they cannot be read, that is a fault, and the last known ones stay in force.
         """
         self._history = history
         self._faults = Faults() if faults is None else faults
@@ -91,8 +88,7 @@ class Silences:
     def look(self, connection: sqlite3.Connection) -> None:
         """Reads the silences again if another process has changed the file: call before a notification is sent.
 
-        Args:
-            connection: that of the history, inside a transaction, in which another process cannot add a silence.
+        Call with the history's connection inside a transaction, in which another process cannot add a silence.
         """
         seen = (connection, connection.execute("PRAGMA data_version").fetchone()[0])
         if seen == self._seen:
@@ -118,16 +114,12 @@ class Silences:
             ConfigError: it is not possible.
             ServiceError: the history failed or did not answer.
         """
-        now_s = self._wall_time_s()
-
-        def change(connection: sqlite3.Connection) -> Silence:
-            silence = add_silence(
-                connection, matchers, now_s, for_s=for_s, until_resolved=until_resolved, reason=reason, author=author
+        texts = {"reason": reason, "author": author}
+        return self._change(
+            lambda connection, now_s: add_silence(
+                connection, matchers, now_s, for_s=for_s, until_resolved=until_resolved, **texts
             )
-            self._take_over(connection)
-            return silence
-
-        return self._history.run(change, _TIMEOUT_S)
+        )
 
     def expire(self, number: int, *, reason: str = "", author: str = "") -> Silence:
         """Ends a silence, as `expire_silence`.
@@ -136,14 +128,9 @@ class Silences:
             ConfigError: there is no such silence, or it has ended.
             ServiceError: the history failed or did not answer.
         """
-        now_s = self._wall_time_s()
-
-        def change(connection: sqlite3.Connection) -> Silence:
-            silence = expire_silence(connection, number, now_s, reason=reason, author=author)
-            self._take_over(connection)
-            return silence
-
-        return self._history.run(change, _TIMEOUT_S)
+        return self._change(
+            lambda connection, now_s: expire_silence(connection, number, now_s, reason=reason, author=author)
+        )
 
     def close(self) -> None:
         """Stops following the file; returns at once."""
@@ -173,16 +160,22 @@ class Silences:
         """Limits silences that were made in the future to their duration, with one line."""
         in_future = [each for each in silences if each.is_in_future(now_s)]
         if any(each.noticed_s is None or each.noticed_s > now_s or not each.is_active(now_s) for each in in_future):
-            noticed = self._history.run(self._limit_stored, _TIMEOUT_S)
+            noticed = self._change(limit_to_durations)
             if noticed:
                 self._faults.report(_CLOCK_FAULT, _limit_text(noticed, now_s), Level.WARN)
         if not any(each.is_active(now_s) for each in in_future):
             self._faults.clear(_CLOCK_FAULT)
 
-    def _limit_stored(self, connection: sqlite3.Connection) -> List[Silence]:
-        noticed = limit_to_durations(connection, self._wall_time_s())
-        self._take_over(connection)
-        return noticed
+    def _change(self, change: Callable[[sqlite3.Connection, float], Changed]) -> Changed:
+        """Changes the stored silences in a transaction, with the present time in s since 1970."""
+        now_s = self._wall_time_s()
+
+        def change_and_read(connection: sqlite3.Connection) -> Changed:
+            changed = change(connection, now_s)
+            self._take_over(connection)
+            return changed
+
+        return self._history.run(change_and_read, _TIMEOUT_S)
 
     def _take_over(self, connection: sqlite3.Connection) -> None:
         """Reads the silences. Call in a transaction of the history."""
@@ -210,10 +203,7 @@ class Silences:
             return
         with self._lock:
             self._version += 1
-            without = [
-                silence if silence.alerts is None else _without(silence, alert, wall_s) for silence in self._active
-            ]
-            self._set_active(without, self._wall_time_s())
+            self._set_active([_without(silence, alert, wall_s) for silence in self._active], self._wall_time_s())
 
 
 def _limit_text(silences: Sequence[Silence], now_s: float) -> str:
@@ -231,5 +221,7 @@ def _end_order(silence: Silence) -> float:
 
 
 def _without(silence: Silence, alert: Alert, now_s: float) -> Silence:
-    alerts = (silence.alerts or frozenset()) - {alert}
+    if silence.alerts is None:
+        return silence
+    alerts = silence.alerts - {alert}
     return replace(silence, alerts=alerts, ended_s=silence.ended_s if alerts else now_s)

@@ -7,8 +7,6 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 
-__all__ = ["Matcher", "matchers_text", "matches_pattern", "parse_matchers"]
-
 MOST_MATCHERS = 20
 
 _LONGEST = 500

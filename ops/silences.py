@@ -11,7 +11,7 @@ import json
 import re
 import sqlite3
 from dataclasses import dataclass, replace
-from typing import Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import duration_text, printable
@@ -21,23 +21,6 @@ from robot_health_monitor.runtime.times import local_time
 from .history.queries import number_range
 from .history.rows import checked, is_count, is_text, is_time, optional, skip
 from .matchers import Matcher, matchers_text, matches_pattern, parse_matchers
-
-__all__ = [
-    "Alert",
-    "Silence",
-    "SilenceEvent",
-    "add_silence",
-    "expire_silence",
-    "limit_to_durations",
-    "open_alerts",
-    "parse_duration_s",
-    "parse_matchers",
-    "read_silences",
-    "resolve_alert",
-    "silence_events",
-    "silenced_transitions",
-    "time_text",
-]
 
 MOST_ACTIVE = 1000
 """Largest number of active silences."""
@@ -129,15 +112,15 @@ class Silence:
         """Returns whether the name of a robot or a signal fulfils the matchers of that label."""
         return all(matcher.matches(name) for matcher in self.matchers if matcher.label == label)
 
+    def end_text(self, time_text: Callable[[float], str]) -> str:
+        """Returns when it ends, with a function that writes times: `until 2026-11-22 06:00 UTC or resolved`."""
+        ends = [] if self.until_s is None else [time_text(self.until_s)]
+        return "until " + " or ".join([*ends, "resolved"] if self.until_resolved else ends)
+
     @property
     def text(self) -> str:
         """The reason and the end, in one line: `fan is being replaced (until 2026-11-22 06:00 UTC)`."""
-        ends = []
-        if self.until_s is not None:
-            ends.append(time_text(self.until_s))
-        if self.until_resolved:
-            ends.append("resolved")
-        end = f"until {' or '.join(ends)}"
+        end = self.end_text(time_text)
         return f"{self.reason} ({end})" if self.reason else end
 
 
@@ -175,7 +158,7 @@ def add_silence(
     reason: str = "",
     author: str = "",
 ) -> Silence:
-    """Adds a silence. Call inside a transaction.
+    """Adds a silence of the alerts that fulfil all matchers. Call inside a transaction.
 
     Args:
         connection: the database.
@@ -183,8 +166,8 @@ def add_silence(
         now_s: in s since 1970.
         for_s: how long, in s; None: without a time limit.
         until_resolved: only for the alerts that are open now, until they resolve. With `for_s`: whichever comes first.
-        reason: why; one line of at most 200 characters.
-        author: who; one line of at most 200 characters.
+        reason: why; as `author` one line of at most 200 characters.
+        author: who.
 
     Raises:
         ConfigError: no end is given, no open alert matches, a text is too long or a pattern has a double quote, or
@@ -200,13 +183,13 @@ def add_silence(
     text = _stored_text(matchers)
     if len(read_silences(connection, active_at_s=now_s)) >= MOST_ACTIVE:
         raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
-    alerts: Optional[FrozenSet[Alert]] = None
+    until_s = None if for_s is None else now_s + for_s
+    silence = Silence(0, tuple(matchers), reason, author, now_s, until_s, None, None)
     if until_resolved:
-        candidate = Silence(0, tuple(matchers), reason, author, now_s, None, None, None)
-        alerts = frozenset(alert for alert in open_alerts(connection) if candidate.matches(*alert))
+        alerts = frozenset(alert for alert in open_alerts(connection) if silence.matches(*alert))
+        silence = replace(silence, alerts=alerts)
         if not alerts:
             raise ConfigError(f"no open alert matches {text}")
-    until_s = None if for_s is None else now_s + for_s
     number = connection.execute(
         "INSERT INTO silences (matchers, reason, author, created_s, until_s, until_resolved) VALUES (?, ?, ?, ?, ?, ?)",
         (text, reason, author, now_s, until_s, int(until_resolved)),
@@ -214,7 +197,7 @@ def add_silence(
     assert number is not None
     connection.executemany(
         "INSERT INTO silenced_alerts (silence_id, robot, signal) VALUES (?, ?, ?)",
-        [(number, *alert) for alert in sorted(alerts or ())],
+        [(number, *alert) for alert in sorted(silence.alerts or ())],
     )
     # Ended ones are kept for `list`, in a bounded number.
     oldest = number - _MOST_KEPT
@@ -223,7 +206,7 @@ def add_silence(
         f"DELETE FROM silenced_alerts WHERE silence_id IN (SELECT id FROM silences WHERE {ended})", (oldest, now_s)
     )
     connection.execute(f"DELETE FROM silences WHERE {ended}", (oldest, now_s))
-    return Silence(number, tuple(matchers), reason, author, now_s, until_s, alerts, None)
+    return replace(silence, id=number)
 
 
 def _check_texts(reason: str, author: str) -> None:
@@ -247,26 +230,19 @@ def _stored_text(matchers: Sequence[Matcher]) -> str:
 def expire_silence(
     connection: sqlite3.Connection, number: int, now_s: float, *, reason: str = "", author: str = ""
 ) -> Silence:
-    """Ends a silence. Call inside a transaction.
-
-    Args:
-        connection: the database.
-        number: its id.
-        now_s: in s since 1970.
-        reason: why; one line of at most 200 characters.
-        author: who; one line of at most 200 characters.
+    """Ends a silence at a time in s since 1970, and returns it. Call inside a transaction.
 
     Raises:
-        ConfigError: there is no such silence, it has ended, or a text is too long.
+        ConfigError: there is no such silence, it has ended, or the reason or the author is no line of 200 characters.
     """
     _check_texts(reason, author)
-    found = [silence for silence in read_silences(connection) if silence.id == number]
-    if not found:
+    silence = next((each for each in read_silences(connection) if each.id == number), None)
+    if silence is None:
         raise ConfigError(f"there is no silence {number}")
-    if not found[0].is_active(now_s):
-        raise ConfigError(f"silence {number} has ended already, at {time_text(found[0].end_s(now_s))}")
+    if not silence.is_active(now_s):
+        raise ConfigError(f"silence {number} has ended already, at {time_text(silence.end_s(now_s))}")
     _end(connection, number, now_s, author, reason)
-    return found[0]
+    return silence
 
 
 def _end(connection: sqlite3.Connection, number: int, now_s: float, author: str, reason: str) -> None:
@@ -275,12 +251,7 @@ def _end(connection: sqlite3.Connection, number: int, now_s: float, author: str,
 
 
 def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] = None) -> List[Silence]:
-    """Returns the silences, oldest first.
-
-    Args:
-        connection: the database.
-        active_at_s: only those that are active at this time, in s since 1970; None: all.
-    """
+    """Returns the silences, oldest first: those that are active at a time in s since 1970, or all."""
     condition, values = "1", []
     if active_at_s is not None:
         condition, values = "ended_s IS NULL AND (until_s IS NULL OR until_s > ?)", [active_at_s]
@@ -299,31 +270,26 @@ def read_silences(connection: sqlite3.Connection, active_at_s: Optional[float] =
             else:
                 skip(connection, "silenced_alerts", number)
     silences = []
-    for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why in checked(
-        connection, "silences", rows, _CHECKS
-    ):
+    found = checked(connection, "silences", rows, _CHECKS)
+    for number, text, reason, author, created_s, until_s, until_resolved, ended_s, noticed_s, by, why in found:
         try:
             matchers = parse_matchers(text)
         except ConfigError:  # of a newer version, or edited by hand
             skip(connection, "silences", number)
             continue
         of_silence = frozenset(alerts.get(number, ())) if until_resolved else None
-        silences.append(
-            Silence(
-                number, matchers, printable(reason), printable(author), created_s, until_s, of_silence, ended_s,
-                noticed_s, printable(by), printable(why),
-            )
+        silence = Silence(
+            number, matchers, printable(reason), printable(author), created_s, until_s, of_silence, ended_s, noticed_s,
+            printable(by), printable(why),
         )  # fmt: skip
+        silences.append(silence)
     return silences
 
 
 def limit_to_durations(connection: sqlite3.Connection, now_s: float) -> List[Silence]:
     """Limits the silences that were made in the future to their duration from now on; ends those where that is over.
 
-    Call inside a transaction, about once a second while there are any.
-
-    Returns:
-        Those that are limited since this call.
+    Call inside a transaction, about once a second while there are any. Returns those that are limited since this call.
     """
     noticed = []
     for each in read_silences(connection, active_at_s=now_s):
@@ -338,10 +304,9 @@ def limit_to_durations(connection: sqlite3.Connection, now_s: float) -> List[Sil
 
 
 def resolve_alert(connection: sqlite3.Connection, alert: Alert, now_s: float) -> bool:
-    """Notes that an alert has resolved. Call inside a transaction.
+    """Notes that an alert has resolved; returns whether a silence until resolved applied to it.
 
-    Returns:
-        Whether a silence until resolved applied to it.
+    Call inside a transaction.
     """
     resolved = connection.execute(
         "UPDATE silenced_alerts SET resolved_s = ? WHERE robot = ? AND signal = ? AND resolved_s IS NULL",
@@ -389,14 +354,9 @@ def silence_events(
     robot: Optional[str] = None,
     signal: Optional[str] = None,
 ) -> List[SilenceEvent]:
-    """Returns begins and ends of the silences that are stored, by time.
+    """Returns begins and ends of the silences that are stored, by time, not older than `since_s`.
 
-    Args:
-        connection: the database.
-        now_s: in s since 1970.
-        since_s: not older, in s since 1970.
-        robot: silences that apply to this robot only; `*` and `?` work as in file names.
-        signal: silences that apply to this signal only; `*` and `?` work as in file names.
+    `robot` and `signal`: of silences that apply to these only; `*` and `?` work as in file names.
     """
     found = []
     given = [(label, name) for label, name in (("robot", robot), ("signal", signal)) if name is not None]
@@ -428,15 +388,8 @@ def silenced_transitions(connection: sqlite3.Connection, silence: Silence, now_s
         "AND to_level <> 0 AND NOT repeated GROUP BY robot, signal",
         (*number_range(connection, silence.created_s), silence.created_s, silence.end_s(now_s)),
     ).fetchall()
-    alerts: Optional[Set[Alert]] = None
+    covered = {(robot, signal): count for robot, signal, count in counts if is_text(robot) and is_text(signal)}
     if silence.until_resolved:
-        rows = connection.execute("SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?", (silence.id,))
-        alerts = set(rows.fetchall())
-    return sum(
-        count
-        for robot, signal, count in counts
-        if is_text(robot)
-        and is_text(signal)
-        and silence.matches(robot, signal)
-        and (alerts is None or (robot, signal) in alerts)
-    )
+        alerts = connection.execute("SELECT robot, signal FROM silenced_alerts WHERE silence_id = ?", (silence.id,))
+        covered = {alert: covered[alert] for alert in alerts if alert in covered}
+    return sum(count for alert, count in covered.items() if silence.matches(*alert))

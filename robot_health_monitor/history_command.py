@@ -116,11 +116,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None) -> None:
-    """Prints what a history file contains.
-
-    Args:
-        arguments: of the command.
-        stream: where to write; None: stdout.
+    """Prints what a history file contains to a stream; None: stdout.
 
     Raises:
         ConfigError: the file does not exist, cannot be read, or is no history.
@@ -186,10 +182,9 @@ def _merged(
 
 
 def _line(item: Union[StoredTransition, Event], is_coloured: bool) -> str:
-    if isinstance(item, MonitorEvent):
-        return f"{time_text(item.wall_s)} {printable(_event_text(item))}"
-    if isinstance(item, SilenceEvent):
-        return f"{time_text(item.wall_s)} {printable(_silence_text(item))}"
+    if not isinstance(item, StoredTransition):
+        text = _event_text(item) if isinstance(item, MonitorEvent) else _silence_text(item)
+        return f"{time_text(item.wall_s)} {printable(text)}"
     line = with_hint(item.text, item.hint)
     text = printable(f"{time_text(item.wall_s)} #{item.id} {item.robot}: {line}")
     return f"\x1b[{_COLOURS[item.to_level]}m{text}\x1b[0m" if is_coloured else text
@@ -200,38 +195,30 @@ def _silence_text(event: SilenceEvent) -> str:
     author, reason = _author_and_reason(event)
     text = f"silence {silence.id} {event.kind}{f' by {author}' if author else ''}: {matchers_text(silence.matchers)}"
     if event.kind == "added":
-        ends = [] if silence.until_s is None else [time_text(silence.until_s)]
-        text += f", until {' or '.join([*ends, 'resolved'] if silence.until_resolved else ends)}"
+        text += f", {silence.end_text(time_text)}"
     return f"{text} ({reason})" if reason else text
 
 
 def _author_and_reason(event: SilenceEvent) -> Tuple[str, str]:
     """Returns who caused an event of a silence, and why."""
     silence = event.silence
-    if event.kind == "added":
-        return silence.author, silence.reason
-    return silence.ended_by, silence.ended_reason
+    is_begin = event.kind == "added"
+    return (silence.author, silence.reason) if is_begin else (silence.ended_by, silence.ended_reason)
 
 
 def _event_text(event: MonitorEvent) -> str:
-    if event.kind == "started":
-        return f"monitor started (version {event.detail})"
-    if event.kind == "stopped":
-        return "monitor stopped"
-    if event.kind == "killed":
-        return "monitor ended without stopping (killed, or a power cut)"
-    if event.kind == "reset":
-        return f"{event.robot}: latched alerts reset"
-    return f"{event.robot}: configuration {event.detail[:12]} in force"
-
-
-def _json_fields(transition: StoredTransition) -> Dict[str, object]:
-    return {"id": transition.id, "time": iso_time(transition.wall_s)}
+    return {
+        "started": f"monitor started (version {event.detail})",
+        "stopped": "monitor stopped",
+        "killed": "monitor ended without stopping (killed, or a power cut)",
+        "reset": f"{event.robot}: latched alerts reset",
+        "configuration": f"{event.robot}: configuration {event.detail[:12]} in force",
+    }[event.kind]
 
 
 def _json_line(item: Union[StoredTransition, SilenceEvent]) -> str:
     if isinstance(item, StoredTransition):
-        return json_line(item, **_json_fields(item))
+        return json_line(item, id=item.id, time=iso_time(item.wall_s))
     fields = {"id": item.silence.id, "time": iso_time(item.wall_s), **_silence_fields(item)}
     return json.dumps({**fields, "until_resolved": item.silence.until_resolved})
 
@@ -340,8 +327,8 @@ def _show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, s
     samples = queries.evidence(connection, transition.id)
     if arguments.json:
         evidence = [(iso_time(time_s), value if math.isfinite(value) else None) for time_s, value in samples]
-        fields = {**_json_fields(transition), "evidence": evidence}
-        stream.write(f"{json_line(transition, **fields)}\n")
+        line = json_line(transition, id=transition.id, time=iso_time(transition.wall_s), evidence=evidence)
+        stream.write(f"{line}\n")
         return
     if arguments.csv:
         writer = csv.writer(stream, lineterminator="\n")

@@ -105,12 +105,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_s: Optional[float] = None) -> None:
-    """Adds, lists or expires silences.
-
-    Args:
-        arguments: of the command; `action` is `add`, `list` or `expire`.
-        stream: where to write; None: stdout.
-        now_s: in s since 1970; None: the system's time.
+    """Adds, lists or expires silences, and prints to a stream (None: stdout); `now_s`: None: the system's time.
 
     Raises:
         ConfigError: the file cannot be used, or what is asked for is not possible.
@@ -208,8 +203,7 @@ def _author(arguments: argparse.Namespace) -> str:
 def _state(each: Silence, now_s: float) -> str:
     if not each.is_active(now_s):
         return f"ended {time_text(each.end_s(now_s))}" + (f" by {each.ended_by}" if each.ended_by else "")
-    ends = [] if each.until_s is None else [time_text(each.until_s)]
-    return "until " + " or ".join([*ends, "resolved"] if each.until_resolved else ends)
+    return each.end_text(time_text)
 
 
 def _open_text(alerts: Sequence[Alert]) -> str:

@@ -1,4 +1,4 @@
-"""Queries of the history. Each takes a connection: that of a `HistoryReader`, or one inside `History.run`."""
+"""Queries of the history. Each takes a connection: that of `database_file.reading`, or one inside `History.run`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .rows import (
     skip,
     stored_transition,
     unpack_samples,
-)
+)  # fmt: skip
 from .schema import INDEX_STEP, INDEXED
 
 _PAGE = 500
@@ -40,19 +40,15 @@ class Gap(NamedTuple):
     """When it stopped, or was last known to run, in s since 1970."""
     to_s: float
     """When it started again, in s since 1970."""
-    was_killed: bool
-    """True: it did not stop by itself (kill -9, power cut)."""
 
 
 def transitions(
     connection: sqlite3.Connection,
     *,
     since_s: Optional[float] = None,
-    until_s: Optional[float] = None,
     robot: Optional[str] = None,
     signal: Optional[str] = None,
     level: Optional[Level] = None,
-    after_id: int = 0,
     before_id: Optional[int] = None,
     limit: Optional[int] = None,
     newest_first: bool = False,
@@ -63,11 +59,9 @@ def transitions(
     Args:
         connection: the database.
         since_s: not older, in s since 1970.
-        until_s: older than this, in s since 1970.
-        robot: those of this robot only; `*` and `?` work as in file names.
-        signal: those of this signal only; `*` and `?` work as in file names.
-        level: transitions to this level only.
-        after_id: only those with a larger id.
+        robot: of this robot only; `*` and `?` work as in file names.
+        signal: of this signal only, likewise.
+        level: to this level only.
         before_id: only those with a smaller id.
         limit: at most so many.
         newest_first: in reverse order; with a `limit`: the newest ones.
@@ -76,7 +70,6 @@ def transitions(
     # The unary plus keeps SQLite from sorting what an index on the time would find (of files of earlier versions).
     conditions: List[Tuple[str, List[Any]]] = [
         ("+wall_s >= ?" if since_s is not None else "1", [since_s] if since_s is not None else []),
-        ("+wall_s < ?" if until_s is not None else "1", [until_s] if until_s is not None else []),
         ("to_level = ?" if level is not None else "1", [int(level)] if level is not None else []),
         pattern_condition(connection, "robot", robot),
         pattern_condition(connection, "signal", signal),
@@ -88,7 +81,6 @@ def transitions(
     where = f"id BETWEEN ? AND ? AND {where} ORDER BY id {order} LIMIT ?"
     query = f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE {where}"
     first, last = number_range(connection, since_s)
-    first = max(first, after_id + 1)
     last = last if before_id is None else min(last, before_id - 1)
     # Page by page: an open query would keep the writer's log from being shortened.
     while limit is None or limit > 0:
@@ -176,17 +168,9 @@ def evidence(connection: sqlite3.Connection, transition_id: int) -> Sequence[Tup
 
 
 def gaps(connection: sqlite3.Connection, since_s: float = 0.0) -> List[Gap]:
-    """Returns the times in which the monitor did not run, oldest first.
-
-    Args:
-        connection: the database.
-        since_s: gaps that ended before are left out, in s since 1970.
-    """
+    """Returns the times in which the monitor did not run, oldest first, without those that ended before `since_s`."""
     runs = _runs(connection)
-    found = [
-        Gap(stopped_s or alive_s, next_run[1], stopped_s is None)
-        for (_, _, alive_s, stopped_s, _), next_run in zip(runs, runs[1:])
-    ]
+    found = [Gap(stopped_s or alive_s, next_run[1]) for (_, _, alive_s, stopped_s, _), next_run in zip(runs, runs[1:])]
     # The wall clock may have been set back in the meantime.
     return [gap for gap in found if gap.to_s > gap.from_s and gap.to_s >= since_s]
 
@@ -214,12 +198,9 @@ class MonitorEvent(NamedTuple):
 def monitor_events(
     connection: sqlite3.Connection, since_s: float = 0.0, robot: Optional[str] = None
 ) -> List[MonitorEvent]:
-    """Returns starts and stops of the monitor, resets and changes of the configuration, by time.
+    """Returns starts and stops of the monitor, resets and changes of the configuration since then, by time.
 
-    Args:
-        connection: the database.
-        since_s: not older, in s since 1970.
-        robot: resets and configurations of this robot only; `*` and `?` work as in file names.
+    `robot`: resets and configurations of this robot only; `*` and `?` work as in file names.
     """
     events = []
     runs = _runs(connection)
@@ -230,26 +211,18 @@ def monitor_events(
         elif number < len(runs):
             events.append(MonitorEvent(alive_s, "killed", "", ""))
     condition, values = pattern_condition(connection, "robot", robot)
-    query = f"SELECT id, wall_s, robot FROM resets WHERE {condition} ORDER BY id"
-    rows = connection.execute(query, values).fetchall()
-    for _, wall_s, name in checked(connection, "resets", rows, (is_count, is_time, is_text)):
-        events.append(MonitorEvent(wall_s, "reset", name, ""))
-    query = f"SELECT id, wall_s, robot, hash FROM configuration_changes WHERE {condition} ORDER BY id"
-    rows = connection.execute(query, values).fetchall()
-    for _, wall_s, name, key in checked(
-        connection, "configuration_changes", rows, (is_count, is_time, is_text, is_text)
-    ):
-        events.append(MonitorEvent(wall_s, "configuration", name, key))
+    for table, kind, column in (("resets", "reset", "''"), ("configuration_changes", "configuration", "hash")):
+        query = f"SELECT id, wall_s, robot, {column} FROM {table} WHERE {condition} ORDER BY id"
+        rows = connection.execute(query, values).fetchall()
+        for _, wall_s, name, detail in checked(connection, table, rows, (is_count, is_time, is_text, is_text)):
+            events.append(MonitorEvent(wall_s, kind, name, detail))
     return sorted((event for event in events if event.wall_s >= since_s), key=lambda event: event.wall_s)
 
 
 def pattern_condition(connection: sqlite3.Connection, column: str, pattern: Optional[str]) -> Tuple[str, List[Any]]:
-    """Returns an SQL condition and its parameters.
+    """Returns an SQL condition on a column, and its parameters; pattern None: everything matches.
 
-    Args:
-        connection: receives the function `matches_pattern`; SQLite's GLOB needs exponential time for some patterns.
-        column: name of the column.
-        pattern: text in which `*` and `?` stand for any text and any character; None: everything matches.
+    The connection receives the function `matches_pattern`: SQLite's GLOB needs exponential time for some patterns.
     """
     if pattern is None:
         return "1", []

@@ -54,23 +54,13 @@ class AgeClock:
     """
 
     def __init__(self, known_s: float, boot_s: float) -> None:
-        """Starts.
-
-        Args:
-            known_s: the latest wall time that is known, such as that of the previous run, in s since 1970.
-            boot_s: monotonic seconds.
-        """
+        """Starts with the latest wall time that is known, in s since 1970, and monotonic seconds."""
         self._reference_s = known_s
         self._boot_s = boot_s
         self._step_at_s: Optional[float] = None
 
     def now_s(self, wall_s: float, boot_s: float) -> float:
-        """Returns the time for ages, in s since 1970.
-
-        Args:
-            wall_s: what the wall clock shows, in s since 1970.
-            boot_s: monotonic seconds.
-        """
+        """Returns the time for ages, for what the wall clock shows, both in s since 1970, and monotonic seconds."""
         expected_s = self._reference_s + boot_s - self._boot_s
         is_ahead = wall_s > expected_s + _TRUSTED_STEP_S
         if not is_ahead:
@@ -87,12 +77,7 @@ class Retention:
     """Deletes entries of one database. The state of signals, open alerts, notifications and silences stay."""
 
     def __init__(self, connection: sqlite3.Connection, max_bytes: float) -> None:
-        """Counts what is stored.
-
-        Args:
-            connection: the one that stores the transitions.
-            max_bytes: the limit for the database, in bytes.
-        """
+        """Counts what is stored; `max_bytes` is the limit for the database."""
         self._connection = connection
         self._max_bytes = max_bytes
         self._signals: Dict[Tuple[str, str], _Stored] = {}
@@ -114,14 +99,9 @@ class Retention:
         return used > self._max_bytes or used + unused > self._max_bytes + _UNUSED_BYTES
 
     def delete_old(self, run_id: int, before_s: float) -> bool:
-        """Deletes some of the entries that are too old. Inside a transaction.
+        """Deletes some of the entries before a time, except the present run; returns whether there may be more.
 
-        Args:
-            run_id: the present run, which stays.
-            before_s: older entries are deleted, in s since 1970.
-
-        Returns:
-            Whether there may be more to delete.
+        Call inside a transaction.
         """
         query = f"SELECT max(+id) FROM transitions WHERE {INDEXED} AND wall_s < ?"
         (indexed,) = self._connection.execute(query, (before_s,)).fetchone()
@@ -137,11 +117,7 @@ class Retention:
     def delete_surplus(self, run_id: int) -> bool:
         """Deletes some entries if the database is too large, else gives unused space back to the file system.
 
-        Args:
-            run_id: the present run, which stays.
-
-        Returns:
-            Whether anything was done.
+        The present run stays. Returns whether anything was done.
         """
         if used_bytes(self._connection)[0] > self._max_bytes:
             return self._delete_most_frequent(run_id)

@@ -67,15 +67,7 @@ class Storage:
     def __init__(
         self, file: Optional[str], keep_days: float, keep_mb: float, faults: Faults, wall_s: Callable[[], float]
     ) -> None:
-        """Prepares; nothing is opened yet.
-
-        Args:
-            file: path of the file; None: in memory.
-            keep_days: age at which entries are deleted, in days.
-            keep_mb: largest size of the file and its log, in MB.
-            faults: receives what is wrong with the file.
-            wall_s: seconds since 1970.
-        """
+        """Opens nothing yet; the arguments are those of `History` and `HistorySettings`."""
         self._path = file
         self._keep_s = keep_days * _DAY_S
         keep_bytes = keep_mb * 1e6
@@ -190,10 +182,7 @@ class Storage:
     def maintain(self) -> None:
         """Does what is due: the time of the last sign of life, retention, another attempt to use the file.
 
-        Call about once a second, outside of a transaction.
-
-        Raises:
-            sqlite3.Error: the database failed; for `handle`.
+        Call about once a second, outside of a transaction. A sqlite3.Error is for `handle`.
         """
         now_s = time.monotonic()
         if self._backoff.is_failing and now_s >= self._next_retry_s:
@@ -212,12 +201,9 @@ class Storage:
             self._old_at_s = 0.0 if is_more else now_s + _RETENTION_PERIOD_S
 
     def limit_size(self) -> bool:
-        """Keeps the file and its log within their limits, in a small step.
+        """Keeps the file and its log within their limits, in a small step; returns whether there is more to do.
 
-        Call after each transaction. Returns whether there is more to do.
-
-        Raises:
-            sqlite3.Error: the database failed; for `handle`.
+        Call after each transaction. A sqlite3.Error is for `handle`.
         """
         if self._file is not None:
             self._shorten_log(self._file)
@@ -371,17 +357,12 @@ class Storage:
         return self._retention
 
     def _shorten_log(self, file: DatabaseFile) -> None:
-        """Empties the log if it has become too long although its thread copies it.
-
-        Raises:
-            sqlite3.OperationalError: that is not possible.
-        """
+        """Empties the log if it has become too long although its thread copies it; else raises OperationalError."""
         if file.log_bytes() > self._max_log_bytes:
             file.empty_log()
             if file.log_bytes() > self._max_log_bytes:
-                raise sqlite3.OperationalError(
-                    "its log is locked: another program keeps reading it, or the disk does not respond"
-                )
+                problem = "its log is locked: another program keeps reading it, or the disk does not respond"
+                raise sqlite3.OperationalError(problem)
 
     def _report(self, text: str) -> None:
         self._faults.report(PART, text)

@@ -56,12 +56,8 @@ def summarize(
 ) -> List[SignalSummary]:
     """Returns a summary per robot and signal, sorted by their names.
 
-    Args:
-        connection: the database.
-        now_s: end of the time that is summarized, in s since 1970.
-        since_s: its begin; None: when the robot was first watched.
-        robot: those of this robot only; `*` and `?` work as in file names.
-        signal: those of this signal only; `*` and `?` work as in file names.
+    It reaches from `since_s` (None: when the robot was first watched) to `now_s`, in s since 1970. In `robot` and
+    `signal`, `*` and `?` work as in file names.
     """
     robots = {
         name: _Robot(spans, max(spans[0][0], since_s or 0.0), now_s)
@@ -159,9 +155,7 @@ class _Robot:
     def summaries(self, robot: str, lasting_s: Mapping[Tuple[str, str], float]) -> Iterator[SignalSummary]:
         """Yields the summary of each signal.
 
-        Args:
-            robot: its name.
-            lasting_s: for how long the present level has been known, in s, by robot and signal; others: always.
+        `lasting_s`: for how long the present level has been known, in s, by robot and signal; others: always.
         """
         duration_s = self._end_s - self.begin_s
         if duration_s <= 0.0:

@@ -24,7 +24,8 @@ from robot_health_monitor.history_command import time_text
 from robot_health_monitor.history_file import iso_time
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.silences import add_silence, expire_silence, parse_matchers, resolve_alert
+from robot_health_monitor.ops.matchers import parse_matchers
+from robot_health_monitor.ops.silences import add_silence, expire_silence, resolve_alert
 
 START_S = 1_700_000_000.0  # 2023-11-14 22:13:20 UTC
 

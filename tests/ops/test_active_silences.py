@@ -16,7 +16,8 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history.history import History
-from robot_health_monitor.ops.silences import add_silence, expire_silence, parse_matchers, read_silences
+from robot_health_monitor.ops.matchers import parse_matchers
+from robot_health_monitor.ops.silences import add_silence, expire_silence, read_silences
 
 
 def test_an_alert_is_silenced_until_the_time_is_over(silences: Silences, clock: Clock) -> None:

@@ -25,9 +25,10 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.configuration import TARGET_TYPES, HistorySettings, TargetSettings
 from robot_health_monitor.ops.history.history import History, RobotHistory
+from robot_health_monitor.ops.matchers import parse_matchers
 from robot_health_monitor.ops.notifications import Notifier
 from robot_health_monitor.ops.notifications.notifier import make_sender
-from robot_health_monitor.ops.silences import add_silence, parse_matchers
+from robot_health_monitor.ops.silences import add_silence
 
 DEADLINE_S = 30.0
 ROOT = Path(__file__).resolve().parents[3]
