@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
-from contextlib import asynccontextmanager
 from functools import partial
-from typing import TYPE_CHECKING, AsyncIterator, Awaitable, Optional, Sequence
+from typing import TYPE_CHECKING, Optional, Sequence
 
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
@@ -18,11 +17,11 @@ from robot_health_monitor.runtime.tokens import TokenFiles
 from .arguments import Parser, add_monitoring_options, add_namespace, add_token_file, find_installed, port
 from .exit_codes import ExitCode
 from .fleet_configuration import FleetReader, Options, read_addresses
-from .live_session import choose_output, run_session
+from .live_session import choose_output, run_session, served
 from .operations import Operations, open_operations
 from .output.events import Events
-from .reloading import OpsReload, Reloads
-from .serving import ServerSettings, serve, settings_of, stop_serving
+from .reloading import Reloads
+from .serving import ServerSettings, settings_of
 
 if TYPE_CHECKING:
     from .fleet import Fleet, Robot
@@ -70,10 +69,7 @@ def _check(arguments: argparse.Namespace) -> str:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Watches robots until an interrupt, or for `--duration`. SIGHUP reloads their configuration.
-
-    Returns:
-        The exit code: whether the duration has passed and there were alerts.
+    """Watches robots until an interrupt, or for `--duration`; then the exit code says if there were alerts.
 
     Raises:
         ConfigError: an address or a file cannot be used; or, at the end of the duration, a robot refuses this client.
@@ -98,7 +94,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
         if arguments.old_token_file:
             warn("--token-file is deprecated for the robots' token: use --robot-token-file")
-        read_settings = partial(server_settings, arguments, TokenFiles(warn))
+        read_settings = partial(_server_settings, arguments, TokenFiles(warn))
         settings = read_settings(operations.config.server)
         fleet = Fleet(
             FleetReader(addresses, arguments.fleet, options, warn),
@@ -111,36 +107,20 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         _attach(operations, fleet)
         reloads = Reloads(fleet.log)
         reloads.add(fleet.reload)
-
-        @asynccontextmanager
-        async def work() -> AsyncIterator[Awaitable[None]]:
-            server = None
-            if settings is not None:
-                server = await serve(fleet, settings, operations, required=arguments.port is not None)
-            reloads.add(OpsReload(arguments.ops, operations, server, settings, read_settings).reload)
-            try:
-                yield fleet.run()
-            finally:
-                if server is not None:
-                    await stop_serving(server)
-
-        alerts_found = run_session(fleet, work(), events, output, interrupts, reloads, arguments.duration)
+        required = arguments.port is not None
+        work = served(fleet, settings, operations, reloads, arguments.ops, read_settings, required=required)
+        alerts_found = run_session(fleet, work, events, output, interrupts, reloads, arguments.duration)
     if arguments.duration is not None and not interrupts.came:
         fleet.check_own_faults()
     return ExitCode.ALERTS if alerts_found else ExitCode.SUCCESS
 
 
-def server_settings(
+def _server_settings(
     arguments: argparse.Namespace, tokens: TokenFiles, options: Optional[ServerOptions]
 ) -> Optional[ServerSettings]:
-    """Returns the settings of the server for the whole fleet; None: not requested.
+    """Returns the settings of the server for the whole fleet, the command line first; None: not requested.
 
     The robots' token is never the one that this server requires: that comes from the ops.yaml alone.
-
-    Args:
-        arguments: the command line, which takes precedence.
-        tokens: reads the token.
-        options: section `server` of an ops.yaml; None: there is none.
 
     Raises:
         ConfigError: the token file cannot be used.

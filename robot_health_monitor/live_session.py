@@ -6,18 +6,20 @@ import asyncio
 import logging
 import os
 import sys
-from typing import Any, AsyncContextManager, Awaitable, Optional, Protocol, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, AsyncContextManager, AsyncIterator, Awaitable, Optional, Protocol
 
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.runtime.interrupts import Interrupts
 from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
 
+from .operations import Operations
 from .output.events import Events, LibraryLog
 from .output.lines import JsonLines, Output, OutputError, PlainLines, Shown
-from .reloading import Reloads
+from .reloading import OpsReload, ReadSettings, Reloads
 from .service_manager import ServiceManager
+from .serving import Served, ServerSettings, serve, stop_serving
 
 _SHOW_PERIOD_S = 0.1
 _END_S = 1.5
@@ -25,16 +27,11 @@ _END_S = 1.5
 _FAULT = "output"
 
 
-class Watched(Shown, Protocol):
-    """Monitors that run and can be shown."""
+class Monitors(Shown, Served, Protocol):
+    """Monitors of one process that can be shown and served: an embedded monitor or a fleet."""
 
-    @property
-    def faults(self) -> Faults:
-        """Where an output that cannot be written is reported."""
-
-    @property
-    def alert_systems(self) -> Sequence[AlertSystem]:
-        """The alert_systems that tick, one per robot."""
+    async def run(self) -> None:
+        """Runs the monitors until it is cancelled."""
 
     def close(self) -> None:
         """Ends the monitors."""
@@ -43,9 +40,7 @@ class Watched(Shown, Protocol):
 def choose_output(as_json: bool, name_robots: bool = False) -> Output:
     """Returns the output for stdout: JSON if requested, a live table on a terminal, otherwise plain lines.
 
-    Args:
-        as_json: one JSON object per transition.
-        name_robots: put the robot's name before each transition.
+    `name_robots` puts the robot's name before each transition.
     """
     if as_json:
         return JsonLines(sys.stdout, sys.stderr)
@@ -60,8 +55,33 @@ def choose_output(as_json: bool, name_robots: bool = False) -> Output:
     return PlainLines(sys.stdout, name_robots)
 
 
+@asynccontextmanager
+async def served(
+    monitors: Monitors,
+    settings: Optional[ServerSettings],
+    operations: Operations,
+    reloads: Reloads,
+    ops_file: str,
+    read_settings: ReadSettings,
+    *,
+    required: bool,
+) -> AsyncIterator[Awaitable[None]]:
+    """Serves monitors, as `serve`, and adds the reload of ops.yaml; gives what runs the monitors.
+
+    Raises:
+        ConfigError: the address is not protected, or the required port cannot be opened.
+    """
+    server = None if settings is None else await serve(monitors, settings, operations, required=required)
+    reloads.add(OpsReload(ops_file, operations, server, settings, read_settings).reload)
+    try:
+        yield monitors.run()
+    finally:
+        if server is not None:
+            await stop_serving(server)
+
+
 def run_session(
-    watched: Watched,
+    monitors: Monitors,
     work: AsyncContextManager[Awaitable[Any]],
     events: Events,
     output: Output,
@@ -69,18 +89,18 @@ def run_session(
     reloads: Reloads,
     duration_s: Optional[float] = None,
 ) -> bool:
-    """Runs `work` and shows `watched`; closes `watched` and `output` at the end.
+    """Runs `work` and shows `monitors`; closes `monitors` and `output` at the end.
 
     The output never delays the monitors. If it cannot be written, that is a fault and monitoring continues; if its
     reader is gone (`| head`, a terminal that was closed), the session ends.
 
     Args:
-        watched: the monitors to show.
+        monitors: what is shown.
         work: opens what is needed, such as a port, and gives what to run until it is cancelled. Output starts once it
             is entered, so that an error there stands alone.
         events: what the monitors announced.
         output: shows the monitors.
-        interrupts: SIGINT and SIGTERM, which end the session, and SIGHUP, which reloads the configuration.
+        interrupts: SIGINT and SIGTERM, which end the session, and SIGHUP.
         reloads: what SIGHUP reloads.
         duration_s: end after this time; None: run until interrupted.
 
@@ -95,9 +115,9 @@ def run_session(
     logging.getLogger().addHandler(library_log)
     logging.captureWarnings(True)
     try:
-        completed = asyncio.run(_run(watched, work, output, interrupts, reloads, duration_s))
+        completed = asyncio.run(_run(monitors, work, output, interrupts, reloads, duration_s))
     finally:
-        watched.close()
+        monitors.close()
         output.close()
         logging.captureWarnings(False)
         logging.getLogger().removeHandler(library_log)
@@ -107,7 +127,7 @@ def run_session(
 
 
 async def _run(
-    watched: Watched,
+    monitors: Monitors,
     work: AsyncContextManager[Awaitable[Any]],
     output: Output,
     interrupts: Interrupts,
@@ -129,7 +149,7 @@ async def _run(
             stopped: asyncio.Future[Any] = asyncio.ensure_future(stop.wait())
             service_manager.ready()
             try:
-                return await _show(watched, output, running, stopped, service_manager, duration_s)
+                return await _show(monitors, output, running, stopped, service_manager, duration_s)
             finally:
                 service_manager.stopping()
                 running.cancel()
@@ -142,7 +162,7 @@ async def _run(
 
 
 async def _show(
-    watched: Watched,
+    monitors: Monitors,
     output: Output,
     running: asyncio.Future[Any],
     stopped: asyncio.Future[Any],
@@ -153,11 +173,11 @@ async def _show(
     loop = asyncio.get_running_loop()
     end_s = float("inf") if duration_s is None else loop.time() + duration_s
     while not output.reader_is_gone:
-        output.show(watched)
+        output.show(monitors)
         if service_manager.watchdog_period_s is not None:
             # One robot's failure must not restart the monitors of the others.
-            service_manager.alive(min((system.tick_age_s for system in watched.alert_systems), default=0.0))
-        _report_problem(output, watched.faults)
+            service_manager.alive(min((system.tick_age_s for system in monitors.alert_systems), default=0.0))
+        _report_problem(output.problem, monitors.faults)
         if loop.time() >= end_s:
             return True
         wait_s = min(_SHOW_PERIOD_S, end_s - loop.time())
@@ -169,8 +189,7 @@ async def _show(
     return False
 
 
-def _report_problem(output: Output, faults: Faults) -> None:
-    problem = output.problem
+def _report_problem(problem: str, faults: Faults) -> None:
     known = faults.current().get(_FAULT)
     if problem and (known is None or known.text != problem):
         faults.report(_FAULT, problem, Level.WARN)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import asynccontextmanager
-from typing import AsyncIterator, Awaitable, Optional
+from typing import Optional
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
@@ -17,11 +16,11 @@ from robot_health_monitor.runtime.tokens import TokenFiles
 from .arguments import Parser, add_monitoring_options, add_token_file, find_installed, port
 from .embedded import EmbeddedMonitor, sections_of_nodes
 from .exit_codes import ExitCode
-from .live_session import choose_output, run_session
+from .live_session import choose_output, run_session, served
 from .operations import configured_ops, open_operations
 from .output.events import Events
-from .reloading import OpsReload, Reloads
-from .serving import ServerSettings, serve, server_settings, stop_serving
+from .reloading import Reloads
+from .serving import ServerSettings, server_settings
 
 
 def add_arguments(parser: Parser) -> None:
@@ -63,14 +62,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Runs the monitor until an interrupt, or for `--duration`.
-
-    Returns:
-        The exit code: whether the duration has passed and there were alerts.
-
-    Raises:
-        ConfigError: the configuration, the token file or the requested port cannot be used.
-    """
+    """Runs the monitor until an interrupt, or for `--duration`; then the exit code says if there were alerts."""
     interrupts.take_hangups()
     file = arguments.thresholds or find_installed("config/thresholds.yaml")
     output = choose_output(arguments.json)
@@ -97,19 +89,9 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
         except ConfigError:
             monitor.close()
             raise
-
         reloads = Reloads(monitor.log)
         reloads.add(monitor.reload)
-
-        @asynccontextmanager
-        async def work() -> AsyncIterator[Awaitable[None]]:
-            server = await serve(monitor, settings, operations, required=arguments.port is not None)
-            reloads.add(OpsReload(ops_file, operations, server, settings, read_settings).reload)
-            try:
-                yield monitor.run()
-            finally:
-                if server is not None:
-                    await stop_serving(server)
-
-        alerts_found = run_session(monitor, work(), events, output, interrupts, reloads, arguments.duration)
+        required = arguments.port is not None
+        work = served(monitor, settings, operations, reloads, ops_file, read_settings, required=required)
+        alerts_found = run_session(monitor, work, events, output, interrupts, reloads, arguments.duration)
     return ExitCode.ALERTS if alerts_found else ExitCode.SUCCESS
