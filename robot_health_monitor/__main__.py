@@ -16,14 +16,7 @@ from .exit_codes import ExitCode
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
-    """Runs the command line.
-
-    Args:
-        argv: the arguments; None: those of the process.
-
-    Returns:
-        The exit code.
-    """
+    """Runs the command line with these arguments, by default those of the process; returns the exit code."""
     with Interrupts() as interrupts:
         try:
             _prepare_streams()
@@ -101,12 +94,10 @@ def _write_error(text: str) -> None:
 
 def _place_of(error: BaseException) -> str:
     """Returns file and line of the code that raised an error, for a report of the bug."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    if trace is None:
-        return ""
-    return f"{os.path.basename(trace.tb_frame.f_code.co_filename)}:{trace.tb_lineno}: "
+    import traceback
+
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{os.path.basename(frames[-1].filename)}:{frames[-1].lineno}: " if frames else ""
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         """Creates a parser without abbreviated options: they would change their meaning when one is added."""
         super().__init__(allow_abbrev=False, **options)
-        self.check: Callable[[argparse.Namespace], str] = _accept
+        self.check: Callable[[argparse.Namespace], str] = lambda found: ""
         """Returns what is wrong with the arguments together; empty: nothing."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -94,15 +94,8 @@ class _RejectToken(argparse.Action):
         )
 
 
-def _accept(arguments: argparse.Namespace) -> str:
-    return ""
-
-
 def parse(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
-    """Parses the arguments; `command` is the name of the command, `run` its function.
-
-    Args:
-        argv: the arguments; None: those of the process.
+    """Parses arguments, by default those of the process; `command` is the name of the command, `run` its function.
 
     Raises:
         SystemExit: they are wrong (code 2, one line on stderr), or requested help or the version (code 0). No argument

@@ -7,7 +7,7 @@ import difflib
 import os
 import re
 import sys
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Protocol, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Protocol, Sequence, Tuple
 
 from robot_health_monitor.core.config import (
     MonitorConfig,
@@ -58,11 +58,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def check(files: Sequence[str]) -> bool:
-    """Writes one line per valid file on stdout, and one line per mistake on stderr.
-
-    Returns:
-        Whether all files are valid.
-    """
+    """Writes one line per valid file on stdout, and one line per mistake on stderr; returns whether all are valid."""
     valid = True
     for file in files:
         summary, errors = _check_file(file)
@@ -77,19 +73,6 @@ def check(files: Sequence[str]) -> bool:
     return valid
 
 
-class _Kind(NamedTuple):
-    """A kind of configuration file."""
-
-    matches: Callable[[Mapping[str, Any]], bool]
-    """Recognises the contents of a file."""
-    check: Callable[[YamlFile, Problems], str]
-    """Adds the mistakes of a file to `problems`, and returns a summary.
-
-    Raises:
-        ConfigError: there are too many mistakes.
-    """
-
-
 def _check_file(file: str) -> Tuple[str, List[ConfigError]]:
     """Returns a summary of a file and its mistakes, by line."""
     summary = ""
@@ -98,13 +81,22 @@ def _check_file(file: str) -> Tuple[str, List[ConfigError]]:
     try:
         read = read_yaml(file, duplicates)
         try:
-            summary = next(kind for kind in _KINDS if kind.matches(read.tree)).check(read, problems)
+            summary = _check_contents(read, problems)
             problems.raise_if_any()
         except ConfigError as error:
             raise read.locate(error) from None
     except ConfigError as error:
         errors.extend(error.all)
     return summary, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)
+
+
+def _check_contents(file: YamlFile, problems: Problems) -> str:
+    """Adds the mistakes of a file to `problems`, and returns a summary; raises if there are too many."""
+    if _looks_like_ops(file.tree):
+        return _check_ops(file, problems)
+    if is_fleet_file(file.tree):
+        return _check_fleet(file, problems)
+    return _check_thresholds(file, problems)
 
 
 def _check_thresholds(file: YamlFile, problems: Problems) -> str:
@@ -135,9 +127,8 @@ def _check_thresholds(file: YamlFile, problems: Problems) -> str:
                     _try_node(name, start, section)
     unused = sorted({section.node for section in by_node.get("", []) if section not in by_node["alert_system"]})
     bounds = sum(len(signal.bounds) for signal in config.signals.values())
-    parts = [
-        f"{count_text(len(config.signals), 'signal')} ({', '.join(config.signals)}), {count_text(bounds, 'bound')}"
-    ]
+    signals = f"{count_text(len(config.signals), 'signal')} ({', '.join(config.signals)})"
+    parts = [f"{signals}, {count_text(bounds, 'bound')}"]
     if unknown_types:
         parts.append(f"fields not checked, their types are not known here: {', '.join(unknown_types)}")
     if unused:
@@ -163,12 +154,13 @@ def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
         if not isinstance(signal, Mapping):
             continue
         path = (*section.path, "signals", str(name))
-        topic, type_name, field = (signal.get(key, default) for key, default in _source_defaults(str(name)))
+        topic, type_name, field = signal.get("topic", str(name)), signal.get("type", ""), signal.get("field", "data")
         if isinstance(topic, str) and topic not in ("", name) and not _TOPIC.match(topic):
             problems.add(ConfigError(f"expected the name of a topic, got {topic[:60]!a}", (*path, "topic")))
-        if not isinstance(type_name, str) or split_type_name(type_name) is None or not isinstance(field, str):
+        split = split_type_name(type_name) if isinstance(type_name, str) else None
+        if split is None or not isinstance(field, str):
             continue
-        spelling = "/".join(split_type_name(type_name) or ())
+        spelling = "/".join(split)
         try:
             if not check_field(definitions, str(topic), spelling, field):
                 unknown[spelling] = None
@@ -232,10 +224,6 @@ def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, 
     raise ConfigError(f"expected a message type, got {spelling}, which does not exist{hint}", ("type",))
 
 
-def _source_defaults(name: str) -> Sequence[Tuple[str, str]]:
-    return ("topic", name), ("type", ""), ("field", "data")
-
-
 def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
     """Recognises a section of an ops.yaml at the top, also a misspelt one."""
     return not is_whole_file(tree) and any(
@@ -263,11 +251,3 @@ def _check_fleet(file: YamlFile, problems: Problems) -> str:
     if unread:
         parts.append(f"not read here: {', '.join(unread)}")
     return "; ".join(parts)
-
-
-_KINDS = (
-    _Kind(_looks_like_ops, _check_ops),
-    _Kind(is_fleet_file, _check_fleet),
-    _Kind(lambda tree: True, _check_thresholds),
-)
-"""Kinds of files, the last one for all others."""

@@ -121,9 +121,6 @@ def _server_settings(
     """Returns the settings of the server for the whole fleet, the command line first; None: not requested.
 
     The robots' token is never the one that this server requires: that comes from the ops.yaml alone.
-
-    Raises:
-        ConfigError: the token file cannot be used.
     """
     if arguments.port is None and options is None:
         return None

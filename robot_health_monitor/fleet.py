@@ -131,11 +131,7 @@ class Fleet:
         return [robot.alert_system for robot in self.robots]
 
     def check_own_faults(self) -> None:
-        """Checks that no robot refuses this client.
-
-        Raises:
-            ConfigError: a robot cannot be reached until the configuration on this side is corrected.
-        """
+        """Raises ConfigError if a robot cannot be reached until the configuration on this side is corrected."""
         for robot in self.robots:
             if robot.cause is not None and robot.cause.own_fault:
                 raise ConfigError(f"{robot.name}: {robot.cause.text}")
@@ -274,7 +270,7 @@ class Robot:
         log_details: bool,
         start: StartAlertSystem,
     ) -> None:
-        """Starts the alert_system; `run` connects.
+        """Starts the alert_system; `run` connects. Raises ConfigError if the configuration cannot be used.
 
         Args:
             settings: what to watch, and where.
@@ -284,9 +280,6 @@ class Robot:
             outlet: receives the robot's transitions and notices.
             log_details: log what alert_system does at its start, a line per signal; else only warnings.
             start: creates the alert_system.
-
-        Raises:
-            ConfigError: the configuration cannot be used.
         """
 
         def log(line: LogLine) -> None:
@@ -362,10 +355,8 @@ class Robot:
     def change(self, settings: RobotSettings) -> str:
         """Applies new settings; returns what changed. Signals that are configured as before keep their state.
 
-        Connects again only if the address, the token or the certificate authorities differ.
-
-        Raises:
-            ConfigError: this needs a new `Robot`; nothing was changed.
+        Connects again only if the address, the token or the certificate authorities differ. Raises ConfigError if this
+        needs a new `Robot`; nothing was changed then.
         """
         old = self.settings
         if (old.namespace, old.use_sim_time) != (settings.namespace, settings.use_sim_time):

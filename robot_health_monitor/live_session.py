@@ -66,11 +66,7 @@ async def served(
     *,
     required: bool,
 ) -> AsyncIterator[Awaitable[None]]:
-    """Serves monitors, as `serve`, and adds the reload of ops.yaml; gives what runs the monitors.
-
-    Raises:
-        ConfigError: the address is not protected, or the required port cannot be opened.
-    """
+    """Serves monitors, as `serve`, and adds the reload of ops.yaml; gives what runs the monitors."""
     server = None if settings is None else await serve(monitors, settings, operations, required=required)
     reloads.add(OpsReload(ops_file, operations, server, settings, read_settings).reload)
     try:

@@ -63,13 +63,7 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def show_sources(as_json: bool, stream: Optional[TextIO] = None, paths: HostPaths = HOST_PATHS) -> None:
-    """Lists every source of this machine: a table on a terminal, plain lines in a pipe, or JSON.
-
-    Args:
-        as_json: one JSON object per line and source.
-        stream: where to write; None: stdout.
-        paths: where the kernel's files are.
-    """
+    """Lists every source of this machine: a table on a terminal, plain lines in a pipe, or JSON."""
     stream = stream or sys.stdout
     readings = read_sources(paths)
     values = [readable(reading.value_text, stream) for reading in readings]
@@ -78,10 +72,7 @@ def show_sources(as_json: bool, stream: Optional[TextIO] = None, paths: HostPath
     elif stream.isatty():
         lines = _table(readings, values, shutil.get_terminal_size().columns)
     else:
-        lines = [
-            f"{reading.configuration}: {reading.problem or readable(reading.value_text, stream)}"
-            for reading in readings
-        ]
+        lines = [f"{reading.configuration}: {reading.problem or value}" for reading, value in zip(readings, values)]
     stream.write("".join(f"{printable(line)}\n" for line in lines))
     stream.flush()
 
@@ -140,13 +131,8 @@ def _table(readings: List[SourceReading], values: List[str], columns: int) -> Li
 
 
 def _json_line(reading: SourceReading) -> str:
-    fields = {
-        "source": reading.kind,
-        **reading.options,
-        "value": reading.value,
-        "unit": HOST_SOURCES[reading.kind].unit,
-        "problem": reading.problem or None,
-    }
+    unit, problem = HOST_SOURCES[reading.kind].unit, reading.problem or None
+    fields = {"source": reading.kind, **reading.options, "value": reading.value, "unit": unit, "problem": problem}
     return json.dumps(fields)
 
 

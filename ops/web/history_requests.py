@@ -43,11 +43,7 @@ class Query(NamedTuple):
 
 
 def query_of(parameters: Mapping[str, str]) -> Query:
-    """Reads the parameters of a request.
-
-    Raises:
-        ApiError: one is invalid.
-    """
+    """Reads the parameters of a request; raises ApiError if one is invalid."""
     level = parameters.get("level") or None
     if level is not None and level not in Level.__members__:
         raise ApiError(400, f"level: expected {', '.join(Level.__members__)}, got {level[:20]}")
@@ -65,11 +61,7 @@ def query_of(parameters: Mapping[str, str]) -> Query:
 
 
 def past_alerts(history: History, query: Query) -> Json:
-    """Returns the answer of `/api/history`.
-
-    Raises:
-        ServiceError: the history failed or did not answer.
-    """
+    """Returns the answer of `/api/history`; raises ServiceError if the history failed or did not answer."""
 
     def read(connection: sqlite3.Connection) -> Json:
         one_more = query._replace(limit=query.limit + 1)
@@ -85,11 +77,7 @@ def past_alerts(history: History, query: Query) -> Json:
 
 
 def past_alert(history: History, number: int) -> Optional[PastAlert]:
-    """Returns an alert by its id; None if there is none.
-
-    Raises:
-        ServiceError: the history failed or did not answer.
-    """
+    """Returns an alert by its id, None if there is none; raises ServiceError as `past_alerts`."""
 
     def read(connection: sqlite3.Connection) -> Optional[PastAlert]:
         transition = queries.transition(connection, number)
@@ -159,13 +147,7 @@ def silence_json(silence: Silence) -> Json:
 
 
 def new_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
-    """Adds the silence that a request asks for.
-
-    Raises:
-        ApiError: a value is missing or invalid.
-        ConfigError: it is not possible.
-        ServiceError: the history failed or did not answer.
-    """
+    """Adds the silence that a request asks for, as `Silences.add`; raises ApiError if a value is missing or invalid."""
     robot, signal = read_text(body, "robot"), read_text(body, "signal")
     if not robot:
         raise ApiError(400, "robot: expected a name or a pattern, got nothing")
@@ -187,12 +169,7 @@ def new_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
 
 
 def expire_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
-    """Ends the silence that a request names.
-
-    Raises:
-        ApiError: it is not named, there is no such silence, or it has ended.
-        ServiceError: the history failed or did not answer.
-    """
+    """Ends the silence that a request names; raises ApiError if it names none, or one that has ended."""
     text = str(body.get("id", ""))[:20]
     if not (text.isascii() and text.isdigit()):
         raise ApiError(400, "id: expected the id of a silence")

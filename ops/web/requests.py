@@ -96,11 +96,7 @@ class ApiError(MessageError):
 
 
 def json_bytes(value: object) -> bytes:
-    """Returns JSON in ASCII.
-
-    Raises:
-        ValueError: a number is not finite.
-    """
+    """Returns JSON in ASCII; raises ValueError if a number is not finite."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).encode("ascii")
 
 
@@ -111,10 +107,9 @@ def json_response(value: object, *, status: int = 200, headers: Optional[Mapping
 
 
 def check_same_origin(request: web.Request) -> None:
-    """Checks that a browser sends a request only for the server's own page. Other clients send neither header.
+    """Raises ApiError if a browser sends a request for another page than the server's own.
 
-    Raises:
-        ApiError: it comes from another page.
+    Other clients send neither header.
     """
     origin = request.headers.get("Origin")
     site = request.headers.get("Sec-Fetch-Site")
@@ -127,11 +122,7 @@ def check_same_origin(request: web.Request) -> None:
 
 
 async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Dict[str, Any]:
-    """Returns the JSON object in a request's body.
-
-    Raises:
-        ApiError: it is too large, does not come in time, or is no JSON object.
-    """
+    """Returns the JSON object in a body; raises ApiError if it is none, too large, or does not come in time."""
     if request.content_type != "application/json":
         raise ApiError(415, "expected Content-Type: application/json")
     try:
@@ -148,11 +139,7 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Di
 
 
 def read_text(body: Mapping[str, Any], name: str) -> str:
-    """Returns a text of a request's body; empty if it is left out.
-
-    Raises:
-        ApiError: it is no text, or too long.
-    """
+    """Returns a text of a body, empty if it is left out; raises ApiError if it is no text, or too long."""
     value = body.get(name)
     if value is None:
         return ""

@@ -60,9 +60,8 @@ class Updates:
     ) -> None:
         """Starts without pages.
 
-        Args:
-            read_state: returns the state without samples.
-            read_samples: returns a robot's samples since an earlier result, None if there is no such robot.
+        `read_state` returns the state without samples, `read_samples` a robot's samples since an earlier result; None:
+        there is no such robot.
         """
         self._read_state = read_state
         self._read_samples = read_samples
@@ -93,8 +92,7 @@ class Updates:
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """Answers `/api/events` until the page or the server closes the connection.
 
-        Raises:
-            ApiError: the server is closing, too many robots are asked for, or there is no such robot.
+        Raises ApiError if the server is closing, too many robots are asked for, or there is no such robot.
         """
         if self._closed:
             raise ApiError(503, "the monitor is closing")

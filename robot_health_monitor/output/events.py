@@ -28,10 +28,6 @@ class Entry(NamedTuple):
     """Reason and end of the silence of the transition's signal; None: it is not silenced."""
 
 
-def _not_silenced(robot: str, signal: str) -> Optional[str]:
-    return None
-
-
 class Events:
     """Passes log lines and transitions to the output, and counts the alerts among them."""
 
@@ -40,7 +36,7 @@ class Events:
         output: Callable[[Entry], None],
         least: Severity = Severity.INFO,
         *,
-        silence_of: Callable[[str, str], Optional[str]] = _not_silenced,
+        silence_of: Callable[[str, str], Optional[str]] = lambda robot, signal: None,
         wall_time_s: Callable[[], float] = time.time,
     ) -> None:
         """Starts counting.
@@ -64,11 +60,7 @@ class Events:
             self._output(Entry(self._wall_time_s(), line))
 
     def outlet(self, node: str) -> Outlet:
-        """Returns an outlet for an alert_system.
-
-        Args:
-            node: the name shown before its notices.
-        """
+        """Returns an outlet for an alert_system; `node` is the name shown before its notices."""
 
         def on_event(event: Event) -> None:
             if isinstance(event, Transition):
