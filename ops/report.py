@@ -112,10 +112,7 @@ class PlottedSignal(Envelope):
     """What the report keeps of one signal, in bounded memory: the values that the bounds apply to, and the levels."""
 
     def __init__(self, config: SignalConfig, file: str, start_s: float, span_s: float, buckets: int) -> None:
-        """Starts empty, with arguments as of `Envelope`, for the time of the recordings.
-
-        `file` is the name of the configuration, shown if there are several; empty: there is one.
-        """
+        """Starts empty, as `Envelope`; `file` names the configuration, if there are several."""
         super().__init__(start_s, span_s, buckets)
         self.config = config
         self.file = file
@@ -179,14 +176,12 @@ class Report(NamedTuple):
     start_s: float
     """Begin of the recordings, in s since 1970."""
     end_s: float
-    """Their end."""
     utc_offset_s: float
     """Local time minus UTC, for the times that are shown."""
     header: Sequence[str]
     """Heads of the table of signals."""
     rows: Sequence[Sequence[str]]
-    """The table of signals, the worst first: one row per signal, the first cell is its name, the second its
-    configuration if there are several."""
+    """The table of signals, the worst first; it begins with the name and, if there are several, the configuration."""
     signals: Sequence[PlottedSignal]
     """Their plots, in the same order."""
     alerts: Sequence[ReportedAlert]

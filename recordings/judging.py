@@ -47,15 +47,13 @@ class SignalStatistics:
         self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
         self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
         self.samples = 0
-        """Number of samples, bad ones included."""
+        """Bad ones included: those that are no valid number."""
         self.bad_samples = 0
-        """Number of samples that are no valid number."""
         self.min: Optional[float] = None
         """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
         self.max: Optional[float] = None
-        """Largest value of the statistic."""
         self.mean: Optional[float] = None
-        """Mean of the values of the statistic at the samples."""
+        """Of the values of the statistic at the samples."""
         self.first_s: Optional[float] = None
         """Log time of the first sample, in s since 1970; None without samples."""
         self.longest_gap_s: Optional[float] = None
@@ -114,7 +112,6 @@ class SignalSummary:
     file: str
     """Name of the configuration."""
     config: SignalConfig
-    """Configuration of the signal."""
     topic: str
     """Its absolute topic."""
     recorded: bool
@@ -122,7 +119,6 @@ class SignalSummary:
     missing: str
     """Why it was not judged: it is not recorded, or has no sample that can be read; empty if it was."""
     statistics: SignalStatistics
-    """Statistics of its samples."""
     shares: Mapping[Level, float] = field(default_factory=dict)
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
@@ -133,10 +129,9 @@ class SignalSummary:
 
 OnEvent = Callable[[JudgedEvent], None]
 OnSamples = Callable[[str, SignalConfig, Any, Any, Any], None]
-"""Receives the name of the configuration, the signal, log times (s since 1970) with values, and times of bad samples.
+"""Receives the configuration's name, the signal, log times (s since 1970) with values, and times of bad samples.
 
-Arrays of doubles. The values are those that the bounds apply to: of the signal's statistic, in its unit, NaN while it
-is undefined.
+Arrays of doubles. The values are those that the bounds apply to, NaN while the statistic is undefined.
 """
 
 
@@ -227,24 +222,20 @@ class Judge:
             if on_samples is not None:
                 on_samples(summary.file, config, times_s, values, np.empty(0))
 
-        source = (summary.topic, config.type, config.field or None)
+        def start(tape: _Tape, collect: Callable[[Any, float], None]) -> _Tape:
+            self._player.subscribe(Subscription(node, summary.topic, collect), config.type, config.field or None)
+            return tape
+
+        source, tape = (summary.topic, config.type, config.field or None), _Tape()
         if source not in self._tapes:  # one for all configurations
-            self._tapes[source] = self._start_tape(node, summary, None)
+            self._tapes[source] = start(tape, tape.collect)
         self._tapes[source].consumers.append(take)
         if not is_last:
-            tape = self._start_tape(node, summary, lambda: system.monitor.judged_value(config.name))
-            tape.consumers.append(take_judged)
-            self._tapes[summary.file, config.name, ""] = tape
-
-    def _start_tape(
-        self, node: RecordedMiddleware, summary: SignalSummary, read: Optional[Callable[[], Optional[float]]]
-    ) -> _Tape:
-        """Collects, at each message of a signal, the number that `read` returns; None: that of the message."""
-        tape = _Tape()
-        collect = tape.collect if read is None else lambda _, wall_s: tape.collect(read(), wall_s)
-        subscription = Subscription(node, summary.topic, collect)
-        self._player.subscribe(subscription, summary.config.type, summary.config.field or None)
-        return tape
+            judged = _Tape()
+            judged.consumers.append(take_judged)
+            self._tapes[summary.file, config.name, ""] = start(
+                judged, lambda _, wall_s: judged.collect(system.monitor.judged_value(config.name), wall_s)
+            )
 
 
 class _Tape:

@@ -10,7 +10,8 @@ import io
 import os
 import struct
 import zlib
-from typing import BinaryIO, Collection, Dict, FrozenSet, Iterator, List, NamedTuple, Optional, Tuple
+from operator import itemgetter
+from typing import BinaryIO, Collection, Dict, FrozenSet, Iterator, List, Optional, Tuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -37,12 +38,6 @@ _CHUNK_HEADER = 32
 _NEEDED = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 
 
-class _ChunkPlace(NamedTuple):
-    start: int
-    channels: Collection[int]
-    """Numbers of the channels with messages in the chunk; empty: unknown."""
-
-
 class McapFile(ChunkedFile):
     """An `.mcap` file."""
 
@@ -54,7 +49,8 @@ class McapFile(ChunkedFile):
         """Reads the summary, or the whole file if there is none; see `RecordedFile`."""
         self._schemas: Dict[int, Tuple[str, str, str]] = {}
         """Name, definition and its format per schema."""
-        self._places: List[_ChunkPlace] = []
+        self._places: List[Tuple[int, Collection[int]]] = []
+        """Start of each chunk, and the numbers of the channels with messages in it; empty: unknown."""
         super().__init__(path, name)
 
     def _read_index(self, file: BinaryIO) -> Optional[str]:
@@ -96,14 +92,14 @@ class McapFile(ChunkedFile):
                 statistics = record
             elif isinstance(record, ChunkIndex):
                 channels = frozenset(record.message_index_offsets)
-                self._places.append(_ChunkPlace(record.chunk_start_offset, channels_of.setdefault(channels, channels)))
+                self._places.append((record.chunk_start_offset, channels_of.setdefault(channels, channels)))
         expected = statistics and (statistics.channel_count, statistics.chunk_count)
         if statistics is None or expected != (len(numbers), len(self._places)):
             return False
         self._counts = statistics.channel_message_counts
         if statistics.message_count:
             self.span_ns = statistics.message_start_time, statistics.message_end_time
-        self._places.sort(key=lambda place: place.start)
+        self._places.sort(key=itemgetter(0))
         return True
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
@@ -112,18 +108,18 @@ class McapFile(ChunkedFile):
             return
         size = os.fstat(file.fileno()).st_size
         end = 0
-        for place in self._places:
-            if not place.channels or not wanted.keys().isdisjoint(place.channels):
+        for start, channels in self._places:
+            if not channels or not wanted.keys().isdisjoint(channels):
                 messages: Messages = []
                 try:
-                    file.seek(place.start)
+                    file.seek(start)
                     record = self._read_record(file, size)
-                    if record is None or not record.is_chunk or not record.complete or place.start < end:
+                    if record is None or not record.is_chunk or not record.complete or start < end:
                         raise Damaged("no chunk where the index has one")
                     end = file.tell()
                     self._take(record, wanted, messages)
                 except self.DAMAGE as error:
-                    self._leave_out(place.start, size, error)
+                    self._leave_out(start, size, error)
                 record = None  # its bytes are not needed while the messages are read
                 yield messages
 

@@ -45,12 +45,10 @@ class Subscription:
 
 @dataclass
 class _Tally:
-    """How much of one recording could be used."""
+    """How many fields of one recording could be read, and how many could not."""
 
     decoded: int = 0
-    """Fields that were read."""
     undecodable: int = 0
-    """Fields that could not be read."""
 
 
 class _Reader(NamedTuple):
@@ -70,7 +68,6 @@ class RecordedMiddleware(MappingNode):
         """Use `Player.node`."""
         super().__init__(name, parameters, {}, clock=lambda: player.wall_s, use_sim_time=use_sim_time)
         self.player = player
-        self.use_sim_time = use_sim_time
         self._subscriptions: List[Subscription] = []
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> ClockTimer:
@@ -95,7 +92,7 @@ class RecordedMiddleware(MappingNode):
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
         subscription = Subscription(self, self.resolve(topic), callback)
-        if self.use_sim_time:
+        if self._sim_time_s is not None:
             subscription.receive = lambda value, wall_s: self.call_back(subscription, value)
         self._subscriptions.append(subscription)
         return self.player.subscribe(subscription, type_name, field)
@@ -146,6 +143,8 @@ class Player:
         span = recordings.span_ns or (0, 0)
         self._start_ns = span[0] + round(from_s * 1e9)
         self._end_ns = min(span[1], span[0] + round(to_s * 1e9)) if to_s < math.inf else span[1]
+        self.end_s = self._end_ns / 1e9
+        """Log time at which playing ends, in seconds since 1970."""
         self._use_sim_time = use_sim_time
         self.wall_s = self._start_ns / 1e9
         """Log time of the current message, in seconds since 1970."""
@@ -170,11 +169,6 @@ class Player:
             raise ConfigError("simulated time was requested, but the recordings have no topic /clock")
 
     @property
-    def end_s(self) -> float:
-        """Log time at which playing ends, in seconds since 1970."""
-        return self._end_ns / 1e9
-
-    @property
     def problems(self) -> List[str]:
         """One line for each thing that was not read, or not as it was recorded, until now."""
         lines = self._recordings.problems
@@ -182,10 +176,9 @@ class Player:
         for (topic, _), number in self._undecodable.items():
             undecodable[topic] = max(number, undecodable.get(topic, 0))  # a message lacks several fields at once
         for topic, number in sorted(undecodable.items()):
-            lines.append(f"{topic}: {count_text(number, 'message')} could not be decoded and {_were(number)} left out")
+            lines.append(f"{topic}: {_left_out(number, 'could not be decoded and')}")
         if self._outside:
-            outside = count_text(self._outside, "message")
-            lines.append(f"{outside} outside of the time span {_were(self._outside)} left out")
+            lines.append(_left_out(self._outside, "outside of the time span"))
         if self.late:
             lines.append(f"{count_text(self.late, 'message')} out of order, judged late")
         if self._skipped_s:
@@ -365,8 +358,8 @@ class Player:
         self._due_s = min((time_s for time_s in due_s if time_s is not None), default=math.inf)
 
 
-def _were(number: int) -> str:
-    return "was" if number == 1 else "were"
+def _left_out(messages: int, why: str) -> str:
+    return f"{count_text(messages, 'message')} {why} {'was' if messages == 1 else 'were'} left out"
 
 
 def _arrival(data: bytes) -> float:

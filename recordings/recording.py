@@ -210,10 +210,7 @@ class ChunkedFile(RecordedFile):
 
     @abc.abstractmethod
     def _read_record(self, file: BinaryIO, size: int) -> Optional[Record]:
-        """Reads the next record of a file of `size` bytes, as far as it is needed; None at the end.
-
-        Raises Damaged: this is not a record. Everything in `DAMAGE` counts as that.
-        """
+        """Reads the next record of a file of `size` bytes, if it is needed; None: the end. Raises any of `DAMAGE`."""
 
     @abc.abstractmethod
     def _take(self, record: Record, wanted: Wanted, into: Messages) -> None:

@@ -48,7 +48,6 @@ class Source(NamedTuple):
     """One number of a topic, as a signal."""
 
     name: str
-    """A name for the signal."""
     topic: str
     """The absolute topic."""
     settings: Mapping[str, Any]
@@ -64,6 +63,7 @@ def list_sources(channels: Iterable[Channel], namespace: str = "") -> Tuple[List
     found: List[Source] = []
     problems: List[str] = []
     left_out: List[str] = []
+    prefix = f"/{namespace}/" if namespace else "/"
     names: Set[str] = set()
     seen: Dict[str, str] = {}
     for channel in sorted(channels, key=lambda each: each.topic):
@@ -88,7 +88,8 @@ def list_sources(channels: Iterable[Channel], namespace: str = "") -> Tuple[List
         if len(found) + len(fields) > MOST_SIGNALS:
             left_out.append(channel.topic)
             continue
-        topic = _relative(channel.topic, namespace)
+        topic = channel.topic[len(prefix) :] if channel.topic.startswith(prefix) else channel.topic
+        topic = channel.topic if topic[0].isdigit() else topic  # `/r1/2d` is a name, `2d` is not
         for field in fields:
             settings: Dict[str, Any] = {"topic": topic, "type": channel.type_name, "field": field}
             units = _UNITS.get(channel.type_name.replace("sensor_msgs/", ""), {})
@@ -98,12 +99,6 @@ def list_sources(channels: Iterable[Channel], namespace: str = "") -> Tuple[List
     if left_out:
         problems.append(f"topics left out, because there are more than {MOST_SIGNALS} signals: {list_text(left_out)}")
     return found, problems
-
-
-def _relative(topic: str, namespace: str) -> str:
-    prefix = f"/{namespace}/" if namespace else "/"
-    relative = topic[len(prefix) :] if topic.startswith(prefix) else topic
-    return topic if relative[0].isdigit() else relative  # `/r1/2d` is a name, `2d` is not
 
 
 def _fields(channel: Channel) -> List[str]:

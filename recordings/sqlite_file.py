@@ -76,7 +76,9 @@ class SqliteFile(RecordedFile):
 
     def _batches(self, database: sqlite3.Connection, wanted: Mapping[int, Any]) -> Iterator[Messages]:
         """Yields the messages in the order of their times: few at once if they are large."""
-        cursor = database.execute(_query(wanted), list(wanted))
+        data_column = f"CASE WHEN length(data) <= {_LARGEST_IN_BATCH} THEN data ELSE id END"
+        query = f"SELECT topic_id, timestamp, {data_column} FROM messages WHERE topic_id IN ({_places(wanted)})"
+        cursor = database.execute(f"{query} ORDER BY timestamp, id", list(wanted))
         left = os.path.getsize(self._path)
         count = 1
         while True:
@@ -109,10 +111,14 @@ class SqliteFile(RecordedFile):
 
     def _remaining(self, database: sqlite3.Connection, wanted: Mapping[int, Any], last_ns: int) -> Iterator[Messages]:
         """Yields the messages of a damaged file after a time, in the order of recording, which needs no index."""
+        # The other topics are included, without data: their rows show where the file ends.
+        selected = f"CASE WHEN topic_id IN ({_places(wanted)}) AND length(data) <= {LARGEST} THEN data"
+        selected += " WHEN topic_id > 0 THEN x'' END"
+        query = f"SELECT topic_id, timestamp, {selected} FROM messages NOT INDEXED ORDER BY id"
         batch: Messages = []
         size = 0
         try:
-            for number, time_ns, data in database.execute(_query_in_order_of_recording(wanted), list(wanted)):
+            for number, time_ns, data in database.execute(query, list(wanted)):
                 if type(time_ns) is not int or type(data) is not bytes or self._is_cut(data):
                     if self._missing:
                         break  # the rest of the page is missing, too
@@ -181,17 +187,8 @@ class SqliteFile(RecordedFile):
                 self._add_channel(number, str(topic), str(type_name), encoding, *definition)
 
 
-def _query(wanted: Mapping[int, Any]) -> str:
-    places = ",".join("?" * len(wanted))
-    data = f"CASE WHEN length(data) <= {_LARGEST_IN_BATCH} THEN data ELSE id END"
-    return f"SELECT topic_id, timestamp, {data} FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp, id"
-
-
-def _query_in_order_of_recording(wanted: Mapping[int, Any]) -> str:
-    """Includes the other topics, without data: their rows show where the file ends."""
-    places = ",".join("?" * len(wanted))
-    data = f"CASE WHEN topic_id IN ({places}) AND length(data) <= {LARGEST} THEN data WHEN topic_id > 0 THEN x'' END"
-    return f"SELECT topic_id, timestamp, {data} FROM messages NOT INDEXED ORDER BY id"
+def _places(wanted: Mapping[int, Any]) -> str:
+    return ",".join("?" * len(wanted))
 
 
 def _has_journal(path: str) -> bool:

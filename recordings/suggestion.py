@@ -15,8 +15,7 @@ import numpy as np
 from robot_health_monitor.core.formatting import bound_text, count_text, duration_text, number_text, with_unit
 from robot_health_monitor.core.signal_config import SignalConfig
 
-SIZE = 16_384
-"""Numbers per buffer of `Quantiles`, an even number. A stream of n numbers needs at most log2(n / SIZE) + 2 buffers."""
+SIZE = 16_384  # numbers per buffer of `Quantiles`, even; n numbers need at most log2(n / SIZE) + 2 buffers
 LEAST_SAMPLES = 100  # valid samples below which no bound is suggested
 LEAST_DURATION_S = 30.0  # time of samples, in s, below which no bound is suggested
 LEAST_RANGE_S = 600.0  # time of samples, in s, below which a range is no bound: it is shown as a comment
@@ -68,11 +67,10 @@ class Suggestion(NamedTuple):
 
 
 class Quantiles:
-    """Counts numbers, and estimates their quantiles in bounded memory.
+    """Counts numbers, and estimates their quantiles in bounded memory; docs/statistics.md has the sources.
 
-    A buffer that is full is sorted, and every second number moves to the next buffer, where it counts twice as much
-    (Munro and Paterson 1980, "Selection and sorting with limited storage"; Manku, Rajagopalan and Lindsay 1998). Odd
-    and even positions take turns, so that the errors cancel. The rank of a result is off by at most
+    A buffer that is full is sorted, and every second number moves to the next buffer, where it counts twice as much.
+    Odd and even positions take turns, so that the errors cancel. The rank of a result is off by at most
     `levels / (2 * SIZE)`: 0.02 % of a million numbers. Minimum and maximum are exact.
     """
 
@@ -161,7 +159,7 @@ class Measured:
         self.only_rises = True
         """Whether no value is smaller than the one before."""
         self.rises = 0
-        """How many values are larger than the one before."""
+        """Values that are larger than the one before."""
         self.codes: Optional[Set[float]] = set()
         """The different values; None if there are more than `MOST_CODES` or one is not a whole number."""
         self._last_s = math.nan

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 
 from robot_health_monitor.core.errors import ServiceError
@@ -20,32 +21,24 @@ def add_arguments(parser: Parser) -> None:
         "rosbag2. Several recordings are read together, in the order of their log times."
     )
     add_recordings(parser)
-    parser.add_argument("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
-    parser.add_argument(
-        "--against", metavar="FILE", help="show only the alerts in which this second configuration differs"
-    )
-    parser.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
-    parser.add_argument(
-        "--force", action="store_true", help="let --report replace any file, except those that are read"
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object per alert on stdout, the table on stderr")
-    parser.add_argument(
+    add = parser.add_argument
+    add("--thresholds", metavar="FILE", help="configuration (default: the installed one)")
+    add("--against", metavar="FILE", help="show only the alerts in which this second configuration differs")
+    add("--report", metavar="FILE", help="write a page with plots, one HTML file")
+    add("--force", action="store_true", help="let --report replace any file, except those that are read")
+    add("--json", action="store_true", help="one JSON object per alert on stdout, the table on stderr")
+    add(
         "--fail-on",
         choices=("warn", "error", "never"),
         default="warn",
         help="end with code 1 if there was an alert of this level or worse (OK < WARN < STALE < ERROR); with "
         "--against: if the alerts differ, unless never (default: warn)",
     )
-    parser.add_argument(
-        "--allow-missing", action="store_true", help="do not end with code 1 because a signal is not recorded"
-    )
-    parser.add_argument(
-        "--from", dest="from_s", metavar="SECONDS", type=_offset, default=0.0, help="begin this long after the start"
-    )
-    parser.add_argument(
-        "--to", dest="to_s", metavar="SECONDS", type=_offset, default=math.inf, help="end this long after the start"
-    )
-    parser.add_argument("--use-sim-time", action="store_true", help="take the time from the recorded topic /clock")
+    add("--allow-missing", action="store_true", help="do not end with code 1 because a signal is not recorded")
+    add_time = functools.partial(add, metavar="SECONDS", type=_offset)
+    add_time("--from", dest="from_s", default=0.0, help="begin this long after the start")
+    add_time("--to", dest="to_s", default=math.inf, help="end this long after the start")
+    add("--use-sim-time", action="store_true", help="take the time from the recorded topic /clock")
 
 
 def _offset(text: str) -> float:

@@ -3,20 +3,8 @@
 Sample n of every series comes at n times `interval_s`. Between them the monitor ticks every second, as alert_system
 does; a tick at the time of a sample comes after it. A test ends with its longest series.
 
-Series are in the notation of `promtool test rules`, a list of items, separated by spaces:
-
-=============  =================================================================
-item           samples
-=============  =================================================================
-`25`           one sample of 25; also `nan`, `inf`, `-inf`
-`25x9`         ten samples of 25: a value and nine repetitions
-`15-0.5x20`    21 samples: 15, 14.5, 14, ... 5
-`20+2x3`       four samples: 20, 22, 24, 26
-`_`            one missing sample
-`_x3`          three missing samples
-=============  =================================================================
-
-As in promtool, `x9` after a value adds nine samples to it, and `_x3` is three missing samples, not four.
+Series are in the notation of `promtool test rules`: `25x9` is ten samples (a value and nine repetitions), `15-0.5x20`
+21 from 15 to 5, `20+2x3` four from 20 to 26, `_` a missing one and `_x3` three of them, not four.
 Source: https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/#series
 """
 
@@ -68,7 +56,6 @@ class Alert(NamedTuple):
     at_s: float
     """Time since the first sample, in s."""
     signal: str
-    """Name of the signal."""
     level: Level
     """The new level."""
     text: str = ""
@@ -309,14 +296,10 @@ def compare(expected: Sequence[Alert], actual: Sequence[Alert]) -> List[Differen
     missing = list(expected)
     result: List[Difference] = []
     for alert in actual:
-        match = next((each for each in missing if _same(each, alert)), None)
+        same = (each for each in missing if (each.signal, each.level) == (alert.signal, alert.level))
+        match = next((each for each in same if abs(each.at_s - alert.at_s) <= TIME_TOLERANCE_S), None)
         if match is not None:
             missing.remove(match)
         result.append(("+" if match is None else " ", alert))
     result.extend(("-", alert) for alert in missing)
     return sorted(result, key=lambda each: (each[1].at_s, "- +".index(each[0])))
-
-
-def _same(expected: Alert, actual: Alert) -> bool:
-    is_at = abs(expected.at_s - actual.at_s) <= TIME_TOLERANCE_S
-    return is_at and (expected.signal, expected.level) == (actual.signal, actual.level)

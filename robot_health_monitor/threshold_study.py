@@ -103,10 +103,6 @@ class _Study:
         """Absolute topic of each signal."""
         self._unchanged: Dict[str, Mapping[str, Any]] = {}
         """Signals that are not recorded."""
-        self._optional: Dict[str, str] = {}
-        """Topic of signals that are left out if they have no bound."""
-        self._left_out: Dict[str, str] = {}
-        """Type of each topic that is recorded, but not watched."""
         self._notes: Dict[str, str] = {}
         self._measured: Dict[str, Measured] = {}
 
@@ -149,16 +145,12 @@ class _Study:
         """Takes every number of the standard messages."""
         sources, problems = list_sources(self._channels, self._namespace)
         self.problems += problems
-        taken = {source.topic for source in sources}
-        self._left_out = {each.topic: each.type_name for each in self._channels if each.topic not in taken}
         for source in sources:
             self._given[source.name] = dict(source.settings)
             self._topics[source.name] = source.topic
         if not sources:
             expected = "topics with messages of std_msgs or sensor_msgs"
             raise ConfigError(f"no signal is recorded: expected {expected}, got {self._recorded_topics()}")
-        numbers = Counter(self._topics.values())
-        self._optional = {name: topic for name, topic in self._topics.items() if numbers[topic] > 1}
 
     def run(self) -> str:
         """Returns the text of the file."""
@@ -231,9 +223,14 @@ class _Study:
 
     def _drop_useless(self, suggestions: Dict[str, Suggestion]) -> None:
         """Drops fields without bounds of a topic that has others, and its arrivals unless all fields are dropped."""
+        if self._file is not None:
+            return
         with_bounds = {self._topics[name] for name, suggestion in suggestions.items() if suggestion.has_bounds}
-        for name, topic in self._optional.items():
+        numbers = Counter(self._topics.values())
+        for name, topic in self._topics.items():
             field = self._given[name]["field"]
+            if numbers[topic] == 1:
+                continue
             if suggestions[name].has_bounds or (not field and topic not in with_bounds):
                 continue
             suggestion = suggestions.pop(name)
@@ -320,9 +317,11 @@ class _Study:
         lines.append("    signals:")
         for name, settings in self._given.items():
             lines += self._signal(name, settings, suggestions[name], alerts, hours)
-        if self._left_out:
+        watched = self._topics.values()
+        left_out = {each.topic: each.type_name for each in self._channels if each.topic not in watched}
+        if left_out and self._file is None:
             lines.append("    # Recorded, but not watched by this file:")
-            lines += [f"    #   {topic} ({kind}){_hint(kind)}" for topic, kind in sorted(self._left_out.items())]
+            lines += [f"    #   {topic} ({kind}){_hint(kind)}" for topic, kind in sorted(left_out.items())]
         for name, unchanged in self._unchanged.items():
             lines += [f"      {name}:", "        # not recorded: unchanged"]
             lines += [f"        {key}: {_yaml(value)}" for key, value in unchanged.items()] or ["        {}"]
