@@ -44,6 +44,7 @@ class McapFile(ChunkedFile):
     MAGIC = b"\x89MCAP0\r\n"
     EXPECTED = "an MCAP file, which starts with 89 4D 43 41 50"
     DAMAGE = (*ChunkedFile.DAMAGE, McapError)
+    DAMAGED_INDEX = "its summary is damaged"
 
     def __init__(self, path: str, name: str = "") -> None:
         """Reads the summary, or the whole file if there is none; see `RecordedFile`."""
@@ -54,32 +55,22 @@ class McapFile(ChunkedFile):
         super().__init__(path, name)
 
     def _read_index(self, file: BinaryIO) -> Optional[str]:
+        """Reads channels, time span and the places of the chunks from the summary, which is optional."""
         file.seek(-len(self.MAGIC), os.SEEK_END)
         if file.read() != self.MAGIC:
             return "has no summary (the recorder was stopped early)"
-        try:
-            if self._read_summary(file):
-                return None
-            problem = ""  # summaries are optional
-        except self.DAMAGE:
-            problem = "its summary is damaged"
-        self._channels.clear()
-        self._places.clear()
-        return problem
-
-    def _read_summary(self, file: BinaryIO) -> bool:
-        """Reads channels, time span and the places of the chunks; returns whether there is a complete summary."""
         end = file.seek(-_FOOTER_SIZE - len(self.MAGIC), os.SEEK_END)
         start, _, checksum = _footer(file.read(_FOOTER_SIZE), _PREFIX_SIZE)
         if start > end:
             raise Damaged("a summary beyond the end")
         if not start or end - start > LARGEST:  # as large as that of some 100 GB
-            return False
+            return ""
         file.seek(start)
         summary = file.read()
         if checksum and zlib.crc32(memoryview(summary)[: -4 - len(self.MAGIC)]) != checksum:
             raise Damaged("the summary has a wrong checksum")
         statistics: Optional[Statistics] = None
+        places: List[Tuple[int, Collection[int]]] = []
         numbers = set()
         channels_of: Dict[FrozenSet[int], FrozenSet[int]] = {}
         for record in StreamReader(io.BytesIO(summary), skip_magic=True, emit_chunks=True).records:
@@ -92,15 +83,15 @@ class McapFile(ChunkedFile):
                 statistics = record
             elif isinstance(record, ChunkIndex):
                 channels = frozenset(record.message_index_offsets)
-                self._places.append((record.chunk_start_offset, channels_of.setdefault(channels, channels)))
+                places.append((record.chunk_start_offset, channels_of.setdefault(channels, channels)))
         expected = statistics and (statistics.channel_count, statistics.chunk_count)
-        if statistics is None or expected != (len(numbers), len(self._places)):
-            return False
+        if statistics is None or expected != (len(numbers), len(places)):
+            return ""
         self._counts = statistics.channel_message_counts
         if statistics.message_count:
             self.span_ns = statistics.message_start_time, statistics.message_end_time
-        self._places.sort(key=itemgetter(0))
-        return True
+        self._places = sorted(places, key=itemgetter(0))
+        return None
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         if not self._places or wanted is None:

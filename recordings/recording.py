@@ -191,12 +191,18 @@ class ChunkedFile(RecordedFile):
         Damaged, KeyError, ValueError, EOFError, OSError, OverflowError, struct.error, IndexError,
     )  # fmt: skip
     """What reading damaged bytes raises."""
+    DAMAGED_INDEX: str
+    """What is wrong if reading the index raises that."""
     _counts: Optional[Mapping[int, int]] = None
     """Messages per channel according to the index; None without an index."""
 
     def _open(self, file: BinaryIO) -> None:
-        missing = self._read_index(file)
+        try:
+            missing = self._read_index(file)
+        except self.DAMAGE:
+            missing = self.DAMAGED_INDEX
         if missing is not None:
+            self._channels.clear()
             self.span_ns = self._span_of(self._chunks(file, None))
             self.problem = self.problem or (missing and f"{self.name}: {missing}: read to its end")
 

@@ -30,16 +30,11 @@ class Ros1Bag(ChunkedFile):
     MAGIC = b"#ROSBAG V2.0\n"
     EXPECTED = "a ROS 1 bag, which starts with #ROSBAG V2.0"
 
-    def _read_index(self, file: BinaryIO) -> Optional[str]:
-        try:
-            self._read_index_records(file, os.fstat(file.fileno()).st_size)
-        except self.DAMAGE:
-            self._channels.clear()
-            return "has no index (the recorder was stopped early)"
-        return None
+    DAMAGED_INDEX = "has no index (the recorder was stopped early)"
 
-    def _read_index_records(self, file: BinaryIO, size: int) -> None:
+    def _read_index(self, file: BinaryIO) -> None:
         """Reads the connections, and the times at which the first chunk begins and the last one ends."""
+        size = os.fstat(file.fileno()).st_size
         record = self._read_record(file, size)
         if record is None or not record.complete or record.kind[b"op"] != _BAG_HEADER:
             raise Damaged("no header")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import sqlite3
 import struct
@@ -158,16 +159,10 @@ class SqliteFile(RecordedFile):
         # A recording is never written here. `immutable` reads it where no journal can be written; a journal that a
         # crashed recorder left behind must be applied, which needs the ordinary mode.
         mode = "mode=ro" if _has_journal(self._path) else "mode=ro&immutable=1"
-        left = _LEAST_STEPS + _STEPS_PER_BYTE * os.path.getsize(self._path)
-
-        def count_steps() -> bool:
-            nonlocal left
-            left -= _STEPS
-            return left < 0
-
+        steps = itertools.repeat(False, (_LEAST_STEPS + _STEPS_PER_BYTE * os.path.getsize(self._path)) // _STEPS)
         try:
             database = sqlite3.connect(f"{Path(os.path.abspath(self._path)).as_uri()}?{mode}", uri=True)
-            database.set_progress_handler(count_steps, _STEPS)
+            database.set_progress_handler(lambda: next(steps, True), _STEPS)
             database.execute("PRAGMA writable_schema=ON")  # otherwise SQLite refuses a file that was cut off
             return database
         except sqlite3.Error as error:
