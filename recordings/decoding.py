@@ -146,7 +146,8 @@ class Deserializer:
         """Compiles nothing yet. CDR messages have a header; the others are those of ROS 1."""
         self._definitions = definitions
         self._is_cdr = is_cdr
-        self._shapes: Dict[str, _Shape] = {}
+        self._shapes = {kind: _Shape(struct.calcsize(f"<{letter}"), 1) for kind, letter in NUMBERS.items()}
+        self._shapes["string"] = _Shape(4, 1)
         self._readers: Dict[Tuple[str, str], _Read] = {}
         self._elements_left = 0
         self.classes: Dict[str, Any] = {name: type("Message", (), {"type_name": name}) for name in definitions}
@@ -187,7 +188,7 @@ class Deserializer:
             raise ValueError(f"{name} contains itself, or more than {_DEEPEST} levels of types")
         least, values = 0, 1
         for field in self._fields(name):
-            one = self._shape_of(field.kind, above | {name})
+            one = self._measure(field.kind, above | {name})
             if field.size is not None and not one.least:
                 raise ValueError(f"{field.name} of {name} is an array of empty values")
             least += one.least if field.size is None else 4 if field.size == SEQUENCE else field.size * one.least
@@ -197,11 +198,6 @@ class Deserializer:
             raise ValueError(f"{name} consists of {values} values, nearly all of them empty")
         self._shapes[name] = _Shape(least, values)
         return self._shapes[name]
-
-    def _shape_of(self, kind: str, above: Set[str]) -> _Shape:
-        if kind in NUMBERS:
-            return _Shape(struct.calcsize(f"<{NUMBERS[kind]}"), 1)
-        return _Shape(4, 1) if kind == "string" else self._measure(kind, above)
 
     def _message_reader(self, name: str, order: str) -> _Read:
         if (name, order) in self._readers:
@@ -231,7 +227,7 @@ class Deserializer:
         one = self._string_reader(order) if field.kind == "string" else self._message_reader(field.kind, order)
         if field.size is None:
             return one
-        return self._elements_reader(one, self._shape_of(field.kind, set()).least, field.size, order)
+        return self._elements_reader(one, self._shapes[field.kind].least, field.size, order)
 
     def _number_reader(self, letter: str) -> _Read:
         number = struct.Struct(letter)
@@ -247,7 +243,6 @@ class Deserializer:
 
     def _string_reader(self, order: str) -> _Read:
         unpack = struct.Struct(f"{order}I").unpack_from
-
         alignment, terminator = (4, 1) if self._is_cdr else (1, 0)
 
         def read(data: bytes, at: int) -> Tuple[Any, int]:

@@ -285,10 +285,8 @@ class _JudgedSignal:
         self._level = Level.OK
         self._since_s: Optional[float] = None
         self._lasted_s = dict.fromkeys(Level, 0.0)
-        self._alerted_s = math.inf
-        """Time of the first alert."""
-        self._sampled_s = math.inf
-        """Time of the first sample."""
+        self._alerted_s = math.inf  # time of the first alert
+        self._sampled_s = math.inf  # time of the first sample
 
     def skip(self, duration_s: float) -> None:
         self._note_first_sample()
@@ -337,8 +335,7 @@ class Differences:
         """Compares configurations by their names; calls with each transition that not every one announced."""
         self._files = tuple(files)
         self._on_difference = on_difference
-        self._held: List[Tuple[JudgedEvent, Any]] = []
-        """With what two transitions must agree in."""
+        self._held: List[Tuple[JudgedEvent, Any]] = []  # with what two transitions must agree in
 
     def add(self, judged: JudgedEvent) -> None:
         """Takes a transition; notices are ignored. Log times must not decrease."""

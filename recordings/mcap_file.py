@@ -46,16 +46,11 @@ class McapFile(ChunkedFile):
     DAMAGE = (*ChunkedFile.DAMAGE, McapError)
     DAMAGED_INDEX = "its summary is damaged"
 
-    def __init__(self, path: str, name: str = "") -> None:
-        """Reads the summary, or the whole file if there is none; see `RecordedFile`."""
-        self._schemas: Dict[int, Tuple[str, str, str]] = {}
-        """Name, definition and its format per schema."""
-        self._places: List[Tuple[int, Collection[int]]] = []
-        """Start of each chunk, and the numbers of the channels with messages in it; empty: unknown."""
-        super().__init__(path, name)
-
     def _read_index(self, file: BinaryIO) -> Optional[str]:
         """Reads channels, time span and the places of the chunks from the summary, which is optional."""
+        self._schemas: Dict[int, Tuple[str, str, str]] = {}  # name, definition and its format per schema
+        self._places: List[Tuple[int, Collection[int]]] = []
+        """Start of each chunk, and the numbers of the channels with messages in it; empty: unknown."""
         file.seek(-len(self.MAGIC), os.SEEK_END)
         if file.read() != self.MAGIC:
             return "has no summary (the recorder was stopped early)"

@@ -159,8 +159,7 @@ class Player:
         """Called with begin and end, in seconds, of each time that is skipped: timers do not run in it."""
         self._gaps_ns: List[Tuple[int, int]] = []
         self._nodes: List[RecordedMiddleware] = []
-        self._due_s = math.inf
-        """When the next timer of a node is due; may be too early, never too late."""
+        self._due_s = math.inf  # when the next timer of a node is due; may be too early, never too late
         self._channels: Dict[str, List[Channel]] = {}
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)

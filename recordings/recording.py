@@ -94,8 +94,7 @@ class RecordedFile(abc.ABC):
         self._path = path
         self._is_packed = False
         self._channels: Dict[int, Channel] = {}
-        self._texts: Dict[str, str] = {}
-        """Each definition once: channels may share one."""
+        self._texts: Dict[str, str] = {}  # each definition once: channels may share one
         try:
             with open(path, "rb") as file:
                 if file.read(len(self.MAGIC)) != self.MAGIC:

@@ -77,8 +77,9 @@ class SqliteFile(RecordedFile):
 
     def _batches(self, database: sqlite3.Connection, wanted: Mapping[int, Any]) -> Iterator[Messages]:
         """Yields the messages in the order of their times: few at once if they are large."""
+        places = ",".join("?" * len(wanted))
         data_column = f"CASE WHEN length(data) <= {_LARGEST_IN_BATCH} THEN data ELSE id END"
-        query = f"SELECT topic_id, timestamp, {data_column} FROM messages WHERE topic_id IN ({_places(wanted)})"
+        query = f"SELECT topic_id, timestamp, {data_column} FROM messages WHERE topic_id IN ({places})"
         cursor = database.execute(f"{query} ORDER BY timestamp, id", list(wanted))
         left = os.path.getsize(self._path)
         count = 1
@@ -113,7 +114,8 @@ class SqliteFile(RecordedFile):
     def _remaining(self, database: sqlite3.Connection, wanted: Mapping[int, Any], last_ns: int) -> Iterator[Messages]:
         """Yields the messages of a damaged file after a time, in the order of recording, which needs no index."""
         # The other topics are included, without data: their rows show where the file ends.
-        selected = f"CASE WHEN topic_id IN ({_places(wanted)}) AND length(data) <= {LARGEST} THEN data"
+        places = ",".join("?" * len(wanted))
+        selected = f"CASE WHEN topic_id IN ({places}) AND length(data) <= {LARGEST} THEN data"
         selected += " WHEN topic_id > 0 THEN x'' END"
         query = f"SELECT topic_id, timestamp, {selected} FROM messages NOT INDEXED ORDER BY id"
         batch: Messages = []
@@ -180,10 +182,6 @@ class SqliteFile(RecordedFile):
             if encoding == "cdr":
                 definition = definitions.get(str(type_name), ("", ""))
                 self._add_channel(number, str(topic), str(type_name), encoding, *definition)
-
-
-def _places(wanted: Mapping[int, Any]) -> str:
-    return ",".join("?" * len(wanted))
 
 
 def _has_journal(path: str) -> bool:

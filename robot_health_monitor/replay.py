@@ -158,11 +158,9 @@ class _Replay:
             on_log=self._on_log,
         )
         self._start_s = self._player.wall_s
-        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}
-        """By configuration and signal; only for a report."""
+        self._plots: Dict[Tuple[str, str], PlottedSignal] = {}  # by configuration and signal; only for a report
         self._shown: List[ReportedAlert] = []
-        self._shown_levels: Counter[Level] = Counter()
-        """New levels of all transitions that were shown."""
+        self._shown_levels: Counter[Level] = Counter()  # new levels of all transitions that were shown
         self._error: Optional[OSError] = None
         names = [configuration.name for configuration in configurations]
         self._differences = Differences(names, self._show) if self._several else None

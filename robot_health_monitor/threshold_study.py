@@ -99,10 +99,8 @@ class _Study:
         self._section = Section((), {})
         self._given: Dict[str, Dict[str, Any]] = {}
         """Settings of each signal, as they will be written, apart from those that are suggested."""
-        self._topics: Dict[str, str] = {}
-        """Absolute topic of each signal."""
-        self._unchanged: Dict[str, Mapping[str, Any]] = {}
-        """Signals that are not recorded."""
+        self._topics: Dict[str, str] = {}  # absolute topic of each signal
+        self._unchanged: Dict[str, Mapping[str, Any]] = {}  # signals that are not recorded
         self._notes: Dict[str, str] = {}
         self._measured: Dict[str, Measured] = {}
 
