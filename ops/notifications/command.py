@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import signal
@@ -48,10 +49,10 @@ class Command(Sender):
             process.stderr.close()
             self._process = None
         code = process.returncode
+        end = f"ended with code {code}" if code >= 0 else f"killed by signal {-code}"
         if code != 0:
-            end = f"ended with code {code}" if code > 0 else f"killed by signal {-code}"
             raise DeliveryError(f"{end}: {text}" if text else end)
-        return "ended with code 0"
+        return end
 
     def close(self) -> None:
         """Kills the program if it runs."""
@@ -75,8 +76,8 @@ class Command(Sender):
                     start_new_session=True,
                 )
             except (OSError, ValueError) as error:
-                problem = error.strerror if isinstance(error, OSError) else str(error)
-                raise DeliveryError(f"cannot be started: {problem}", may_have_arrived=False) from None
+                problem = f"cannot be started: {getattr(error, 'strerror', error)}"
+                raise DeliveryError(problem, may_have_arrived=False) from None
             return self._process
 
     def _follow(self, process: subprocess.Popen[bytes], stderr: int) -> str:
@@ -107,7 +108,5 @@ class Command(Sender):
 def _kill(process: subprocess.Popen[bytes]) -> None:
     """Kills a program and the processes of its group, unless it has ended and its number may be another's."""
     if process.poll() is None:
-        try:
+        with contextlib.suppress(ProcessLookupError):  # it ended at this moment
             os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass  # it ended at this moment

@@ -38,13 +38,8 @@ class QueueDatabase:
         self._faults = faults
         self._on_replaced = on_replaced
         self._memory: Optional[sqlite3.Connection] = None
-        self._history_connection: Optional[sqlite3.Connection] = None
-
-    @property
-    def history_connection(self) -> sqlite3.Connection:
-        """The history's connection while a function runs: silences are there."""
-        assert self._history_connection is not None
-        return self._history_connection
+        self.history_connection: sqlite3.Connection
+        """The history's connection, while a function runs: silences are there."""
 
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Runs `function(connection, *arguments)` as `History.run`. If the tables there fail, it runs in memory.
@@ -54,7 +49,7 @@ class QueueDatabase:
         """
 
         def use(connection: sqlite3.Connection) -> Result:
-            self._history_connection = connection
+            self.history_connection = connection
             if self._memory is None:
                 return function(connection, *arguments)
             with schema.transaction(self._memory):

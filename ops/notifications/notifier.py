@@ -203,8 +203,7 @@ class Notifier:
 
     def _distribute(self) -> bool:
         """Queues a bounded number of new transitions; returns whether there are more."""
-        self._has_news = False  # first: a transition may be noted at any moment
-        has_more = True
+        self._has_news, has_more = False, True  # first: a transition may be noted at any moment
         try:
             has_more = self._database.run(self._queue.distribute)
         finally:
