@@ -178,15 +178,20 @@ def check_url(url: str, type_name: str) -> None:
         raise ConfigError(f"expected {expected}, got {_shown_url(url)}")
 
 
-def _expected_of_http(url: str, type_name: str) -> str:
-    """Returns what an address of HTTP should be; empty: as it is."""
+def is_http(url: str) -> bool:
+    """Whether a text is an address of HTTP."""
     try:
         parts = urlsplit(url)
-        fits = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
     except ValueError:
-        fits = False
-    if not fits:
+        return False
+
+
+def _expected_of_http(url: str, type_name: str) -> str:
+    """Returns what an address of HTTP should be; empty: as it is."""
+    if not is_http(url):
         return "http://host:port or https://host:port"
+    parts = urlsplit(url)
     if "@" in parts.netloc:
         return "an address without user and password"
     if type_name == "alertmanager" and (parts.query or parts.fragment):

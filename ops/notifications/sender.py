@@ -12,14 +12,13 @@ import stat
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, Mapping, Optional, Sequence, Tuple
-from urllib.parse import urlsplit
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.formatting import with_hint
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.times import utc_text
 
-from ..configuration import TargetSettings
+from ..configuration import TargetSettings, is_http
 
 _LONGEST = 4096  # bytes of a file with an address
 
@@ -190,12 +189,7 @@ class Address:
             DeliveryError: the file cannot be read, or holds something else.
         """
         url, *others = self.addresses()
-        try:
-            parts = urlsplit(url)
-            fits = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-        except ValueError:
-            fits = False
-        if others or not fits or not all("!" <= letter <= "~" for letter in url):
+        if others or not is_http(url) or not all("!" <= letter <= "~" for letter in url):
             self.place = self._file or self.place
             raise self._unusable("expected one address, http://... or https://..., without blanks")
         return url
