@@ -278,6 +278,6 @@ def test_no_file_descriptor_is_left_open(server: HttpServer) -> None:
 def _is_client_socket(number: int, server: HttpServer) -> bool:
     try:
         with socket.socket(fileno=os.dup(number)) as found:
-            return f"http://127.0.0.1:{found.getpeername()[1]}" == server.url
+            return found.family == socket.AF_INET and f"http://127.0.0.1:{found.getpeername()[1]}" == server.url
     except OSError:
         return False
