@@ -12,7 +12,6 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.faults import Fault, Faults
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
-from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS, has_inputs
 from robot_health_monitor.core.outlets import Outlet
@@ -94,11 +93,6 @@ class EmbeddedMonitor:
 
     def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
         """Does nothing: there is one for the whole run."""
-
-    @property
-    def monitor(self) -> Monitor:
-        """Judges the robot's signals."""
-        return self.alert_system.monitor
 
     @property
     def now_s(self) -> float:
