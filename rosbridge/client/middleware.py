@@ -155,12 +155,7 @@ class _Subscription(MappingSubscription):
     null_is_nan = True
 
     def __init__(
-        self,
-        node: RosbridgeMiddleware,
-        topic: str,
-        type_name: str,
-        field: Optional[str],
-        callback: Callback,
+        self, node: RosbridgeMiddleware, topic: str, type_name: str, field: Optional[str], callback: Callback
     ) -> None:
         super().__init__(node, topic, type_name, field, callback)
         self.arrivals_only = field is None

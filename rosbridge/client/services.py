@@ -85,7 +85,7 @@ class PublisherLookup:
         self._task: Optional[asyncio.Task[None]] = None
 
     def look_up(self, topic: str, type_name: str, own_topics: Container[str], answer: Answer) -> None:
-        """Answers later: why a topic brings no samples; None if nothing is known. See `core.hints.Hints`."""
+        """Answers later why a topic brings no samples, None if nothing is known; as in `core.hints.Hints`."""
         self._questions[topic, type_name] = own_topics, answer
         if self._task is None or self._task.done():
             self._task = asyncio.get_event_loop().create_task(self._ask())

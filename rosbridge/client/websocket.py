@@ -91,12 +91,9 @@ class HostLookup(AbstractResolver):
         self._pending: Optional[asyncio.Future[Any]] = None
 
     async def resolve(self, host: str, port: int = 0, family: int = sockets.AF_INET) -> List[Any]:
-        """Returns the addresses of a host.
+        """Returns the addresses of a host; raises OSError if it is not known.
 
         A look-up that is still under way is waited for, not started again: one that hangs keeps a single thread.
-
-        Raises:
-            OSError: the host is not known.
         """
         if self._pending is None or self._pending.done() or self._host != host:
             look_up = functools.partial(_look_up, host, port, family)

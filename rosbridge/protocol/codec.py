@@ -186,11 +186,7 @@ def encode_cbor(value: Mapping[str, Any]) -> bytes:
 
 
 def decode_cbor(data: bytes, limits: Limits) -> object:
-    """Returns the value in `data` as JSON would represent it: typed arrays as lists, byte strings as base64.
-
-    Raises:
-        ProtocolError: it is not CBOR, uses a feature that rosbridge does not, or exceeds a limit.
-    """
+    """Returns the value in `data` as from JSON: typed arrays as lists, byte strings as base64. Raises as `decode`."""
     decoder = _CborDecoder(data, limits)
     value = decoder.item(limits.nesting)
     if decoder.position != len(data):

@@ -34,13 +34,9 @@ class Rosapi:
         parameters: Callable[[], Mapping[str, Values]],
         time_s: Callable[[], float],
     ) -> None:
-        """Stores functions that return what is known.
+        """Stores functions that return the graph, definitions, parameters and the time in s.
 
-        Args:
-            graph: the current graph.
-            definition: the definition of a message type, with the types that it contains; empty if unknown.
-            parameters: the parameters per node, nested.
-            time_s: the time for `get_time`, in s since its epoch.
+        A definition contains those of the types in it, and is empty if unknown. Parameters are nested, per node.
         """
         self._graph = graph
         self._definition = definition
@@ -81,15 +77,9 @@ class Rosapi:
         whole, nanoseconds = int(seconds), int(rest * 1e9)
         return {"time": {"secs": whole, "nsecs": nanoseconds, "sec": whole, "nanosec": nanoseconds}}
 
-    def _get_param_names(self) -> Values:
-        return {"names": list(self._values())}
-
     def _get_param(self, name: str, default: str) -> Values:
         values = self._values()
         return {"value": json.dumps(values[name]) if name in values else default or '""'}
-
-    def _has_param(self, name: str) -> Values:
-        return {"exists": name in self._values()}
 
     def _values(self) -> Dict[str, Any]:
         return {
@@ -102,11 +92,7 @@ class Rosapi:
 
 def _node_details(graph: Graph, name: str) -> Values:
     node = graph.nodes.get(name, NodeInfo((), (), ()))
-    return {
-        "subscribing": list(node.subscribes),
-        "publishing": list(node.publishes),
-        "services": list(node.services),
-    }
+    return {"subscribing": list(node.subscribes), "publishing": list(node.publishes), "services": list(node.services)}
 
 
 def _service_details(type_name: str, *, response: bool) -> Values:
@@ -143,9 +129,9 @@ _OTHERS: Mapping[str, Tuple[Sequence[str], Callable[..., Values]]] = {
     "service_request_details": (("type",), lambda rosapi, name: _service_details(name, response=False)),
     "service_response_details": (("type",), lambda rosapi, name: _service_details(name, response=True)),
     "get_time": ((), Rosapi._get_time),
-    "get_param_names": ((), Rosapi._get_param_names),
+    "get_param_names": ((), lambda rosapi: {"names": list(rosapi._values())}),
     "get_param": (("name", "default_value"), Rosapi._get_param),
-    "has_param": (("name",), Rosapi._has_param),
+    "has_param": (("name",), lambda rosapi, name: {"exists": name in rosapi._values()}),
 }
 
 

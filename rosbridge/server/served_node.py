@@ -19,7 +19,7 @@ from robot_health_monitor.core.standard_messages import definition
 from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..sockets import ignore_result
-from .encoding import estimated_bytes
+from .sending import estimated_bytes
 
 T = TypeVar("T")
 
@@ -45,13 +45,10 @@ class ServedNode:
         threads: bool,
         queue_bytes: int = 16_000_000,
     ) -> None:
-        """Prepares the access.
+        """Prepares the access to a node; `threads`: it calls back from its own threads.
 
-        Args:
-            middleware: the node.
-            added_services: returns the type per service that the server adds.
-            threads: whether the middleware calls back from its own threads.
-            queue_bytes: estimated size of the messages that may wait for the loop; beyond it, the oldest are dropped.
+        `added_services` returns the type per service that the server adds. If the estimated size of the messages that
+        wait for the loop exceeds `queue_bytes`, the oldest are dropped.
         """
         self.middleware = middleware
         self.threads = threads

@@ -2,7 +2,7 @@
 
 One event loop does everything except what takes long: calls of the middleware, and encoding and decoding of large
 messages, run in worker threads. A topic is subscribed to once and each message is encoded once per encoding
-(`topic.py`). Each client has a session (`session.py`) with a bounded send queue (`send_queue.py`).
+(`topic.py`). Each client has a session (`session.py`) with a bounded send queue (`sending.py`).
 
 aiohttp carries the WebSockets: its interface is stable from Python 3.8 on, and it costs the least CPU per message of
 the libraries that have rosdep keys. Frames are not compressed (permessage-deflate), which costs more than it saves for
@@ -30,7 +30,7 @@ from ..sockets import FloodError, Incoming, limit_reads
 from .access import Access, Client, Credentials, TokenCheck, check_request, is_loopback
 from .connections import ClientLog, Connections, HttpConnection, Stage, connection_limit, json_error
 from .rosapi import Rosapi
-from .send_queue import SlowClients
+from .sending import SlowClients
 from .served_node import ServedNode
 from .services import Services
 from .session import AuthenticationError, ServerParts, Session

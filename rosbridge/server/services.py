@@ -30,12 +30,9 @@ class Services:
         self._timeout_s = timeout_s
 
     async def call(self, service: str, arguments: Arguments, timeout_s: Optional[float]) -> Any:
-        """Calls a service for a client and returns the response.
+        """Calls a service for a client and returns the response, within `timeout_s` or, if None, the server's time.
 
-        Args:
-            service: its name; `/service#id` is accepted too, an older way to send an id.
-            arguments: the fields of the request, by name or in order.
-            timeout_s: longest wait in s; None: that of the server.
+        `/service#id` is accepted too, an older way to send an id. `arguments` are by name or in order.
 
         Raises:
             ServiceError: the service does not exist, may not be called, failed or did not respond in time.

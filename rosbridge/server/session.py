@@ -11,8 +11,7 @@ from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire, operations
 from .access import Access
-from .encoding import LARGE_BYTES, estimated_bytes, frame
-from .send_queue import SendQueue, SlowClients
+from .sending import LARGE_BYTES, SendQueue, SlowClients, estimated_bytes, frame
 from .served_node import ServedNode
 from .services import Services
 from .topic import ByteBudget, Options, merge, options_of
@@ -80,8 +79,9 @@ class Session:
         """Takes one message of the client. No message ends the session."""
         try:
             operation = await self._decode(data)
-            if operation is not None:
-                await self._handle(operation)
+            handler = _HANDLERS.get(type(operation))
+            if handler is not None:
+                await handler(self, operation)
         except ProtocolError as error:
             self.send_status("error", str(error), error.id)
         except (ServiceError, MessageError, ConfigError) as error:
@@ -136,11 +136,6 @@ class Session:
         if len(data) + self._connection.fragment_chars <= _LARGE_RECEIVED_BYTES:
             return self._connection.receive(data, now_s)
         return await self._parts.decoder.run(self._connection.receive, data, now_s)
-
-    async def _handle(self, operation: Operation) -> None:
-        handler = _HANDLERS.get(type(operation))
-        if handler is not None:
-            await handler(self, operation)
 
     async def _subscribe(self, request: operations.Subscribe) -> None:
         requests = self._subscriptions.get(request.topic, {})

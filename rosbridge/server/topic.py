@@ -27,7 +27,7 @@ from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import Limits
 from ..protocol.operations import COMPRESSIONS, Subscribe
-from .encoding import EncodedMessage, Encoding, EncodingQueue, Serializer
+from .sending import EncodedMessage, Encoding, EncodingQueue, Serializer
 
 T = TypeVar("T")
 
@@ -153,13 +153,8 @@ class Topic:
     ) -> None:
         """Starts without clients.
 
-        Args:
-            name: as sent to clients.
-            type_name: type of the messages.
-            serialize: makes raw bytes of a message if the middleware gives none; None: not possible.
-            encoder: encodes large messages.
-            on_failure: called with the reason if a message cannot be sent.
-            limits: bounds of a message, and of those that wait per encoding.
+        `name` is as sent to clients. `serialize` makes raw bytes of a message if the middleware gives none, None: not
+        possible. `encoder` encodes large messages. `on_failure` is called with the reason if a message cannot be sent.
         """
         self.name = name
         self.type_name = type_name

@@ -25,7 +25,7 @@ from robot_health_monitor.rosbridge.client.connection import ConnectBackoff
 from robot_health_monitor.rosbridge.protocol.codec import decode
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.server.access import Access
-from robot_health_monitor.rosbridge.server.encoding import frame
+from robot_health_monitor.rosbridge.server.sending import frame
 from robot_health_monitor.rosbridge.server.server import Server
 from robot_health_monitor.rosbridge.sockets import READ_BYTES
 
