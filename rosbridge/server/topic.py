@@ -6,14 +6,12 @@ import asyncio
 from collections import deque
 from dataclasses import dataclass
 from typing import (
-    Any,
     Callable,
     Deque,
     Dict,
     Generic,
     Iterable,
     List,
-    Mapping,
     NamedTuple,
     Optional,
     Protocol,
@@ -23,6 +21,7 @@ from typing import (
 )
 
 from robot_health_monitor.core.errors import MessageError
+from robot_health_monitor.core.middleware import Message
 from robot_health_monitor.runtime.threads import ThreadPool
 
 from ..protocol import Limits
@@ -204,7 +203,7 @@ class Topic:
             queue.clear()
             self._dropped += queue.dropped
 
-    def deliver(self, message: Mapping[str, Any]) -> None:
+    def deliver(self, message: Message) -> None:
         """Sends a message to every client, except those that receive it from `deliver_raw`."""
         self._deliver(EncodedMessage(self.name, message, serialize=self._serialize), raw=False)
 
