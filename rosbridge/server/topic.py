@@ -9,7 +9,6 @@ from typing import (
     Callable,
     Deque,
     Dict,
-    Generic,
     Iterable,
     List,
     NamedTuple,
@@ -17,7 +16,6 @@ from typing import (
     Protocol,
     Sequence,
     Tuple,
-    TypeVar,
 )
 
 from robot_health_monitor.core.errors import MessageError
@@ -27,8 +25,6 @@ from robot_health_monitor.runtime.threads import ThreadPool
 from ..protocol import Limits
 from ..protocol.operations import COMPRESSIONS, Subscribe
 from .sending import EncodedMessage, Encoding, EncodingQueue, Serializer
-
-T = TypeVar("T")
 
 
 class Options(NamedTuple):
@@ -78,7 +74,7 @@ class ByteBudget:
     used: int = 0
 
 
-class Pacer(Generic[T]):
+class Pacer:
     """Limits the rate of one subscription."""
 
     def __init__(self, options: Options, budget: ByteBudget) -> None:
@@ -86,10 +82,10 @@ class Pacer(Generic[T]):
         self._period_s = options.throttle_s
         self._length = options.queue_length
         self._budget = budget
-        self._waiting: Deque[Tuple[T, int]] = deque()
+        self._waiting: Deque[Tuple[EncodedMessage, int]] = deque()
         self._next_s = float("-inf")
 
-    def offer(self, message: T, size: int, now_s: float) -> Optional[T]:
+    def offer(self, message: EncodedMessage, size: int, now_s: float) -> Optional[EncodedMessage]:
         """Processes a message of `size` bytes; returns the one to send now, None if it is too early.
 
         If the queue or the budget is full, the oldest messages of the queue are dropped.
@@ -105,7 +101,7 @@ class Pacer(Generic[T]):
             self._pop()
         return self.due(now_s)
 
-    def due(self, now_s: float) -> Optional[T]:
+    def due(self, now_s: float) -> Optional[EncodedMessage]:
         """Returns the oldest queued message if its time has come."""
         if not self._waiting or now_s < self._next_s:
             return None
@@ -122,7 +118,7 @@ class Pacer(Generic[T]):
         """When the next queued message may be sent, in s; None if none is queued."""
         return self._next_s if self._waiting else None
 
-    def _pop(self) -> T:
+    def _pop(self) -> EncodedMessage:
         message, size = self._waiting.popleft()
         self._budget.used -= size
         return message
@@ -165,7 +161,7 @@ class Topic:
         self._limits = limits
         self._options: Dict[Receiver, Options] = {}
         self._direct: Dict[Encoding, List[Receiver]] = {}
-        self._pacers: Dict[Receiver, Pacer[EncodedMessage]] = {}
+        self._pacers: Dict[Receiver, Pacer] = {}
         self._timers: Dict[Receiver, asyncio.TimerHandle] = {}
         self._queues: Dict[Encoding, EncodingQueue[Receiver]] = {}
         self._dropped = 0
@@ -253,9 +249,7 @@ class Topic:
         self._dropped += 1
         self._on_failure(f"{self.name} ({self.type_name}): {reason}")
 
-    def _send_paced(
-        self, receiver: Receiver, pacer: Pacer[EncodedMessage], message: Optional[EncodedMessage], now_s: float
-    ) -> None:
+    def _send_paced(self, receiver: Receiver, pacer: Pacer, message: Optional[EncodedMessage], now_s: float) -> None:
         """Sends a message, and the next queued one when it is due."""
         if message is not None:
             self._send(message, self._options[receiver].encoding, [receiver])
