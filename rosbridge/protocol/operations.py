@@ -194,8 +194,7 @@ Operation = Union[
 OPERATIONS: Dict[str, Type[Any]] = {
     re.sub(r"\B[A-Z]", r"_\g<0>", operation.__name__).lower(): operation for operation in get_args(Operation)
 }
-"""Every operation by its name on the wire (`SetLevel` is `set_level`), except `fragment` and `png`, which carry others.
-"""
+"""Every operation by its name on the wire (`SetLevel` is `set_level`); `fragment` and `png` carry other operations."""
 
 _NAMES = {operation: name for name, operation in OPERATIONS.items()}
 

@@ -208,16 +208,13 @@ class HttpConnection(web.RequestHandler):
                 self._counted_since_s, self._received = since_s, 0
             self._received += len(data)
             if self._received > MOST_REQUEST_BYTES:
-                self._refuse_size()
+                text = f"request is larger than {MOST_REQUEST_BYTES} bytes"
+                self._log.write(f"disconnected a client: its {text}")
+                if self.transport is not None:
+                    self.transport.write(_plain_error(413, "Request Entity Too Large", f"the {text}"))
+                    self.transport.close()
                 return
         super().data_received(data)
-
-    def _refuse_size(self) -> None:
-        text = f"request is larger than {MOST_REQUEST_BYTES} bytes"
-        self._log.write(f"disconnected a client: its {text}")
-        if self.transport is not None:
-            self.transport.write(_plain_error(413, "Request Entity Too Large", f"the {text}"))
-            self.transport.close()
 
     def handle_error(
         self,

@@ -153,11 +153,7 @@ class Server:
         self._sweeper = loop.call_later(_SWEEP_PERIOD_S, self._sweep)
 
     def use_token(self, token: str) -> None:
-        """Requires another token from now on, and disconnects every client. Call in the loop.
-
-        Raises:
-            ConfigError: as for `Server`; nothing has changed.
-        """
+        """Requires another token, and disconnects every client; raises ConfigError as `Server`. Call in the loop."""
         self._require_protection(token)
         self._tokens.use(token)
         self._connections.abort_all()

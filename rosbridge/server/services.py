@@ -30,7 +30,7 @@ class Services:
         self._timeout_s = timeout_s
 
     async def call(self, service: str, arguments: Arguments, timeout_s: Optional[float]) -> Any:
-        """Calls a service for a client and returns the response, within `timeout_s` or, if None, the server's time.
+        """Returns the response to a client's call, within `timeout_s` or, if None, the server's time.
 
         `/service#id` is accepted too, an older way to send an id. `arguments` are by name or in order.
 

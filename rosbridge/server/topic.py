@@ -5,18 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from dataclasses import dataclass
-from typing import (
-    Callable,
-    Deque,
-    Dict,
-    Iterable,
-    List,
-    NamedTuple,
-    Optional,
-    Protocol,
-    Sequence,
-    Tuple,
-)
+from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, Protocol, Sequence, Tuple
 
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.middleware import Message
