@@ -78,8 +78,9 @@ def cause_of_close(code: Optional[int], reason: str, has_token: bool) -> Cause:
         return _token_refused(has_token)
     if code in (1000, 1001):
         return Cause("the server closed the connection")
-    detail = f": {_limited(reason)}" if reason else ""
-    return Cause(f"the server closed the connection with code {code}{detail}")
+    if reason:
+        return Cause(f"the server closed the connection with code {code}: {_limited(reason)}")
+    return Cause(f"the server closed the connection with code {code}")
 
 
 def _cause_of_status(status: int, has_token: bool) -> Cause:

@@ -214,7 +214,6 @@ Fields = Mapping[str, Any]
 Arguments = Union[Mapping[str, Any], List[Any]]
 Anything = Any
 
-
 _Reader = Callable[[object, Limits], object]
 """Returns the value of a field that a peer sent; raises ProtocolError if it is not as expected."""
 
