@@ -90,10 +90,8 @@ TIMES: Definitions = {
 def parse_definition(type_name: str, text: str, form: str, byte: str = "uint8") -> Definitions:
     """Returns the types in a definition: `type_name`, with which it begins, and those that it contains.
 
-    `form` is `msg` or `idl`; `byte` is the type that `byte` stands for in .msg.
-
-    Raises:
-        ValueError: it is not as the format requires, or too large.
+    `form` is `msg` or `idl`; `byte` is the type that `byte` stands for in .msg. Raises ValueError if the definition is
+    not as the format requires, or too large.
     """
     if form == "msg":
         aliases = {**_MSG_ALIASES, "byte": byte}

@@ -46,13 +46,10 @@ ABSENT = _Absent()
 
 
 def parse_field_path(path: str) -> Tuple[Step, ...]:
-    """Splits a path into its steps; the empty path has none.
+    """Splits a path into its steps; the empty path has none. Raises ValueError for what is no path.
 
     >>> parse_field_path('status["motor: left"].values[0]')
     ('status', Keyed(key='motor: left'), 'values', 0)
-
-    Raises:
-        ValueError: it is not a path.
     """
     steps = []
     position = 0

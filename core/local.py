@@ -113,10 +113,7 @@ class LocalBus:
         return None if due_s == math.inf else due_s
 
     def run_due(self, now_s: float) -> None:
-        """Moves time to `now_s` and calls every timer that is due, once.
-
-        Time may go back: every period restarts.
-        """
+        """Moves time to `now_s` and calls every timer that is due, once; if time goes back, every period restarts."""
         self._now_s = now_s
         for node in sorted(self.nodes, key=_next_due_s):
             node.run_steady_timers()

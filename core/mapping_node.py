@@ -59,7 +59,7 @@ class MappingSubscription:
         self._node = node
         self._type_name = type_name
         self._field = field
-        self._get: Callable[[Any], Any] = _arrival if field is None else mapping_getter(field)
+        self._get: Callable[[Any], Any] = (lambda message: 1.0) if field is None else mapping_getter(field)
         self._null_is_nan = self.null_is_nan and bool(field) and "[" not in str(field)
         self._has_failed = False
 
@@ -253,10 +253,7 @@ class MappingNode(abc.ABC):
                     self.log_failure(error)
 
     def answer(self, handler: Callable[[Message], Message], request: Message) -> Message:
-        """Calls a service's handler under the node's lock.
-
-        Raises ServiceError if the node is closed, or if the handler raised, which is one ERROR line in the log.
-        """
+        """Calls a service's handler under the node's lock; raises ServiceError if the node is closed or it raised."""
         with self._lock:
             if self.closed:
                 raise ServiceError(f"{self.name} is closed")
@@ -294,7 +291,3 @@ def read_clock(message: Message) -> Optional[float]:
         if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part < _STAMP_LIMIT:
             return None
     return float(seconds + nanoseconds / 1e9)
-
-
-def _arrival(message: Message) -> float:
-    return 1.0

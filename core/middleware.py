@@ -100,8 +100,7 @@ class Middleware(Protocol):
     def given_parameters(self) -> Mapping[str, Any]:
         """Returns the configuration of this node, nested as in the file under `ros__parameters`.
 
-        Raises:
-            ConfigError: the middleware's parameters are not a mapping.
+        Raises ConfigError if the middleware's parameters are not a mapping.
         """
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
@@ -129,8 +128,7 @@ class Middleware(Protocol):
     def publish(self, topic: str, message: Message) -> None:
         """Publishes on an advertised topic; missing fields keep their defaults.
 
-        Raises:
-            MessageError: `topic` is not advertised, or the message does not match its type.
+        Raises MessageError if `topic` is not advertised, or if the message does not match its type.
         """
 
     def has_listeners(self, topic: str) -> bool:
@@ -238,8 +236,7 @@ class ServedMiddleware(Middleware, Protocol):
     def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Subscription:
         """Calls `callback(data, now_s)` for every message, with its bytes as the middleware transports them.
 
-        Raises:
-            ConfigError: the type is unknown, or the middleware transports no bytes.
+        Raises ConfigError if the type is unknown, or if the middleware transports no bytes.
         """
 
 

@@ -283,10 +283,7 @@ def bytes_as_text(values: Any) -> str:
 
 
 def _plain_elements(kind: str, values: Any) -> Optional[Sequence[Any]]:
-    """Returns the elements of a large array without a call per element: a picture has a million.
-
-    None if each of them has to be checked and converted.
-    """
+    """Returns the elements of an array without a call for each, as a picture has a million; None if that is needed."""
     if kind == "uint8" and isinstance(values, bytes):
         return values
     if not isinstance(values, (list, tuple)):

@@ -42,11 +42,10 @@ sensor_msgs/BatteryState:
   uint8 POWER_SUPPLY_HEALTH_WATCHDOG_TIMER_EXPIRE=7; uint8 POWER_SUPPLY_HEALTH_SAFETY_TIMER_EXPIRE=8
   uint8 POWER_SUPPLY_TECHNOLOGY_UNKNOWN=0; uint8 POWER_SUPPLY_TECHNOLOGY_NIMH=1; uint8 POWER_SUPPLY_TECHNOLOGY_LION=2
   uint8 POWER_SUPPLY_TECHNOLOGY_LIPO=3; uint8 POWER_SUPPLY_TECHNOLOGY_LIFE=4; uint8 POWER_SUPPLY_TECHNOLOGY_NICD=5
-  uint8 POWER_SUPPLY_TECHNOLOGY_LIMN=6
-  std_msgs/Header header; float32 voltage; float32 temperature; float32 current; float32 charge; float32 capacity
-  float32 design_capacity; float32 percentage; uint8 power_supply_status; uint8 power_supply_health
-  uint8 power_supply_technology; bool present; float32[] cell_voltage; float32[] cell_temperature; string location
-  string serial_number
+  uint8 POWER_SUPPLY_TECHNOLOGY_LIMN=6; std_msgs/Header header; float32 voltage; float32 temperature; float32 current
+  float32 charge; float32 capacity; float32 design_capacity; float32 percentage; uint8 power_supply_status
+  uint8 power_supply_health; uint8 power_supply_technology; bool present; float32[] cell_voltage
+  float32[] cell_temperature; string location; string serial_number
 sensor_msgs/CameraInfo:
   std_msgs/Header header; uint32 height; uint32 width; string distortion_model; float64[] D; float64[9] K; float64[9] R
   float64[12] P; uint32 binning_x; uint32 binning_y; sensor_msgs/RegionOfInterest roi
@@ -63,8 +62,7 @@ sensor_msgs/Imu:
 sensor_msgs/JointState: std_msgs/Header header; string[] name; float64[] position; float64[] velocity; float64[] effort
 sensor_msgs/Joy: std_msgs/Header header; float32[] axes; int32[] buttons
 sensor_msgs/JoyFeedback:
-  uint8 TYPE_LED=0; uint8 TYPE_RUMBLE=1; uint8 TYPE_BUZZER=2
-  uint8 type; uint8 id; float32 intensity
+  uint8 TYPE_LED=0; uint8 TYPE_RUMBLE=1; uint8 TYPE_BUZZER=2; uint8 type; uint8 id; float32 intensity
 sensor_msgs/JoyFeedbackArray: sensor_msgs/JoyFeedback[] array
 sensor_msgs/LaserEcho: float32[] echoes
 sensor_msgs/LaserScan:
@@ -81,35 +79,29 @@ sensor_msgs/MultiEchoLaserScan:
   sensor_msgs/LaserEcho[] intensities
 sensor_msgs/NavSatFix:
   std_msgs/Header header; sensor_msgs/NavSatStatus status; float64 latitude; float64 longitude; float64 altitude
-  float64[9] position_covariance
-  uint8 COVARIANCE_TYPE_UNKNOWN=0; uint8 COVARIANCE_TYPE_APPROXIMATED=1; uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2
-  uint8 COVARIANCE_TYPE_KNOWN=3
-  uint8 position_covariance_type
+  float64[9] position_covariance; uint8 COVARIANCE_TYPE_UNKNOWN=0; uint8 COVARIANCE_TYPE_APPROXIMATED=1
+  uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2; uint8 COVARIANCE_TYPE_KNOWN=3; uint8 position_covariance_type
 sensor_msgs/NavSatStatus:
-  int8 STATUS_NO_FIX=-1; int8 STATUS_FIX=0; int8 STATUS_SBAS_FIX=1; int8 STATUS_GBAS_FIX=2
-  int8 status
-  uint16 SERVICE_GPS=1; uint16 SERVICE_GLONASS=2; uint16 SERVICE_COMPASS=4; uint16 SERVICE_GALILEO=8
-  uint16 service
+  int8 STATUS_NO_FIX=-1; int8 STATUS_FIX=0; int8 STATUS_SBAS_FIX=1; int8 STATUS_GBAS_FIX=2; int8 status
+  uint16 SERVICE_GPS=1; uint16 SERVICE_GLONASS=2; uint16 SERVICE_COMPASS=4; uint16 SERVICE_GALILEO=8; uint16 service
 sensor_msgs/PointCloud: std_msgs/Header header; geometry_msgs/Point32[] points; sensor_msgs/ChannelFloat32[] channels
 sensor_msgs/PointCloud2:
   std_msgs/Header header; uint32 height; uint32 width; sensor_msgs/PointField[] fields; bool is_bigendian
   uint32 point_step; uint32 row_step; uint8[] data; bool is_dense
 sensor_msgs/PointField:
   uint8 INT8=1; uint8 UINT8=2; uint8 INT16=3; uint8 UINT16=4; uint8 INT32=5; uint8 UINT32=6; uint8 FLOAT32=7
-  uint8 FLOAT64=8
-  string name; uint32 offset; uint8 datatype; uint32 count
+  uint8 FLOAT64=8; string name; uint32 offset; uint8 datatype; uint32 count
 sensor_msgs/Range:
-  std_msgs/Header header
-  uint8 ULTRASOUND=0; uint8 INFRARED=1
-  uint8 radiation_type; float32 field_of_view; float32 min_range; float32 max_range; float32 range
+  std_msgs/Header header; uint8 ULTRASOUND=0; uint8 INFRARED=1; uint8 radiation_type; float32 field_of_view
+  float32 min_range; float32 max_range; float32 range
 sensor_msgs/RegionOfInterest: uint32 x_offset; uint32 y_offset; uint32 height; uint32 width; bool do_rectify
 sensor_msgs/RelativeHumidity: std_msgs/Header header; float64 relative_humidity; float64 variance
 sensor_msgs/Temperature: std_msgs/Header header; float64 temperature; float64 variance
 sensor_msgs/TimeReference: std_msgs/Header header; time time_ref; string source
 diagnostic_msgs/DiagnosticArray: std_msgs/Header header; diagnostic_msgs/DiagnosticStatus[] status
 diagnostic_msgs/DiagnosticStatus:
-  byte OK=0; byte WARN=1; byte ERROR=2; byte STALE=3
-  byte level; string name; string message; string hardware_id; diagnostic_msgs/KeyValue[] values
+  byte OK=0; byte WARN=1; byte ERROR=2; byte STALE=3; byte level; string name; string message; string hardware_id
+  diagnostic_msgs/KeyValue[] values
 diagnostic_msgs/KeyValue: string key; string value
 """
 

@@ -211,10 +211,7 @@ class AlertSystem:
         self._middleware.close()
 
     def _follow_topics(self, config: MonitorConfig) -> None:
-        """Subscribes to the topics of new signals; when all succeeded, unsubscribes from those no longer used.
-
-        Raises ConfigError if a subscription was refused; nothing has changed then.
-        """
+        """Subscribes to new topics, then ends old subscriptions; one that is refused is a ConfigError and no change."""
         wanted = {
             (name, signal.topic, signal.type, signal.field) for name, signal in config.signals.items() if name != LINK
         }
@@ -365,10 +362,7 @@ class AlertSystem:
         return f"reset: {cleared}"
 
     def _read_config(self, tree: Mapping[str, Any]) -> MonitorConfig:
-        """Returns the configuration in a tree of parameters.
-
-        Of a node that started without signals, the tree holds changes of the default ones.
-        """
+        """Reads the configuration in a tree, which has changes of the default signals if the node began with none."""
         signals = tree.get("signals", {})
         if self._watches_defaults and isinstance(signals, Mapping):
             merged = dict(DEFAULT_SIGNALS)

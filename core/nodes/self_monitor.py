@@ -31,10 +31,6 @@ _MIN_HEALTHY_S = 3.0
 """How long a part must work before its fault is announced as ended; keeps an intermittent fault to one line."""
 
 
-def _left_out() -> None:
-    return None
-
-
 @dataclass(frozen=True)
 class SelfReport:
     """The key-values of the status of a node: a function per key, called for each status. None: no such key."""
@@ -51,16 +47,16 @@ class SelfReport:
     clients: Callable[[], int] = int
     """Number of clients of the server."""
     pending_notifications: Callable[[], int] = int
-    simulated: Callable[[], Optional[Iterable[str]]] = _left_out
+    simulated: Callable[[], Optional[Iterable[str]]] = lambda: None
     """Names of signals with invented values."""
-    without_sensor: Callable[[], Optional[Iterable[str]]] = _left_out
+    without_sensor: Callable[[], Optional[Iterable[str]]] = lambda: None
     """Names of signals that are not watched, because the host has no such sensor."""
-    robots: Callable[[], Optional[int]] = _left_out
-    unreachable: Callable[[], Optional[int]] = _left_out
+    robots: Callable[[], Optional[int]] = lambda: None
+    unreachable: Callable[[], Optional[int]] = lambda: None
     """Number of robots without a connection."""
-    silenced: Callable[[], Optional[int]] = _left_out
+    silenced: Callable[[], Optional[int]] = lambda: None
     """Number of signals that are not OK and silenced."""
-    clients_dropped: Callable[[], Optional[int]] = _left_out
+    clients_dropped: Callable[[], Optional[int]] = lambda: None
     """Number of messages that the server dropped."""
 
     def texts(self) -> Mapping[str, str]:
@@ -97,14 +93,10 @@ class SelfMonitor:
     def __init__(
         self, middleware: Middleware, robot: str, tick_period_s: float, emit: Outlet, report: SelfReport = EMPTY_REPORT
     ) -> None:
-        """Starts without faults.
+        """Starts without faults; `tick_period_s` is the expected period of `note_tick`.
 
-        Args:
-            middleware: the node's connection; its `faults` are announced.
-            robot: `hardware_id` of the status.
-            tick_period_s: expected period of `note_tick`, in s.
-            emit: receives a notice when a fault begins or ends.
-            report: what the status shows, besides what is measured here.
+        `emit` receives a notice when one of the middleware's `faults` begins or ends. `robot` is the `hardware_id` of
+        the status, which shows `report` besides what is measured here.
         """
         self._middleware = middleware
         self._robot = robot
@@ -170,10 +162,7 @@ class SelfMonitor:
             self._looked = (self._looked[0] + duration_s, self._looked[1] + duration_s)
 
     def check(self, samples: int) -> None:
-        """Looks for faults that began or ended; `samples` is the number of samples received since the start.
-
-        Call every `CHECK_PERIOD_S` of steady time.
-        """
+        """Looks for faults that began or ended; call every `CHECK_PERIOD_S`, with the number of samples so far."""
         steady_s = self._middleware.steady_s()
         if steady_s > self._checked_s:
             self._samples_per_s = (samples - self._samples) / (steady_s - self._checked_s)

@@ -117,10 +117,7 @@ def _swap_percent(paths: HostPaths) -> float:
 
 
 def _disk(field: str, scale: float, path: str, paths: HostPaths) -> float:
-    """Returns the usage of the disk that is mounted at a path.
-
-    Without the check, the empty folder of an unmounted disk would be read as the disk that contains it.
-    """
+    # The empty folder of an unmounted disk would be read as the disk that contains it.
     if not os.path.ismount(path):
         raise SensorError(f"no disk is mounted at {path}{_containing_disk(path)}")
     return float(getattr(call_psutil("disk_usage", f"the disk at {path}", paths, path), field)) * scale

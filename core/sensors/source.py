@@ -23,8 +23,4 @@ class Source(Protocol):
     """One source of one value."""
 
     def read(self, now_s: float) -> float:
-        """Returns the current value, in the unit of its metric; `now_s` is the node's time in seconds.
-
-        Raises:
-            SensorError: it cannot be read.
-        """
+        """Returns the current value, in the unit of its metric, or raises SensorError; `now_s` is the node's time."""
