@@ -27,8 +27,6 @@ from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from .fleet_configuration import FleetReader, RobotSettings
 
-__all__ = ["Fleet", "Robot"]
-
 NODE = "connect"
 """Name of the node that reports on this process: its status on /diagnostics is `connect: monitor`."""
 

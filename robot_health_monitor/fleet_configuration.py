@@ -29,17 +29,6 @@ from robot_health_monitor.runtime.tokens import TokenFiles
 
 from .embedded import sections_of_nodes
 
-__all__ = [
-    "FleetReader",
-    "Options",
-    "ROBOT_PARAMETERS",
-    "RobotEntry",
-    "RobotSettings",
-    "is_fleet_file",
-    "read_addresses",
-    "read_entries",
-]
-
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _NAMED = re.compile(r"(?P<name>[\w.-]+)=(?P<url>.+)", re.ASCII)
 _SHOWN_CHARS = 100

@@ -85,10 +85,10 @@ def run_session(
     reloads: Reloads,
     duration_s: Optional[float] = None,
 ) -> bool:
-    """Runs `work` and shows `monitors`; closes `monitors` and `output` at the end.
+    """Runs `work` and shows `monitors`; returns whether the duration has passed and there were alerts.
 
-    The output never delays the monitors. If it cannot be written, that is a fault and monitoring continues; if its
-    reader is gone (`| head`, a terminal that was closed), the session ends.
+    Closes `monitors` and `output` at the end. The output never delays the monitors. If it cannot be written, that is a
+    fault and monitoring continues; if its reader is gone (`| head`, a terminal that was closed), the session ends.
 
     Args:
         monitors: what is shown.
@@ -99,9 +99,6 @@ def run_session(
         interrupts: SIGINT and SIGTERM, which end the session, and SIGHUP.
         reloads: what SIGHUP reloads.
         duration_s: end after this time; None: run until interrupted.
-
-    Returns:
-        Whether the session lasted `duration_s` and there were alerts.
 
     Raises:
         OutputError: the duration has passed, and the output is incomplete.

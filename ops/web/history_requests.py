@@ -18,8 +18,6 @@ from ..matchers import Matcher, matchers_text
 from ..silences import Silence
 from .requests import ApiError, read_text
 
-__all__ = ["Query", "expire_silence", "new_silence", "past_alert", "past_alerts", "query_of", "silence_json"]
-
 _MOST = 1000
 _USUAL = 100
 _LARGEST_ID = 2**63 - 1

@@ -39,8 +39,6 @@ from .requests import (
 from .state import OwnState, RobotReader, Samples
 from .updates import Updates
 
-__all__ = ["WebInterface"]
-
 LATEST_TICK_S = 6.0
 """Largest age of the tick of a healthy monitor, in s: 5 s late."""
 _MOST_PENDING = 500
@@ -50,6 +48,9 @@ _ROBOTS_AT_ONCE = 10
 """Robots that are read without a pause for others in the same loop."""
 _KEPT_S = 0.2
 """How long an answer of `/api/state` serves further requests, in s."""
+
+_NO_HISTORY = "there is no history; ops.yaml configures one"
+_NO_SILENCES = "there are no silences; ops.yaml configures a history for them"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -253,10 +254,7 @@ class WebInterface:
         return next((reader for reader in self._current_readers() if reader.alert_system.robot == robot), None)
 
     def _require_reader(self, robot: str) -> RobotReader:
-        reader = self._reader(robot)
-        if reader is None:
-            raise ApiError(404, f"there is no robot {robot}")
-        return reader
+        return _required(self._reader(robot), f"there is no robot {robot}")
 
     async def _read(self, function: Callable[[], Result]) -> Result:
         """Reads robots: in a thread if that may wait."""
@@ -273,40 +271,28 @@ class WebInterface:
     # History
 
     async def _get_history(self, request: web.Request) -> web.StreamResponse:
-        history, query = self._require_history(), query_of(request.query)
+        history, query = _required(self._history, _NO_HISTORY), query_of(request.query)
         return json_response(await self._worker.run(partial(past_alerts, history, query)))
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
-        history, text = self._require_history(), request.match_info["id"]
+        history, text = _required(self._history, _NO_HISTORY), request.match_info["id"]
         number = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
         found = await self._worker.run(partial(past_alert, history, number))
-        if found is None:
-            raise ApiError(404, f"there is no alert {text}")
-        alert, samples = found
+        alert, samples = _required(found, f"there is no alert {text}")
         reader = self._reader(alert["robot"])
         unit, bounds = ("", []) if reader is None else reader.plot_of(alert["signal"])
         return json_response({"alert": alert, "unit": unit, "bounds": bounds, "samples": samples})
 
-    def _require_history(self) -> History:
-        if self._history is None:
-            raise ApiError(404, "there is no history; ops.yaml configures one")
-        return self._history
-
     # Changes
 
     async def _add_silence(self, body: Json) -> object:
-        silences = self._require_silences()
+        silences = _required(self._silences, _NO_SILENCES)
         return {"silence": silence_json(await self._worker.run(partial(new_silence, silences, body)))}
 
     async def _expire_silence(self, body: Json) -> object:
-        silences = self._require_silences()
+        silences = _required(self._silences, _NO_SILENCES)
         await self._worker.run(partial(expire_silence, silences, body))
         return {"ok": True}
-
-    def _require_silences(self) -> Silences:
-        if self._silences is None:
-            raise ApiError(404, "there are no silences; ops.yaml configures a history for them")
-        return self._silences
 
     async def _reset(self, body: Json) -> object:
         alert_system = self._require_reader(read_text(body, "robot")).alert_system
@@ -332,3 +318,10 @@ class WebInterface:
             return json_response({"ok": True, "faults": self._own_state.texts()} if admitted else {"ok": True})
         oldest_s = max(robot.tick_age_s for robot in late)
         return json_response({"ok": False, "error": f"no tick for {oldest_s:.0f} s"}, status=503)
+
+
+def _required(found: Optional[Result], problem: str) -> Result:
+    """Returns what was found; raises ApiError (404) if that is None."""
+    if found is None:
+        raise ApiError(404, problem)
+    return found

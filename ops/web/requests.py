@@ -16,21 +16,6 @@ from robot_health_monitor.core.errors import MessageError
 
 from ..plot import plot_script, plot_style
 
-__all__ = [
-    "API_HEADERS",
-    "ApiError",
-    "BodyLimit",
-    "Client",
-    "WITHOUT_TOKEN",
-    "WITH_TOKEN",
-    "check_same_origin",
-    "json_bytes",
-    "json_response",
-    "read_object",
-    "read_text",
-    "serve_page_file",
-]
-
 
 class BodyLimit(NamedTuple):
     """What the body of a request may be."""

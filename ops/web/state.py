@@ -19,8 +19,6 @@ from robot_health_monitor.runtime.times import iso_time
 
 from ..plot import plot_bounds
 
-__all__ = ["MOST_SAMPLES", "OwnState", "RobotReader", "Samples"]
-
 MOST_SAMPLES = 300
 """Most samples of one signal in an answer."""
 

@@ -14,8 +14,6 @@ from robot_health_monitor.core.errors import ServiceError
 from .requests import API_HEADERS, ApiError, json_bytes
 from .state import Samples
 
-__all__ = ["MOST_PAGES", "Updates", "changes"]
-
 MOST_PAGES = 200
 """Most pages at a time; a further one replaces the oldest of the address that has most."""
 MOST_ROBOTS = 10

@@ -11,8 +11,6 @@ from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.outlets import Event, Outlet
 
-__all__ = ["Entry", "Events", "LibraryLog"]
-
 
 class Entry(NamedTuple):
     """One event, as the output receives it."""
@@ -45,7 +43,7 @@ class Events:
             output: receives every entry; must not block.
             least: log lines less severe than this are left out; transitions never are.
             silence_of: returns the text of the silence of a robot's signal, None without one.
-            wall_time_s: seconds since 1970.
+            wall_time_s: returns seconds since 1970.
         """
         self._output = output
         self._least = least

@@ -16,18 +16,6 @@ from robot_health_monitor.runtime.times import DATE_TIME, local_time
 from .events import Entry
 from .stream_writer import StreamWriter
 
-__all__ = [
-    "JsonLines",
-    "Output",
-    "OutputError",
-    "PlainLines",
-    "Shown",
-    "ShownRobot",
-    "dropped_line",
-    "plain_line",
-    "readable",
-]
-
 
 class OutputError(ServiceError):
     """The output could not be written completely. `str()` says why."""
@@ -111,11 +99,7 @@ class JsonLines(Output):
 def plain_line(entry: Entry, time_format: str = DATE_TIME, *, name_robots: bool = False, prefix: str = "") -> str:
     """Formats an event for people, with the local time, without control characters.
 
-    Args:
-        entry: the event.
-        time_format: as for `strftime`.
-        name_robots: put the robot's name before a transition.
-        prefix: text to put before a transition.
+    Before a transition comes `prefix`, or the robot's name with `name_robots`.
     """
     event = entry.event
     time_text = local_time(entry.wall_s, time_format)

@@ -38,8 +38,6 @@ from .tables import (
     signal_lines,
 )
 
-__all__ = ["LiveView"]
-
 _STYLE_OF_SEVERITY = {Severity.WARN: STYLE_OF_LEVEL[Level.WARN], Severity.ERROR: "red", Severity.FATAL: "bold red"}
 _STYLING = re.compile("\x1b\\[[0-9;]*m")
 _REDRAW_S = 0.9

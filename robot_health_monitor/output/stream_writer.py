@@ -15,11 +15,9 @@ import signal
 import termios
 import threading
 from collections import deque
-from typing import Callable, Deque, Generic, List, Optional, Sequence, TextIO, TypeVar
+from typing import Callable, Deque, Generic, Optional, Sequence, TextIO, TypeVar
 
 from robot_health_monitor.standard_streams import join_unless_blocked
-
-__all__ = ["MOST_ITEMS", "StreamWriter"]
 
 Item = TypeVar("Item")
 
@@ -40,14 +38,9 @@ class StreamWriter(Generic[Item]):
     def __init__(
         self, stream: TextIO, render: Callable[[Sequence[Item], int], str], *, first: str = "", last: str = ""
     ) -> None:
-        """Prepares a writer; `start` begins writing.
+        """Prepares a writer; `start` begins writing: `first`, then what `render` returns, at the end `last`.
 
-        Args:
-            stream: where to write.
-            render: called in the writer's thread with new items and with how many were dropped before them; returns
-                the text to write.
-            first: written at the start.
-            last: written at the end.
+        `render` is called in the writer's thread, with new items and with how many were dropped before them.
         """
         self._stream = stream
         self._render = render
@@ -199,10 +192,9 @@ def _file_of(stream: TextIO) -> Optional[int]:
 
 def _is_hung_up(file: int) -> bool:
     """Returns whether a pipe has no reader, or a terminal was closed."""
+    watch = select.poll()
     try:
-        watch = select.poll()
         watch.register(file, 0)
-        found: List[object] = list(watch.poll(0))
-        return bool(found)
+        return len(watch.poll(0)) > 0
     except (OSError, ValueError):
         return False

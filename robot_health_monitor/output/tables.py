@@ -18,25 +18,6 @@ from robot_health_monitor.runtime.times import local_time
 
 from .lines import Shown
 
-__all__ = [
-    "FleetState",
-    "RobotState",
-    "STYLE_OF_LEVEL",
-    "SignalRow",
-    "TREND_SAMPLES",
-    "UNKNOWN_STATES",
-    "cells_line",
-    "fleet_lines",
-    "fleet_state",
-    "fleet_summary",
-    "level_text",
-    "rank",
-    "rank_counts",
-    "short_bounds",
-    "signal_lines",
-    "wrapped",
-]
-
 STYLE_OF_LEVEL = {
     Level.OK: "green",
     Level.WARN: "black on bright_yellow",  # readable on a dark and on a light terminal
@@ -157,14 +138,10 @@ def short_bounds(config: SignalConfig) -> str:
 
 
 def signal_lines(rows: Sequence[SignalRow], width: int, room: int, shown: Escape, bars: bool = True) -> List[Text]:
-    """Returns the lines of the table of one robot.
+    """Returns the lines of the table of one robot: at most `room`, of at most `width` cells.
 
-    Args:
-        rows: the signals, in the order of the configuration. A link that is up takes no line.
-        width: width of the terminal in cells.
-        room: most lines to return; the worst signals come first if not all fit.
-        shown: makes a text from outside fit for the terminal.
-        bars: draw trends, which need UTF-8.
+    The signals are in the order of `rows`, but the worst come first if not all fit. A link that is up takes no line.
+    `bars` draws trends, which need UTF-8.
     """
     rows = [row for row in rows if row.status.name != LINK or rank(row.status) > 0]
     columns = _SignalColumns(rows, width, shown, bars)
