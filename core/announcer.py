@@ -86,7 +86,7 @@ class Announcer:
         if judgement.level is not self.level:
             self.storm.note_transition(judgement.now_s)
         if self.storm.is_storm(judgement.now_s):
-            self.flaps.begin()
+            self.flaps.flapping = True
             judgement = judgement._replace(flapping=True, is_storm=True)
         self.flaps.note_announced(judgement.level)
         status = explanation.status(judgement, message)

@@ -154,11 +154,7 @@ def _parameters(tree: Mapping[Any, Any], path: Path = ()) -> Iterator[Tuple[Path
 
 
 def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
-    """Returns the sections of a whole file by node name without namespace; of several for one node, the last.
-
-    Raises:
-        ConfigError: the value of a `ros__parameters` is not a mapping.
-    """
+    """Returns the sections of a whole file by `node`, as `list_sections` does; of several for one node, the last."""
     return {section.node: section for section in list_sections(tree)}
 
 
@@ -222,11 +218,7 @@ def refuse_second_section(found: List[Section], node: str) -> None:
 
 
 def read_monitor(section: Section) -> MonitorConfig:
-    """Reads the section of alert_system.
-
-    Raises:
-        ConfigError: as `load_config` does; the path begins with the section's.
-    """
+    """Reads the section of alert_system; raises as `load_config` does, with the section's path before the key's."""
     path, tree = section
     problems = Problems()
     if "rosbridge_token" in tree:

@@ -110,14 +110,10 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
 def alert_line(
     judgement: Judgement, message: str, announced: Level, announced_since_s: float, unknown_s: Optional[float] = None
 ) -> str:
-    """Returns the text of a transition.
+    """Returns the text of a transition; `message` is the reason for its level.
 
-    Args:
-        judgement: the signal's state.
-        message: the reason for its level.
-        announced: the level that was announced before; the same level makes it a repetition.
-        announced_since_s: since when, in seconds.
-        unknown_s: how long the level has been unknown, in seconds, if it was never known; else None.
+    `announced` is the level that was announced before, since `announced_since_s`; the same level makes it a repetition.
+    `unknown_s` is how long the level has been unknown, in seconds, if it was never known; else None.
     """
     config = judgement.config
     lasted = duration_text(judgement.now_s - announced_since_s)

@@ -41,7 +41,7 @@ class FlapDetector:
         self._last = Level.OK
         self._worst: Optional[Level] = None
         self.flapping = False
-        """Whether the signal flaps."""
+        """Whether the signal flaps; a storm sets it, whatever the state change is."""
         self.configure(high, low)
 
     def configure(self, high: float, low: float) -> None:
@@ -86,10 +86,6 @@ class FlapDetector:
             self.flapping = (self.percent if self._changes else 0.0) >= limit
             if not self.flapping:
                 self._worst = None
-
-    def begin(self) -> None:
-        """Begins flapping, whatever the state change is."""
-        self.flapping = True
 
     def end(self) -> None:
         """Ends flapping, whatever the state change is."""

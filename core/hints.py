@@ -13,8 +13,6 @@ from typing import Callable, Container, Dict, Iterable, List, Mapping, Optional,
 from .formatting import printable
 from .middleware import canonical_type
 
-__all__ = ["INCOMPATIBLE_QOS", "Answer", "Hints", "explain", "similar_topics", "with_similar"]
-
 INCOMPATIBLE_QOS = "its publishers are not compatible in QoS"
 
 Answer = Callable[[Optional[str]], None]

@@ -45,12 +45,7 @@ class Monitor:
     """
 
     def __init__(self, config: MonitorConfig, robot: str = "") -> None:
-        """Creates a monitor that has seen nothing.
-
-        Args:
-            config: what to watch, from `load_config`.
-            robot: the robot's name, in place of the configuration's `robot_name`.
-        """
+        """Creates a monitor that has seen nothing; `robot` replaces the configuration's `robot_name`."""
         self.robot = robot or config.robot_name
         self.config = config
         self._signals: Dict[str, SignalMonitor] = {}
@@ -67,9 +62,7 @@ class Monitor:
     def observe(self, sample: Sample) -> Changes:
         """Judges a sample; that of a signal that is not configured is ignored.
 
-        Returns:
-            The transitions of the signal itself, of signals with a condition on it, and, for `link`, of the signals
-            that are judged again.
+        The transitions are of the signal itself, of signals with a condition on it, and, for `link`, of all signals.
         """
         name, value, now_s = sample
         changes = Changes()
@@ -93,13 +86,7 @@ class Monitor:
         return changes
 
     def set_link(self, up: bool, cause: str, now_s: float) -> Changes:
-        """Judges the state of the link to the robot: a sample of the signal `link`, with a cause.
-
-        Args:
-            up: whether the robot can be reached.
-            cause: why it cannot, for example `connection refused`; ignored while `up`.
-            now_s: the time.
-        """
+        """Judges a sample of the signal `link`: whether the robot can be reached, and why not (ignored while `up`)."""
         self._link_cause = "" if up else printable(cause)
         if LINK in self._signals:
             self._signals[LINK].cause = self._link_cause
@@ -122,14 +109,10 @@ class Monitor:
         return changes
 
     def skip(self, since_s: float, until_s: float) -> Changes:
-        """Leaves a time out of durations and silences: nothing is known of it.
+        """Leaves the time from `since_s`, or the last call, out of durations and silences: nothing is known of it.
 
         For the time between two recordings, or in which the process was stopped: it is no silence of the robot. Like
-        downtime of the link (step 8 of docs/rules.md), but without an alert.
-
-        Args:
-            since_s: when it begins; the time of the last call if that is later.
-            until_s: when it ends: samples can come again.
+        downtime of the link (step 8 of docs/rules.md), but without an alert. Samples can come again from `until_s` on.
         """
         changes = Changes()
         if self._signals and self._now_s <= until_s <= _LARGEST and since_s <= until_s:
@@ -175,11 +158,9 @@ class Monitor:
         return [config for signal, config in configs if signal.staleness.is_half_over(now_s, config.startup_grace_s)]
 
     def note_hint(self, signal: str, hint: str) -> None:
-        """Notes why a watched signal has no samples, for its status and its next transition.
+        """Notes why a watched signal has no samples, for its status and next transition; empty: unknown.
 
-        Args:
-            signal: its name.
-            hint: the reason, see `Middleware.why_silent`; empty: unknown. It is forgotten with the next sample.
+        It is forgotten with the next sample; see `Middleware.why_silent`.
         """
         if signal in self._signals:
             self._signals[signal].staleness.note_hint(hint)
@@ -213,20 +194,16 @@ class Monitor:
     def window_samples(
         self, signal: str, limit: int = 300, since_s: float = -math.inf
     ) -> Sequence[Tuple[float, float]]:
-        """Returns the samples in a signal's window as (time in seconds, value), oldest first; none if it is unknown.
+        """Returns the samples after a time in a signal's window as (time in seconds, value), oldest first.
 
-        Args:
-            signal: its name.
-            limit: the most to return, at least 4; extremes are kept.
-            since_s: only those after this time, in s.
+        None if the signal is unknown; at most `limit`, which is at least 4: extremes are kept.
         """
         known = self._signals.get(signal)
         return () if known is None else known.window.samples(limit, since_s)
 
     def at_rest_since_s(self, signal: str) -> Optional[float]:
-        """Returns since when a signal is OK, in seconds; None unless its state depends on nothing else."""
-        known = self._signals.get(signal)
-        return None if known is None else known.at_rest_since_s
+        """Returns since when a signal (of `signals()`) is OK; None unless its state depends on nothing else."""
+        return self._signals[signal].at_rest_since_s
 
     def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
         """Returns a signal's state for `restore`, as JSON values; empty if it is not watched. Reads only.
@@ -245,17 +222,15 @@ class Monitor:
     ) -> Changes:
         """Continues from the snapshots of an earlier run. To be called before any other method.
 
-        Nothing is announced again. A signal waits for its first sample; until then its durations stand still. Windows
-        are empty. A state that cannot be used is ignored, with a notice.
+        Nothing is announced again; a signal that was not OK and is no longer watched ends. A signal waits for its first
+        sample; until then its durations stand still. Windows are empty. A state that cannot be used is ignored, with a
+        notice.
 
         Args:
             states: the snapshots by signal.
             now_s: the time; None: that of the first call, which then returns the transitions.
             wall_s: the time in seconds since 1970.
             stopped_s: when the earlier run was last known to watch, in seconds since 1970; None: until now.
-
-        Returns:
-            The transitions that it causes: a signal that was not OK and is no longer watched ends.
         """
         self._to_restore = (states, Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s))
         changes = Changes()
@@ -280,9 +255,7 @@ class Monitor:
     def configure(self, config: MonitorConfig) -> Changes:
         """Applies a new configuration; signals whose own configuration is the same are not disturbed.
 
-        Returns:
-            The transitions that the new bounds cause, and one to OK for each signal that was not OK and is no longer
-            watched.
+        Each signal that was not OK and is no longer watched has a transition to OK.
         """
         self.config = config
         changes = Changes()

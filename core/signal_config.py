@@ -175,11 +175,7 @@ CONDITION_PARAMETERS = (
 
 
 def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
-    """Reads the configuration of one signal.
-
-    Raises:
-        ConfigError: as `load_config` does.
-    """
+    """Reads the configuration of one signal; raises ConfigError as `load_config` does."""
     problems = Problems()
     if not _NAME.match(name):
         problem = "expected a signal name of letters, digits and _, not beginning with a digit"

@@ -253,11 +253,7 @@ class SignalMonitor:
         return {**state, "stale": True} if self.staleness.stale else state
 
     def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot, before the first sample.
-
-        Raises:
-            UnusableStateError: the snapshot is malformed; the signal must not be used.
-        """
+        """Continues from a snapshot, before the first sample; after an UnusableStateError it must not be used."""
         saved = Saved(state)
         self._rules.restore(saved, now_s)
         self._announcer.restore(saved, self._rules.bounds, now_s, downtime)

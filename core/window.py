@@ -67,13 +67,7 @@ class Window:
     _back_max: float
 
     def __init__(self, window_s: float, window_samples: int, window_min_s: float = 0.0) -> None:
-        """Creates an empty window.
-
-        Args:
-            window_s: samples that are at most this much older than the newest stay, in seconds.
-            window_samples: the most samples it keeps; the oldest ones go first.
-            window_min_s: how long samples must have come before any statistic but `last` is defined, in seconds.
-        """
+        """Creates an empty window; samples must come for `window_min_s` before any statistic but `last` is defined."""
         self.window_s = window_s
         self.window_samples = window_samples
         self.window_min_s = window_min_s
