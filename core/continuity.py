@@ -12,8 +12,6 @@ from .model import Changes, Transition
 from .monitor import Monitor
 from .state_reader import SavedSignal
 
-__all__ = ["MAX_EVIDENCE", "Continuity", "SavedSignal", "SignalHistory"]
-
 MAX_EVIDENCE = 300
 """Most samples that are stored with a transition."""
 _SAME_TIME_S = 1.0
@@ -71,9 +69,7 @@ class Continuity:
     def restore(self, now_s: float, *, at_first_call: bool) -> Changes:
         """Restores the state of the previous run; returns the transitions that it causes.
 
-        Args:
-            now_s: the time in seconds.
-            at_first_call: there is no time yet: restore with the time of the first sample or tick.
+        `at_first_call`: there is no time yet, restore with that of the first sample or tick.
         """
         states = self._history.restore()
         self._saved = dict(states)

@@ -57,13 +57,7 @@ class Faults:
                 receiver.report(part, fault.text, fault.level)
 
     def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
-        """Reports a fault, in place of an earlier one of the same part.
-
-        Args:
-            part: name of the part, for instance `clock`, `rosbridge`, `outlet alerts`.
-            text: one line: what does not work and why.
-            level: WARN or ERROR.
-        """
+        """Reports a fault in one line, in place of an earlier one of its part, for instance `clock`, `outlet alerts`."""
         text = printable(" ".join(text.split()))
         with self._lock:
             for receiver in self._receivers:

@@ -43,12 +43,10 @@ class Hints:
     """Answers of a middleware by topic and type; each is looked up at most every 10 s, and 20 at once at most."""
 
     def __init__(self, look_up: Callable[[str, str, Answer], None], clock: Callable[[], float]) -> None:
-        """Starts without answers.
+        """Starts without answers; `clock` returns monotonic seconds.
 
-        Args:
-            look_up: called with the resolved topic, the configured type and what receives the answer, at once or later.
-                It must not wait.
-            clock: monotonic seconds.
+        `look_up` is called with the resolved topic, the configured type and what receives the answer, at once or later.
+        It must not wait.
         """
         self._look_up = look_up
         self._clock = clock
@@ -85,11 +83,8 @@ def explain(topic: str, type_name: str, types: Sequence[str], similar: Iterable[
     >>> explain("/battery", "std_msgs/Float32", ["sensor_msgs/msg/Temperature"], [])
     '/battery is published as sensor_msgs/Temperature, configured as std_msgs/Float32'
 
-    Args:
-        topic: as resolved.
-        type_name: the configured type; empty: any.
-        types: types with which the topic is published; empty: it has no publisher.
-        similar: published topics of similar names, the best first; only read where there is no publisher.
+    The topic is published with `types`; empty: it has no publisher, and `similar` are published topics of similar
+    names, the best first. An empty `type_name` stands for any type.
     """
     if not types:
         return with_similar(f"no publisher on {_shown(topic)}", similar)
@@ -112,11 +107,7 @@ def similar_topics(topic: str, type_name: str, topics: Mapping[str, str], own: C
     A similar last part of the name counts, and the configured type unless it is one of std_msgs, which says nothing
     about the meaning.
 
-    Args:
-        topic: as resolved.
-        type_name: the configured type; empty: unknown.
-        topics: type of each topic that there is; empty where it is not known.
-        own: topics that the node itself uses.
+    `topics` are those that exist, with their types, empty where unknown; `own` are those that the node itself uses.
     """
     namespace, base = topic.rpartition("/")[0], _base(topic)
     wanted_type = canonical_type(type_name)

@@ -80,14 +80,10 @@ def event_severity(event: Event) -> Severity:
 def json_line(transition: object, **further: object) -> str:
     """Formats a transition as one JSON object: levels by name, NaN and infinities as null, ASCII only.
 
-    A value longer than 2,000 characters, which is not a measurement, is truncated.
-
-    Args:
-        transition: what to format: a Transition, or another object with its fields.
-        further: fields to add.
+    A value longer than 2,000 characters, which is not a measurement, is truncated. `transition` may be another object
+    with the fields of a Transition; `further` fields are added.
     """
-    fields: Dict[str, Any] = {name: getattr(transition, name) for name in FIELDS}
-    fields.update(further)
+    fields: Dict[str, Any] = {**{name: getattr(transition, name) for name in FIELDS}, **further}
     written = {name: _as_json(value) for name, value in fields.items()}
     if not isinstance(fields["value"], float) and len(json.dumps(written["value"])) > _MOST_VALUE_CHARS:
         written["value"] = datum_text(fields["value"])

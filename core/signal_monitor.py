@@ -311,14 +311,11 @@ class SignalMonitor:
         They are valid, plausible, and beyond no bound. `_calm_max` is `_healthy_max` while everything is at rest, and
         below every value otherwise.
         """
+        before, self.config = self.config, config
         if config.statistic == "last":
             self._statistics = None
-        elif self._statistics is None or (config.statistic, config.window_s) != (
-            self.config.statistic,
-            self.config.window_s,
-        ):
+        elif self._statistics is None or (config.statistic, config.window_s) != (before.statistic, before.window_s):
             self._statistics = Window(config.window_s, MOST_STATISTICS)
-        self.config = config
         suspicion = self._quality.suspicion
         lows = (config.valid_min, suspicion.ordinary_min, config.warn_below, config.error_below)
         highs = (config.valid_max, suspicion.ordinary_max, config.warn_above, config.error_above, sys.float_info.max)

@@ -14,10 +14,10 @@ import time
 from collections import deque
 from typing import Any, Callable, Deque, Dict, Generic, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
-from robot_health_monitor.core.continuity import SavedSignal
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.state_reader import SavedSignal
 
 from ..configuration import HistorySettings
 from . import schema

@@ -6,10 +6,10 @@ import json
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from harness.stage import Stage
-from robot_health_monitor.core.continuity import SavedSignal
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.state_reader import SavedSignal
 
 
 class KeptHistory:
