@@ -57,7 +57,7 @@ class Faults:
                 receiver.report(part, fault.text, fault.level)
 
     def report(self, part: str, text: str, level: Level = Level.ERROR) -> None:
-        """Reports a fault in one line, in place of an earlier one of its part, for instance `clock`, `outlet alerts`."""
+        """Reports a fault in one line, in place of an earlier one of its part, such as `clock` or `outlet alerts`."""
         text = printable(" ".join(text.split()))
         with self._lock:
             for receiver in self._receivers:
