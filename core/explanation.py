@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from typing import Dict, Mapping, NamedTuple, Optional
 
-from .flapping import MOST, PERIOD_S
 from .formatting import bound_text, datum_text, duration_text, number_text, with_unit
 from .model import Level, Status
 from .quality import as_float, converted
@@ -78,8 +77,8 @@ class Judgement(NamedTuple):
     """Why the link is down, for the signal `link`."""
     hint: str
     """Why there are no samples; empty: unknown, or there are."""
-    is_storm: bool = False
-    """Whether it flaps because of the number of its transitions."""
+    storm: str = ""
+    """Why it flaps, if that is for the number of its transitions; else empty."""
 
     @property
     def seen(self) -> bool:
@@ -123,8 +122,8 @@ def alert_line(
     text = f"{config.name} {judgement.level.name}: {message} ({before})"
     if not judgement.flapping:
         return text
-    why, until = f"more than {MOST} transitions in {PERIOD_S:g} s", "it settles"
-    if not judgement.is_storm:
+    why, until = judgement.storm, "it settles"
+    if not judgement.storm:
         percent = number_text(judgement.state_change_percent, config.flap_high)
         why, until = f"{percent} % state change", f"below {bound_text(config.flap_low)} %"
     return f"{text}, flapping: {why}, further changes not announced until {until}"

@@ -74,14 +74,9 @@ class Condition:
 
 
 _KINDS: Mapping[str, type] = {
-    "bool": bool,
-    "int": int,
-    "float": float,
-    "Optional[float]": float,
-    "str": str,
-    "Tuple[float, ...]": list,
+    "bool": bool, "int": int, "float": float, "Optional[float]": float, "str": str, "Tuple[float, ...]": list,
     "Tuple[str, ...]": tuple,
-}
+}  # fmt: skip
 """Kind of parameter per type of field."""
 
 
