@@ -27,9 +27,10 @@ import math
 import sys
 from array import array
 from bisect import bisect_right
+from dataclasses import dataclass
 from itertools import accumulate
 from operator import mul
-from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 _LARGEST = sys.float_info.max
 _LARGEST_DISTANCE = 1e150
@@ -39,7 +40,8 @@ _SCALE = 2.0**-600
 _TIME_TOLERANCE_S = 1e-6
 
 
-class _Front(NamedTuple):
+@dataclass
+class _Front:
     """Aggregates of the front: entry n is that of its newest n + 1 samples."""
 
     reference: float
