@@ -54,6 +54,9 @@ class Recorder:
         (alerts,) = (each for each in self._node.subscriptions if each.topic_name == "/alerts")
         return bool(alerts.get_publisher_count())
 
+    def has_recorded(self, topic: str) -> bool:
+        return any(recorded == topic for _, recorded, _ in list(self.messages))
+
     def _note(self, topic: str) -> Any:
         return lambda data: self.messages.append((time.time_ns(), topic, bytes(data)))
 
@@ -86,9 +89,14 @@ def test_a_replay_gives_the_alerts_of_the_run(ros: Any, start: Any, recorder: Re
     file.write_text(json.dumps({"alert_system": {"ros__parameters": PARAMETERS}}))  # JSON is YAML
     start("alert_system", "--ros-args", "--params-file", str(file)).wait_for_text("watching temperature")
     ros.wait_until(recorder.is_connected)
-    ros.connect_to_process("/battery_level", {"data": 50.0}, "battery_level")
-    ros.connect_to_process("/temperature", {"data": 60.0}, "temperature")
     pause = threading.Event()
+    for topic, value in (("/battery_level", 50.0), ("/temperature", 60.0)):
+        ros.connect_to_process(topic, {"data": value}, topic[1:])
+        give_up_s = time.monotonic() + 60.0
+        while not recorder.has_recorded(topic):  # it may become ready later than the node
+            assert time.monotonic() < give_up_s, f"nothing recorded of {topic}"
+            ros.publish_to_process(topic, FLOAT32, {"data": value}, subscribers=2)
+            pause.wait(0.1)
     for step in range(95):
         battery = 50.0 if step < 10 or step >= 85 else 15.0 if step < 32 else 5.0
         ros.publish_to_process("/battery_level", FLOAT32, {"data": battery}, subscribers=2)
