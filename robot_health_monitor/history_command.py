@@ -56,10 +56,7 @@ def add_arguments(parser: Parser) -> None:
         "the configuration. The monitor may be running."
     )
     parser.add_argument(
-        "file",
-        metavar="FILE",
-        nargs="?",
-        help=f"the history file (default: named by --ops, else {DEFAULT_FILE})",
+        "file", metavar="FILE", nargs="?", help=f"the history file (default: named by --ops, else {DEFAULT_FILE})"
     )
     parser.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
     parser.add_argument(
@@ -76,9 +73,7 @@ def add_arguments(parser: Parser) -> None:
     )
     content = parser.add_mutually_exclusive_group()
     content.add_argument(
-        "--summary",
-        action="store_true",
-        help="per signal: share of time per level, alerts, longest time not OK",
+        "--summary", action="store_true", help="per signal: share of time per level, alerts, longest time not OK"
     )
     content.add_argument("--alert", metavar="ID", type=_number, help="one transition, with a plot of its samples")
     form = parser.add_mutually_exclusive_group()
@@ -354,11 +349,7 @@ def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tu
     lasted_s = transition.now_s - transition.since_s
     never_known = transition.from_level is Level.OK and lasted_s <= 0.0
     level = "unknown" if never_known else f"{transition.from_level.name} for {duration_text(lasted_s)}"
-    return [
-        ("level before", level),
-        ("bound", bound),
-        ("window", f"{count}; {statistics}" if statistics else count),
-    ]
+    return [("level before", level), ("bound", bound), ("window", f"{count}; {statistics}" if statistics else count)]
 
 
 def _is_coloured(stream: TextIO) -> bool:

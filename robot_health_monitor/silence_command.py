@@ -82,9 +82,7 @@ def add_arguments(parser: Parser) -> None:
         change.add_argument("--author", metavar="NAME", help="who (default: the login name)")
     for action in (add, lists, expire):
         action.add_argument(
-            "--history",
-            metavar="FILE",
-            help=f"the history file (default: named by --ops, else {DEFAULT_FILE})",
+            "--history", metavar="FILE", help=f"the history file (default: named by --ops, else {DEFAULT_FILE})"
         )
         action.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
 

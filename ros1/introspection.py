@@ -40,9 +40,7 @@ class Ros1ServedMiddleware(Ros1Middleware):
                     nodes.setdefault(user, [[], [], []])[kind].append(name)
         known = {topic: type_name for topic, type_name in types.items() if type_name != rospy.AnyMsg._type}
         return Graph(
-            known,
-            {service: "" for service, _ in services},
-            {name: NodeInfo(*lists) for name, lists in nodes.items()},
+            known, {service: "" for service, _ in services}, {name: NodeInfo(*lists) for name, lists in nodes.items()}
         )
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
