@@ -108,12 +108,7 @@ class Silences:
         reason: str = "",
         author: str = "",
     ) -> Silence:
-        """Adds a silence, as `add_silence`.
-
-        Raises:
-            ConfigError: it is not possible.
-            ServiceError: the history failed or did not answer.
-        """
+        """Adds a silence, as `add_silence`; a ServiceError says that the history failed or did not answer."""
         texts = {"reason": reason, "author": author}
         return self._change(
             lambda connection, now_s: add_silence(
@@ -122,12 +117,7 @@ class Silences:
         )
 
     def expire(self, number: int, *, reason: str = "", author: str = "") -> Silence:
-        """Ends a silence, as `expire_silence`.
-
-        Raises:
-            ConfigError: there is no such silence, or it has ended.
-            ServiceError: the history failed or did not answer.
-        """
+        """Ends a silence, as `expire_silence`; a ServiceError says that the history failed or did not answer."""
         return self._change(
             lambda connection, now_s: expire_silence(connection, number, now_s, reason=reason, author=author)
         )

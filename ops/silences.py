@@ -81,8 +81,7 @@ class Silence:
 
     def end_s(self, now_s: float) -> float:
         """Returns when it ended or expired; `now_s` if it is active."""
-        ends = [now_s, *(end for end in (self.seen_at(now_s).until_s, self.ended_s) if end is not None)]
-        return min(ends)
+        return min(end for end in (now_s, self.seen_at(now_s).until_s, self.ended_s) if end is not None)
 
     def is_in_future(self, now_s: float) -> bool:
         """Returns whether it has a time limit and was made later than now: the clock is wrong, or was."""
@@ -180,7 +179,9 @@ def add_silence(
     _check_texts(reason, author)
     if not matchers:
         raise ConfigError("expected matchers such as robot=r3,signal=battery*, got none")
-    text = _stored_text(matchers)
+    text = matchers_text(matchers)
+    if parse_matchers(text) != tuple(matchers):  # reading them would give others
+        raise ConfigError(f"expected patterns without double quotes, got {ascii(text)[:60]}")
     if len(read_silences(connection, active_at_s=now_s)) >= MOST_ACTIVE:
         raise ConfigError(f"there are {MOST_ACTIVE} active silences, the largest number; expire some first")
     until_s = None if for_s is None else now_s + for_s
@@ -213,18 +214,6 @@ def _check_texts(reason: str, author: str) -> None:
     for name, text in (("reason", reason), ("author", author)):
         if len(text) > MOST_TEXT or not text.isprintable():
             raise ConfigError(f"expected a {name} of one line, at most {MOST_TEXT} characters, got {ascii(text)[:60]}")
-
-
-def _stored_text(matchers: Sequence[Matcher]) -> str:
-    """Returns matchers as they are stored.
-
-    Raises:
-        ConfigError: reading them would not give the same matchers.
-    """
-    text = matchers_text(matchers)
-    if parse_matchers(text) != tuple(matchers):
-        raise ConfigError(f"expected patterns without double quotes, got {ascii(text)[:60]}")
-    return text
 
 
 def expire_silence(

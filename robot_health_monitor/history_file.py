@@ -41,11 +41,7 @@ def history_file(file: Optional[str], ops: Optional[str]) -> str:
 
 @contextlib.contextmanager
 def reading_history(file: str) -> Iterator[CheckedConnection]:
-    """Opens a history file, which a monitor may be writing, and reports the rows that were skipped.
-
-    Raises:
-        ConfigError: it cannot be read.
-    """
+    """Opens a history file, as `reading`, and reports the rows that were skipped."""
     with reading(file) as connection:
         yield connection
         if connection.skipped:

@@ -123,11 +123,7 @@ def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_
 
 
 def _change(file: str, change: Callable[[sqlite3.Connection], List[str]]) -> List[str]:
-    """Runs a function in one transaction on a history file.
-
-    Raises:
-        ConfigError: the file cannot be used; or of the function.
-    """
+    """Runs a function in one transaction on a history file; a ConfigError says why the file cannot be used."""
     try:
         Path(file).stat()
         with closing(connected(file, "mode=rw", _BUSY_S)) as connection, schema.transaction(connection):
@@ -150,7 +146,8 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
     )
     covered = [alert for alert in open_alerts(connection) if added.covers(*alert)]
     lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
-    if not covered and not _known(connection, added):
+    known = connection.execute("SELECT robot, signal FROM signal_states")
+    if not covered and not any(added.matches(*row) for row in known):
         lines.append(f"so far, no signal in this history matches {matchers_text(added.matchers)}")
     return lines
 
@@ -210,10 +207,6 @@ def _open_text(alerts: Sequence[Alert]) -> str:
     names = [f"{robot} {signal}" for robot, signal in alerts[:_MOST_NAMED]]
     more = [f"{len(alerts) - _MOST_NAMED} more"] if len(alerts) > _MOST_NAMED else []
     return f"{len(alerts)} open alert{'s' if len(alerts) > 1 else ''}: {', '.join(names + more)}"
-
-
-def _known(connection: sqlite3.Connection, added: Silence) -> bool:
-    return any(added.matches(*row) for row in connection.execute("SELECT robot, signal FROM signal_states"))
 
 
 def _as_json(each: Silence, now_s: float, is_open: int, alerts: int) -> Dict[str, Any]:

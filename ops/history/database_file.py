@@ -142,11 +142,7 @@ class DatabaseFile:
         return _log_bytes(self.path)
 
     def empty_log(self) -> None:
-        """Copies the log into the file and empties it; waits for the disk and for readers, at most a second for each.
-
-        Raises:
-            sqlite3.Error: the disk failed.
-        """
+        """Copies the log into the file and empties it; waits for the disk and for readers, at most 1 s for each."""
         if self._copying.acquire(timeout=_MOST_READERS_S):  # SQLite itself waits for no other checkpoint
             try:
                 _empty_log(self.connection, _MOST_READERS_S)
@@ -217,11 +213,7 @@ def lock_path(path: str) -> str:
 
 
 def set_aside(path: str, wall_s: float) -> str:
-    """Renames a damaged file, with its log, at a time in s since 1970; returns its new path.
-
-    Raises:
-        OSError: it cannot be renamed.
-    """
+    """Renames a damaged file, with its log, at a time in s since 1970; returns its new path, or raises OSError."""
     path = os.path.realpath(path)
     when = local_time(wall_s, "%Y%m%dT%H%M%SZ", timezone.utc)
     aside = f"{path}.damaged-{when}"
@@ -283,14 +275,7 @@ def open_read_only(path: str) -> CheckedConnection:
 def connected(path: str, options: str, timeout_s: float) -> CheckedConnection:
     """Returns a connection to an existing history, in autocommit mode, beside the one of the monitor that writes it.
 
-    Args:
-        path: the file.
-        options: of SQLite's URI, such as `mode=rw`.
-        timeout_s: how long to wait for others that write, in s.
-
-    Raises:
-        UnknownSchemaError: it is no history, or one of another version.
-        sqlite3.Error: it cannot be opened or is damaged.
+    `options` are those of SQLite's URI, such as `mode=rw`. Raises as `open_read_only`.
     """
     uri = f"file:{quote(os.path.abspath(path))}?{options}"
     connection = sqlite3.connect(
@@ -317,12 +302,7 @@ def _require_regular_file(path: str) -> None:
 
 
 def _require_history_or_nothing(path: str) -> None:
-    """Protects files that were named by mistake: a damaged history is renamed, other files must not be.
-
-    Raises:
-        NotAHistoryError: it is another file.
-        OSError: it cannot be read.
-    """
+    """Protects files that were named by mistake: a damaged history is renamed, other files must not be."""
     _require_regular_file(path)
     try:
         with open(path, "rb") as file:

@@ -93,11 +93,7 @@ class Writer:
             job.done.wait(timeout_s)
 
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float) -> Result:
-        """Runs a function in a separate transaction and returns its result.
-
-        Raises:
-            ServiceError: it failed in the database, or did not end in time.
-        """
+        """Runs a function in a separate transaction and returns its result; see `History.run`."""
         job = Job(function, is_foreign=True)
         if not self.put(job):
             raise ServiceError("history: too many requests are waiting, or it is closed")
@@ -223,9 +219,7 @@ class History:
     def run(self, function: Callable[[sqlite3.Connection], Result], timeout_s: float = 5.0) -> Result:
         """Runs a function in the writer's thread, in a separate transaction. Not for the path of an alert.
 
-        Args:
-            function: receives the connection; must not keep it.
-            timeout_s: limit in s. A function that has not begun by then is not run.
+        The function must not keep the connection; it is not run if it has not begun after `timeout_s`.
 
         Raises:
             ServiceError: the database failed, or did not answer in time.

@@ -256,11 +256,7 @@ def copy_state(source: sqlite3.Connection, target: sqlite3.Connection, tables: T
 
 
 def copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str) -> None:
-    """Copies the rows of a table; those that the target refuses are left out.
-
-    Raises:
-        sqlite3.Error: the source cannot be read, or the target cannot be written.
-    """
+    """Copies the rows of a table; those that the target refuses are left out."""
     rows = source.execute(f"SELECT * FROM {table}")
     insert = f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * len(rows.description))})"
     for row in rows:

@@ -14,7 +14,7 @@ import sqlite3
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.signal_config import LINK
@@ -68,26 +68,15 @@ def summarize(
         if name in robots and is_text(signal_name):
             robots[name].signals[signal_name] = _Signal(robots[name].begin_s)
             lasting_s[name, signal_name] = _known_s(state, now_s)
-    for row in _transitions(connection, robot):
-        if row.robot in robots:
-            robots[row.robot].apply(row)
+    for wall_s, name, signal_name, from_level, to_level, lasted_s, repeated in _transitions(connection, robot):
+        if name in robots and not repeated:
+            robots[name].apply(wall_s, signal_name, Level(from_level), Level(to_level), lasted_s)
     return [
         summary
         for name in sorted(robots)
         for summary in robots[name].summaries(name, lasting_s)
         if signal is None or matches_pattern(summary.signal, signal)
     ]
-
-
-class _Row(NamedTuple):
-    wall_s: float
-    robot: str
-    signal: str
-    from_level: Level
-    to_level: Level
-    lasted_s: float
-    """How long `from_level` had been announced; for OK without the time in which it was unknown."""
-    repeated: int
 
 
 @dataclass
@@ -133,23 +122,20 @@ class _Robot:
         self._is_link_down = False
         self.signals: Dict[str, _Signal] = {}
 
-    def apply(self, row: _Row) -> None:
-        if row.repeated:
-            return
-        signal = self.signals.setdefault(row.signal, _Signal(self.begin_s))
+    def apply(self, wall_s: float, name: str, from_level: Level, to_level: Level, lasted_s: float) -> None:
+        """Applies a transition; `from_level` was announced and known for `lasted_s`."""
+        signal = self.signals.setdefault(name, _Signal(self.begin_s))
         if not signal.has_transition:
             signal.has_transition = True
-            signal.level = row.from_level
-        if row.signal == LINK:
-            for name in self.signals:
-                self._advance(name, row.wall_s)
-            self._is_link_down = row.to_level is not Level.OK
-        else:
-            self._advance(row.signal, row.wall_s)
-        if row.from_level is Level.OK:
-            signal.end_ok(row.lasted_s)
-        signal.set_level(row.to_level)
-        if self.begin_s <= row.wall_s < self._end_s and row.to_level is not Level.OK:
+            signal.level = from_level
+        for advanced in self.signals if name == LINK else (name,):
+            self._advance(advanced, wall_s)
+        if name == LINK:
+            self._is_link_down = to_level is not Level.OK
+        if from_level is Level.OK:
+            signal.end_ok(lasted_s)
+        signal.set_level(to_level)
+        if self.begin_s <= wall_s < self._end_s and to_level is not Level.OK:
             signal.alerts += 1
 
     def summaries(self, robot: str, lasting_s: Mapping[Tuple[str, str], float]) -> Iterator[SignalSummary]:
@@ -227,7 +213,8 @@ def _watched(connection: sqlite3.Connection, robot: Optional[str]) -> Dict[str, 
     return merged
 
 
-def _transitions(connection: sqlite3.Connection, robot: Optional[str]) -> Iterator[_Row]:
+def _transitions(connection: sqlite3.Connection, robot: Optional[str]) -> Iterator[Tuple[Any, ...]]:
+    """Yields wall time, robot, signal, levels, duration of the earlier level, and whether it is a repetition."""
     condition, values = pattern_condition(connection, "robot", robot)
     query = f"""
         SELECT id, wall_s, robot, signal, from_level, to_level, now_s - since_s, repeated FROM transitions
@@ -236,10 +223,8 @@ def _transitions(connection: sqlite3.Connection, robot: Optional[str]) -> Iterat
     number = 0
     while True:
         rows = connection.execute(query, [number, *values]).fetchall()
-        for _, wall_s, name, signal, from_level, to_level, lasted_s, repeated in checked(
-            connection, "transitions", rows, _CHECKS
-        ):
-            yield _Row(wall_s, name, signal, Level(from_level), Level(to_level), lasted_s, repeated)
+        for row in checked(connection, "transitions", rows, _CHECKS):
+            yield row[1:]
         if len(rows) < _PAGE:
             return
         number = rows[-1][0]
