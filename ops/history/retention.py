@@ -77,18 +77,27 @@ class Retention:
     """Deletes entries of one database. The state of signals, open alerts, notifications and silences stay."""
 
     def __init__(self, connection: sqlite3.Connection, max_bytes: float) -> None:
-        """Counts what is stored; `max_bytes` is the limit for the database."""
+        """Reads nothing yet: counting takes time, and a start must not wait; `max_bytes` limits the database."""
         self._connection = connection
         self._max_bytes = max_bytes
-        self._signals: Dict[Tuple[str, str], _Stored] = {}
+        self._counted: Optional[Dict[Tuple[str, str], _Stored]] = None
         self._chosen: _Rows = []
         self._chosen_until = 0
-        for row in connection.execute("SELECT id, robot, signal, to_level, repeated FROM transitions ORDER BY id"):
-            self.note_transition(*row)
+
+    @property
+    def _signals(self) -> Dict[Tuple[str, str], _Stored]:
+        if self._counted is None:
+            self._counted = {}
+            query = "SELECT id, robot, signal, to_level, repeated FROM transitions ORDER BY id"
+            for row in self._connection.execute(query):
+                self.note_transition(*row)
+        return self._counted
 
     def note_transition(self, number: int, robot: str, signal: str, to_level: int, repeated: int) -> None:
         """Counts a transition that is stored, by the values in its row."""
-        stored = self._signals.setdefault((robot, signal), _Stored())
+        if self._counted is None:
+            return
+        stored = self._counted.setdefault((robot, signal), _Stored())
         stored.count += 1
         if not repeated:
             stored.open_id = number if to_level != 0 else -1
