@@ -53,10 +53,8 @@ class Envelope:
         The first bucket begins at `start_s`, in s since 1970, and takes earlier samples, too.
         """
         self.start_s = start_s
-        """Begin of the first bucket, in s since 1970."""
-        # The last sample of the span belongs to the last bucket.
+        # Width of a bucket; the last sample of the span belongs to the last one.
         self.width_s = max(span_s, 1e-6) / buckets * (1.0 + 1e-9)
-        """Width of a bucket, in s."""
         self._low = np.full(buckets, math.inf)
         self._high = np.full(buckets, -math.inf)
         self._bad = np.zeros(buckets, dtype=bool)
@@ -154,40 +152,28 @@ class PlottedSignal(Envelope):
 class ReportedAlert(NamedTuple):
     """A row in the table of alerts."""
 
-    wall_s: float
-    """When, in s since 1970."""
-    file: str
-    """Name of the configuration; empty if there is only one."""
+    wall_s: float  # since 1970
+    file: str  # name of the configuration; empty if there is only one
     transition: Transition
 
 
 class Report(NamedTuple):
-    """Everything that the page shows."""
+    """Everything that the page shows. Times are in s since 1970."""
 
     title: str
-    facts: Sequence[str]
-    """Lines below the title."""
-    summary: str
-    """What was judged, for how long, and which signal was worst: one or two sentences."""
-    verdict: str
-    """The result in a few words."""
-    problems: Sequence[str]
-    """What could not be read."""
-    start_s: float
-    """Begin of the recordings, in s since 1970."""
+    facts: Sequence[str]  # lines below the title
+    summary: str  # what was judged, for how long, and which signal was worst: one or two sentences
+    verdict: str  # the result in a few words
+    problems: Sequence[str]  # what could not be read
+    start_s: float  # begin of the recordings
     end_s: float
-    utc_offset_s: float
-    """Local time minus UTC, for the times that are shown."""
-    header: Sequence[str]
-    """Heads of the table of signals."""
+    utc_offset_s: float  # local time minus UTC, for the times that are shown
+    header: Sequence[str]  # heads of the table of signals
     rows: Sequence[Sequence[str]]
     """The table of signals, the worst first; it begins with the name and, if there are several, the configuration."""
-    signals: Sequence[PlottedSignal]
-    """Their plots, in the same order."""
-    alerts: Sequence[ReportedAlert]
-    """At most `MOST_ALERTS`."""
-    all_alerts: int
-    """How many there were."""
+    signals: Sequence[PlottedSignal]  # their plots, in the same order
+    alerts: Sequence[ReportedAlert]  # at most `MOST_ALERTS`
+    all_alerts: int  # how many there were
 
 
 def buckets_of(signals: int) -> int:
@@ -360,19 +346,14 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> 
         "start": signal.start_s,
         "width": signal.width_s,
         "steps": [after - before for before, after in zip([-1, *places], places)],
-        "low": list(map(_short, low)),
-        "high": list(map(_short, high)),
+        "low": [float(f"{value:.7g}") for value in low],  # as many digits as a Float32 has
+        "high": [float(f"{value:.7g}") for value in high],
         "bad": [round(time_s, 3) for time_s in islice(signal.bad_times_s, _MOST_BUCKETS)],
         "gap": config.stale_after_s,
         "bounds": plot_bounds(config),
         "levels": [[round(time_s, 3), level] for time_s, level in signal.shown_levels],
         "alerts": alerts,
     }
-
-
-def _short(value: float) -> float:
-    """Returns a value with 7 digits, as many as a Float32 has."""
-    return float(f"{value:.7g}")
 
 
 def _text(text: str) -> str:

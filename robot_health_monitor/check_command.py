@@ -93,7 +93,10 @@ def _check_file(file: str) -> Tuple[str, List[ConfigError]]:
 def _check_contents(file: YamlFile, problems: Problems) -> str:
     """Adds the mistakes of a file to `problems`, and returns a summary; raises if there are too many."""
     if _looks_like_ops(file.tree):
-        return _check_ops(file, problems)
+        config = OpsConfig()
+        with problems:
+            config = read_ops(file)
+        return config.summary or "no section"
     if is_fleet_file(file.tree):
         return _check_fleet(file, problems)
     return _check_thresholds(file, problems)
@@ -124,7 +127,10 @@ def _check_thresholds(file: YamlFile, problems: Problems) -> str:
                     unknown_types.update(_check_sources(section, problems))
                     config = read_monitor(section)
                 else:
-                    _try_node(name, start, section)
+                    try:
+                        start(LocalBus().node(name, parameters=section.tree)).close()
+                    except ConfigError as error:
+                        raise error.below(section.path) from None
     unused = sorted({section.node for section in by_node.get("", []) if section not in by_node["alert_system"]})
     bounds = sum(len(signal.bounds) for signal in config.signals.values())
     signals = f"{count_text(len(config.signals), 'signal')} ({', '.join(config.signals)})"
@@ -134,13 +140,6 @@ def _check_thresholds(file: YamlFile, problems: Problems) -> str:
     if unused:
         parts.append(f"not used here: {', '.join(unused)}")
     return "; ".join(parts)
-
-
-def _try_node(name: str, start: Callable[[Middleware], Any], section: Section) -> None:
-    try:
-        start(LocalBus().node(name, parameters=section.tree)).close()
-    except ConfigError as error:
-        raise error.below(section.path) from None
 
 
 def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
@@ -197,13 +196,9 @@ def known_definitions() -> List[Definitions]:
 
 
 def check_field(definitions: Sequence[Definitions], topic: str, type_name: str, field: str) -> bool:
-    """Checks a type, `package/Type`, and the path of a field (empty: only the type) in the first definitions of it.
+    """Checks a field (empty: only the type) in the first of `definitions` that has the type; False: none has.
 
-    Returns:
-        Whether the type is known.
-
-    Raises:
-        ConfigError: the type does not exist (its path is `type`), or has no such field (its path is `field`).
+    Raises ConfigError: the type does not exist (its path is `type`), or has no such field (its path is `field`).
     """
     for each in definitions:
         try:
@@ -229,13 +224,6 @@ def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
     return not is_whole_file(tree) and any(
         difflib.get_close_matches(str(key)[:60], SECTIONS, cutoff=_ALIKE) for key in tree
     )
-
-
-def _check_ops(file: YamlFile, problems: Problems) -> str:
-    config = OpsConfig()
-    with problems:
-        config = read_ops(file)
-    return config.summary or "no section"
 
 
 def _check_fleet(file: YamlFile, problems: Problems) -> str:

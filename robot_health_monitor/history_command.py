@@ -31,8 +31,7 @@ from robot_health_monitor.runtime.times import DATE_TIME, local_time
 from .arguments import Parser, identifier
 from .exit_codes import ExitCode
 from .history_file import DEFAULT_FILE, history_file, iso_time, reading_history
-from .output.lines import readable
-from .text_plot import text_plot
+from .output.lines import is_terminal, plain_table, readable, share_text
 
 _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 _COLOURS = {Level.OK: "32", Level.WARN: "33", Level.ERROR: "1;31", Level.STALE: "35"}
@@ -46,6 +45,8 @@ AnyEvent = TypeVar("AnyEvent", bound=Event)
 _SUMMARY_HEAD = ("robot", "signal", *(level.name for level in _LEVELS), "unknown", "alerts", "longest outage")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _PLOT_COLUMNS = 100
+_LEAST_PLOT_COLUMNS = 10
+_PLOT_ROWS = 12
 _UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 
 
@@ -276,7 +277,7 @@ def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace,
         return
     begin_s = end_s - max(summary.duration_s for summary in summaries)
     stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
-    for line in _aligned([list(_SUMMARY_HEAD), *rows]):
+    for line in plain_table([_SUMMARY_HEAD, *rows], 2):
         stream.write(f"{line}\n")
 
 
@@ -293,26 +294,9 @@ def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
 
 
 def _summary_cells(summary: SignalSummary) -> List[str]:
-    shares = [_share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
+    shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     outage = duration_text(summary.longest_outage_s) if summary.longest_outage_s > 0.0 else "none"
-    return [summary.robot, summary.signal, *shares, _share_text(summary.unknown), str(summary.alerts), outage]
-
-
-def _share_text(share: float) -> str:
-    if share <= 0.0 or share >= 1.0:
-        return "0 %" if share <= 0.0 else "100 %"
-    return f"{min(max(share * 100.0, 0.1), 99.9):.1f} %"  # neither 0 nor 100
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> List[str]:
-    """Returns the lines of a table: names to the left, numbers to the right."""
-    cells = [[printable(cell) for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells)]
-    aligned = (
-        [cell.ljust(width) if at < 2 else cell.rjust(width) for at, (cell, width) in enumerate(zip(row, widths))]
-        for row in cells
-    )
-    return ["  ".join(row) for row in aligned]
+    return [summary.robot, summary.signal, *shares, share_text(summary.unknown), str(summary.alerts), outage]
 
 
 def _show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
@@ -353,6 +337,53 @@ def _details(transition: StoredTransition, samples: Sequence[object]) -> List[Tu
 
 
 def _is_coloured(stream: TextIO) -> bool:
-    return (
-        stream.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") not in (None, "", "dumb", "unknown")
-    )
+    return is_terminal(stream) and "NO_COLOR" not in os.environ
+
+
+def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], width: int) -> List[str]:
+    """Returns a plot: `*` for samples, `-` for the bound, `x` below the axis for values that are no numbers.
+
+    Every column shows the range of its samples (wall time in s since 1970, and value), so that no extreme is lost.
+    Lines have at most `width` characters.
+    """
+    values = [value for _, value in samples if math.isfinite(value)]
+    if not values:
+        return ["no samples that are numbers"]
+    shown = values if bound is None else [*values, bound]
+    low, high = min(shown), max(shown)
+    bound_row = None if bound is None else _plot_row(bound, low, high)
+    labels = {0: number_text(high), _PLOT_ROWS - 1: number_text(low)}
+    if bound is not None and bound_row is not None:
+        labels[bound_row] = number_text(bound)
+    margin = max(map(len, labels.values()))
+    columns = max(_LEAST_PLOT_COLUMNS, width - margin - 2)
+    grid = [["-" if row == bound_row else " "] * columns for row in range(_PLOT_ROWS)]
+    bad = [" "] * columns
+    first_s, last_s = samples[0][0], samples[-1][0]
+    span_s = last_s - first_s
+    found: Dict[int, List[float]] = {}
+    for time_s, value in samples:
+        share = (time_s - first_s) / span_s if span_s > 0.0 else 0.0
+        found.setdefault(round(min(max(share, 0.0), 1.0) * (columns - 1)), []).append(value)
+    for column, of_column in found.items():
+        numbers = [value for value in of_column if math.isfinite(value)]
+        if len(numbers) < len(of_column):
+            bad[column] = "x"
+        if numbers:
+            for row in range(_plot_row(max(numbers), low, high), _plot_row(min(numbers), low, high) + 1):
+                grid[row][column] = "*"
+    lines = [f"{labels.get(row, ''):>{margin}} |{''.join(cells)}".rstrip() for row, cells in enumerate(grid)]
+    axis = " " * margin + " +"
+    lines.append(axis + "".join("-" if mark == " " else mark for mark in bad))
+    begin, end = local_time(first_s, "%H:%M:%S"), local_time(last_s, "%H:%M:%S")
+    has_room = columns > len(begin) + len(end)
+    lines.append(" " * len(axis) + begin + (end.rjust(columns - len(begin)) if has_room else ""))
+    return lines
+
+
+def _plot_row(value: float, low: float, high: float) -> int:
+    """Returns the row of a value, 0 at the top; halves and divides first, because the range may exceed a float's."""
+    if high <= low:
+        return _PLOT_ROWS // 2
+    share = (value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)
+    return _PLOT_ROWS - 1 - round(share * (_PLOT_ROWS - 1))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 import sys
 from contextlib import asynccontextmanager
 from typing import Any, AsyncContextManager, AsyncIterator, Awaitable, Optional, Protocol
@@ -16,7 +15,7 @@ from robot_health_monitor.runtime.libraries import missing_libraries, missing_te
 
 from .operations import Operations
 from .output.events import Events, LibraryLog
-from .output.lines import JsonLines, Output, OutputError, PlainLines, Shown
+from .output.lines import JsonLines, Output, OutputError, PlainLines, Shown, is_terminal
 from .reloading import OpsReload, ReadSettings, Reloads
 from .service_manager import ServiceManager
 from .serving import Served, ServerSettings, serve, stop_serving
@@ -44,7 +43,7 @@ def choose_output(as_json: bool, name_robots: bool = False) -> Output:
     """
     if as_json:
         return JsonLines(sys.stdout, sys.stderr)
-    if sys.stdout.isatty() and os.environ.get("TERM") not in (None, "", "dumb", "unknown"):
+    if is_terminal(sys.stdout):
         try:
             from .output.live import LiveView
 

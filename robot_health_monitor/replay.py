@@ -96,25 +96,20 @@ class ReportFile:
             raise OutputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
 
     def _check(self) -> None:
-        problem = self._problem()
-        if problem:
-            raise ConfigError(f"--report: {problem}", file=self.path)
-
-    def _problem(self) -> str:
-        folder = os.path.dirname(self._real_path)
+        folder, exists = os.path.dirname(self._real_path), os.path.lexists(self._real_path)
         if not os.path.isdir(folder):
-            return "there is no such folder"
-        if not os.access(folder, os.W_OK):
-            return "the folder cannot be written"
-        if not os.path.lexists(self._real_path):
-            return ""
-        if not os.path.isfile(self._real_path):
-            return "is not a file"
-        if any(os.path.samefile(self._real_path, each) for each in _files(self.inputs)):
-            return "is one of the files that this command reads"
-        if not self.force and not _is_report(self._real_path):
-            return "exists and is not a report of robot-health; --force replaces it"
-        return ""
+            problem = "there is no such folder"
+        elif not os.access(folder, os.W_OK):
+            problem = "the folder cannot be written"
+        elif exists and not os.path.isfile(self._real_path):
+            problem = "is not a file"
+        elif exists and any(os.path.samefile(self._real_path, each) for each in _files(self.inputs)):
+            problem = "is one of the files that this command reads"
+        elif exists and not self.force and not _is_report(self._real_path):
+            problem = "exists and is not a report of robot-health; --force replaces it"
+        else:
+            return
+        raise ConfigError(f"--report: {problem}", file=self.path)
 
 
 def _files(paths: Iterable[str]) -> Iterator[str]:
@@ -173,9 +168,9 @@ class _Replay:
                 raise configuration.locate(error) from None
         self._require_recorded()
         recorded = [summary for summary in self._judge.summaries if summary.recorded] if report_file else []
+        span_s, buckets = self._player.end_s - self._start_s, buckets_of(len(recorded))
         for summary in recorded:
             file = summary.file if self._several else ""
-            span_s, buckets = self._player.end_s - self._start_s, buckets_of(len(recorded))
             plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
             self._plots[summary.file, summary.config.name] = plot
 

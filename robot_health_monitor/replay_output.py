@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Sequence, Tuple
@@ -16,7 +15,7 @@ from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.runtime.libraries import missing_libraries, missing_text
 
 from .output.events import Entry
-from .output.lines import plain_line, readable
+from .output.lines import is_terminal, plain_line, plain_table, readable, share_text
 
 if TYPE_CHECKING:
     from robot_health_monitor.recordings.judging import SignalSummary
@@ -40,16 +39,16 @@ class ReplayOutput:
         """Prepares the output; `as_json`: one JSON object per transition on stdout, the rest on stderr."""
         self._as_json = as_json
         self._console: Any = None
-        is_terminal = _is_terminal(sys.stdout)
-        if is_terminal or _is_terminal(sys.stderr):
+        on_terminal = is_terminal(sys.stdout)
+        if on_terminal or is_terminal(sys.stderr):
             try:
                 from rich.console import Console
 
-                self._console = Console(stderr=not is_terminal, highlight=False)
+                self._console = Console(stderr=not on_terminal, highlight=False)
             except ModuleNotFoundError as error:
                 missing = missing_text(missing_libraries(error, "rich"))
                 sys.stderr.write(f"{missing} (no progress bar, no colours)\n")
-        self._has_styles = is_terminal and self._console is not None
+        self._has_styles = on_terminal and self._console is not None
         self._progress: Any = None
         self._refreshed_s = 0.0
 
@@ -103,7 +102,7 @@ class ReplayOutput:
 
     def warn(self, text: str) -> None:
         """Writes a line to stderr."""
-        if self._progress is not None and _is_terminal(sys.stderr):
+        if self._progress is not None and is_terminal(sys.stderr):
             self._print(text, "yellow")  # above the progress bar, which is on this terminal
             return
         sys.stdout.flush()
@@ -120,7 +119,12 @@ class ReplayOutput:
                 self._console.print(table)
             self._print(last_line, "bold")
         else:
-            stream.write("".join(f"{line}\n" for line in ("", *plain_table(head, shown), printable(last_line))))
+            stream.write(
+                "".join(
+                    f"{line}\n"
+                    for line in ("", *plain_table([head, *shown], len(head) - len(_NUMBERS)), printable(last_line))
+                )
+            )
             stream.flush()
 
     def _write(self, line: str, style: str) -> None:
@@ -135,10 +139,6 @@ class ReplayOutput:
         self._console.print(Text(printable(line), style=style), soft_wrap=True)
 
 
-def _is_terminal(stream: Any) -> bool:
-    return bool(stream.isatty()) and os.environ.get("TERM") not in (None, "", "dumb", "unknown")
-
-
 def header(several_files: bool) -> List[str]:
     """Returns the heads of the columns; with `several_files` there is one for the configuration."""
     return ["signal", *(["file"] if several_files else []), *_NUMBERS]
@@ -150,14 +150,14 @@ def row(summary: SignalSummary, several_files: bool) -> List[str]:
     if not summary.recorded:
         return [*names, _NOT_RECORDED, *[""] * (len(_NUMBERS) - 1)]
     statistics = summary.statistics
-    shares = [_share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
+    shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     range_texts = [
         "-" if value is None else with_unit(number_text(value), judged_unit(summary.config))
         for value in (statistics.min, statistics.mean, statistics.max)
     ]
     gap = "-" if statistics.longest_gap_s is None else duration_text(statistics.longest_gap_s)
     return [
-        *names, str(statistics.samples), str(statistics.bad_samples), *shares, _share_text(summary.unknown),
+        *names, str(statistics.samples), str(statistics.bad_samples), *shares, share_text(summary.unknown),
         str(summary.alerts), *range_texts, gap,
     ]  # fmt: skip
 
@@ -185,23 +185,11 @@ def sentence(summaries: Sequence[SignalSummary], duration_s: float) -> str:
     judged = f"{list_text(names, _MOST_NAMES)}{several} {were} judged over {duration_text(duration_s)}."
     worst = summaries[0]
     shares = [
-        f"{level.name} for {_share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)
+        f"{level.name} for {share_text(worst.shares[level])}" for level in _WORST_FIRST if worst.shares.get(level)
     ]
     if not shares:
         return f"{judged} {'It was' if len(names) == 1 else 'All were'} OK."
     return f"{judged} The worst is {worst.config.name}: {', '.join(shares)} of the time."
-
-
-def plain_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
-    """Returns the lines of a table with aligned columns: texts to the left, numbers to the right."""
-    texts = len(head) - len(_NUMBERS)
-    lines = [[printable(cell) for cell in line] for line in (head, *rows)]
-    widths = [max(map(len, column)) for column in zip(*lines)]
-    aligned = (
-        [cell.ljust(width) if at < texts else cell.rjust(width) for at, (cell, width) in enumerate(zip(line, widths))]
-        for line in lines
-    )
-    return ["  ".join(cells).rstrip() for cells in aligned]
 
 
 def _rich_tables(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Iterator[object]:
@@ -236,10 +224,3 @@ def _parts(widths: Sequence[int], room: int) -> Iterator[slice]:
             start, used = at, 0
         used += width
     yield slice(start, len(widths))
-
-
-def _share_text(share: float) -> str:
-    if share <= 0.0 or share >= 1.0:
-        return "0 %" if share <= 0.0 else "100 %"
-    percent = min(max(share * 100.0, 0.1), 99.9)  # neither 0 nor 100
-    return f"{percent:.1f} %"

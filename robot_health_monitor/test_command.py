@@ -53,13 +53,10 @@ _MISSING = re.compile(r"_(?:x(?P<times>\d+))?\Z")
 class Alert(NamedTuple):
     """A transition that a test expects, or that occurred."""
 
-    at_s: float
-    """Time since the first sample, in s."""
+    at_s: float  # since the first sample
     signal: str
-    level: Level
-    """The new level."""
-    text: str = ""
-    """The alert line; empty for an expected alert."""
+    level: Level  # the new one
+    text: str = ""  # the alert line; empty for an expected alert
 
     def __str__(self) -> str:
         return f"at_s: {number_text(self.at_s)}, signal: {self.signal}, level: {self.level.name}"
@@ -69,19 +66,14 @@ class ThresholdTest(NamedTuple):
     """One test."""
 
     name: str
-    interval_s: float
-    """Time between the samples of a series, in s."""
+    interval_s: float  # between the samples of a series
     series: Mapping[str, Sequence[Optional[float]]]
     """Samples by signal, as in its messages: before `scale`. None: missing."""
-    expected: Sequence[Alert]
-    """Every alert, in the order of their times."""
+    expected: Sequence[Alert]  # every one, in the order of their times
 
 
 Difference = Tuple[str, Alert]
-"""One line of the comparison of expected and actual alerts.
-
-Its mark is `-`: expected, did not occur; `+`: occurred, not expected; a space: as expected.
-"""
+"""An alert with its mark: `-` expected, did not occur; `+` occurred, not expected; a space: as expected."""
 
 
 def add_arguments(parser: Parser) -> None:

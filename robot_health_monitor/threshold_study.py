@@ -59,11 +59,9 @@ class _Alerts:
     """The alerts of a replay, and how long each signal was beyond its bounds."""
 
     def __init__(self) -> None:
-        self.by_bound: Counter[Tuple[str, Optional[float]]] = Counter()
-        """Alerts by signal and bound."""
+        self.by_bound: Counter[Tuple[str, Optional[float]]] = Counter()  # alerts by signal and bound
         self.stale: Counter[str] = Counter()
-        self.longest_s: Dict[str, float] = {}
-        """Longest alert by signal, in s."""
+        self.longest_s: Dict[str, float] = {}  # longest alert by signal
         self._since_s: Dict[str, float] = {}
 
     def note(self, judged: JudgedEvent) -> None:
@@ -94,6 +92,7 @@ class _Study:
         self._paths = list(paths)
         self._namespace = namespace
         self._groups, self._channels = self._open(paths)
+        self._recorded = list_text(sorted({channel.topic for channel in self._channels})) or "no topic"
         self._duration_s = sum(group.end_ns - group.start_ns for group in self._groups) / 1e9
         self._file: Optional[YamlFile] = None
         self._section = Section((), {})
@@ -137,7 +136,7 @@ class _Study:
                 self._unchanged[signal] = settings
         if not self._given:
             wanted = ", ".join(dict.fromkeys(signal.topic for signal in config.signals.values()))
-            raise ConfigError(f"no signal is recorded: expected one of {wanted}, got {self._recorded_topics()}")
+            raise ConfigError(f"no signal is recorded: expected one of {wanted}, got {self._recorded}")
 
     def take_recorded(self) -> None:
         """Takes every number of the standard messages."""
@@ -148,7 +147,7 @@ class _Study:
             self._topics[source.name] = source.topic
         if not sources:
             expected = "topics with messages of std_msgs or sensor_msgs"
-            raise ConfigError(f"no signal is recorded: expected {expected}, got {self._recorded_topics()}")
+            raise ConfigError(f"no signal is recorded: expected {expected}, got {self._recorded}")
 
     def run(self) -> str:
         """Returns the text of the file."""
@@ -289,9 +288,6 @@ class _Study:
             if self._file is None:
                 raise
             raise self._file.locate(error.below(self._section.path)) from None
-
-    def _recorded_topics(self) -> str:
-        return list_text(sorted({channel.topic for channel in self._channels})) or "no topic"
 
     # The text
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Optional, Protocol, Sequence, TextIO
+import os
+from typing import List, Optional, Protocol, Sequence, TextIO
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.formatting import printable, with_degree_sign, with_hint
@@ -125,3 +126,26 @@ def readable(text: str, stream: TextIO) -> str:
 def dropped_line(dropped: int) -> str:
     """Returns the line in place of events that were dropped because the output was not read."""
     return f"... {dropped} {'line' if dropped == 1 else 'lines'} dropped: the output was not read"
+
+
+def is_terminal(stream: TextIO) -> bool:
+    """Returns whether a stream is a terminal that can show colours and move its cursor."""
+    return stream.isatty() and os.environ.get("TERM") not in (None, "", "dumb", "unknown")
+
+
+def plain_table(rows: Sequence[Sequence[str]], texts: int) -> List[str]:
+    """Returns the lines of a table with aligned columns: the first `texts` to the left, the others, numbers, right."""
+    lines = [[printable(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*lines)]
+    aligned = (
+        [cell.ljust(width) if at < texts else cell.rjust(width) for at, (cell, width) in enumerate(zip(line, widths))]
+        for line in lines
+    )
+    return ["  ".join(cells).rstrip() for cells in aligned]
+
+
+def share_text(share: float) -> str:
+    """Returns a share, 0 to 1, in %; only one that is exactly 0 or 1 is shown as such."""
+    if share <= 0.0 or share >= 1.0:
+        return "0 %" if share <= 0.0 else "100 %"
+    return f"{min(max(share * 100.0, 0.1), 99.9):.1f} %"

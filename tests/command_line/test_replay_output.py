@@ -11,8 +11,9 @@ from harness.recorded import values, write_bag
 
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.signal_config import read_signal
+from robot_health_monitor.output.lines import plain_table
 from robot_health_monitor.recordings.judging import SignalStatistics, SignalSummary
-from robot_health_monitor.replay_output import header, plain_table, row, sentence, worst_first
+from robot_health_monitor.replay_output import header, row, sentence, worst_first
 
 THRESHOLDS = """
 alert_system:
@@ -142,7 +143,7 @@ def test_with_two_configurations_a_row_names_its_own() -> None:
 
 def test_columns_of_a_plain_table_are_aligned() -> None:
     head = header(False)
-    lines = plain_table(head, [["a", *["1"] * 12], ["long\x1b_name", "not recorded", *[""] * 11]])
+    lines = plain_table([head, ["a", *["1"] * 12], ["long\x1b_name", "not recorded", *[""] * 11]], 1)
     assert lines == [
         "signal           samples  bad  OK  WARN  ERROR  STALE  unknown  alerts  min  mean  max  longest gap",
         "a                      1    1   1     1      1      1        1       1    1     1    1            1",
