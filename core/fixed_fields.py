@@ -35,10 +35,9 @@ _DEEPEST = 32
 
 
 def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
-    """Returns a getter of a number, `orientation.x`, in serialized messages of a class.
+    """Returns a getter of a number, `orientation.x`, in messages in CDR, with a header, or else in those of ROS 1.
 
-    None if something of variable size, other than strings, precedes it. The messages are CDR, with a header, or else
-    those of ROS 1.
+    None if something of variable size, other than strings, precedes it.
     """
     before: List[Place] = []
     for path, place in plain_fields(field_types, native_class):
@@ -51,10 +50,7 @@ def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_
 
 
 def plain_fields(field_types: FieldTypes, native_class: Any) -> Iterator[Tuple[str, Optional[Place]]]:
-    """Yields path and place of each plain field, in the order of the message; None for one of variable size.
-
-    The path of an array ends with `[]`: no field has it.
-    """
+    """Yields path (of an array with `[]`) and place (None: of variable size) of each plain field, in their order."""
     return itertools.islice(_plain_fields(field_types, native_class, "", 0), _MOST_FIELDS)
 
 

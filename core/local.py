@@ -37,13 +37,11 @@ class LocalBus:
         wall_time_s: Optional[Callable[[], float]] = None,
         clock: Optional[Callable[[], float]] = None,
     ) -> None:
-        """Creates a bus without nodes.
+        """Creates a bus without nodes, whose time begins at `start_s`, in s.
 
-        Args:
-            start_s: the time at the start, in seconds.
-            on_log: called with every log line; None: they are appended to `log_lines`.
-            wall_time_s: seconds since 1970, for the stamps of messages; None: the time of the bus.
-            clock: monotonic seconds, also between two calls of `run_due`; None: time changes only in `run_due`.
+        `on_log` is called with every log line; None: they are appended to `log_lines`. `wall_time_s` returns seconds
+        since 1970, for the stamps of messages; None: the time of the bus. `clock` returns monotonic seconds, also
+        between two calls of `run_due`; None: time changes only in `run_due`.
         """
         self._now_s = start_s
         self._clock = clock
@@ -94,14 +92,10 @@ class LocalBus:
 
     def graph(self) -> Graph:
         """Returns the nodes that are not closed, with their topics and services."""
-        nodes = {
-            node.name: NodeInfo(
-                tuple(node._advertised),
-                tuple(subscription.topic for subscription in node._subscriptions),
-                tuple(node._services),
-            )
-            for node in self.nodes
-        }
+        nodes = {}
+        for node in self.nodes:
+            subscribed = tuple(subscription.topic for subscription in node._subscriptions)
+            nodes[node.name] = NodeInfo(tuple(node._advertised), subscribed, tuple(node._services))
         used = {topic for node in nodes.values() for topic in (*node.publishes, *node.subscribes)}
         topics = {topic: type_name for topic, type_name in self.types.items() if topic in used}
         services = {service: type_name for service, (type_name, _) in self._services.items()}

@@ -98,10 +98,7 @@ class Middleware(Protocol):
         """Returns monotonic seconds, also under `use_sim_time`."""
 
     def given_parameters(self) -> Mapping[str, Any]:
-        """Returns the configuration of this node, nested as in the file under `ros__parameters`.
-
-        Raises ConfigError if the middleware's parameters are not a mapping.
-        """
+        """Returns this node's configuration, nested as in its file; ConfigError if the middleware's is no mapping."""
 
     def declare_parameters(self, parameters: Sequence[Parameter], on_change: OnChange) -> None:
         """Makes `parameters` visible, by dotted names, and changeable at run time; called once.
@@ -110,8 +107,7 @@ class Middleware(Protocol):
         changed as one line, or `NOTHING_CHANGED`; that is the response of `~reload`, and one INFO line. Or it raises
         ConfigError to reject the change: the caller gets the reason, and the old values stay in force.
 
-        Raises:
-            ConfigError: a given value does not match its parameter's type or range.
+        Raises ConfigError if a given value does not match its parameter's type or range.
         """
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
@@ -119,17 +115,11 @@ class Middleware(Protocol):
 
         A second call for the same topic does nothing. `latched`: a subscription with `latched` that begins later
         receives the last message, where the middleware has that. Publish it again from time to time: a rosbridge server
-        need not have it.
-
-        Raises:
-            ConfigError: the type is unknown or `topic` is not a name.
+        need not have it. Raises ConfigError if the type is unknown or `topic` is not a name.
         """
 
     def publish(self, topic: str, message: Message) -> None:
-        """Publishes on an advertised topic; missing fields keep their defaults.
-
-        Raises MessageError if `topic` is not advertised, or if the message does not match its type.
-        """
+        """Publishes; missing fields keep their defaults. MessageError: `topic` is not advertised, or a wrong type."""
 
     def has_listeners(self, topic: str) -> bool:
         """Returns whether an advertised topic has subscribers; True where this is unknown. Raises as `publish`."""
@@ -147,9 +137,8 @@ class Middleware(Protocol):
         which no element has the key are ignored. Empty: the whole message as a mapping, which costs a conversion. None:
         the message is not read, nor deserialized where the middleware allows that; the value is 1.0.
 
-        Raises:
-            ConfigError: the type is unknown or has no such field; the error names topic, type and available fields.
-                Also if `topic` is not a name, or is already used with another type.
+        Raises ConfigError if the type is unknown or has no such field, with topic, type and available fields. Also if
+        `topic` is not a name, or is already used with another type.
         """
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
@@ -167,10 +156,8 @@ class Middleware(Protocol):
         """Offers a service (`std_srvs/Trigger`); `handler(request)` returns the response.
 
         If the handler raises, the log has one ERROR line. The caller gets a failed call (ROS 1, rosbridge) or, since
-        ROS 2 has no failed calls, `success: false` with the error as `message`.
-
-        Raises:
-            ConfigError: the type is unknown or `service` is not a name.
+        ROS 2 has no failed calls, `success: false` with the error as `message`. Raises ConfigError if the type is
+        unknown or `service` is not a name.
         """
 
     def create_timer(self, period_s: float, callback: Callable[[float], None], *, steady: bool = False) -> Timer:

@@ -81,13 +81,8 @@ def find_generated(line: str, package: str, kind: str, name: str) -> Any:
     """Returns a class that genpy or rosidl generated; None if there is none. For `Dialect.find_class`.
 
     Clients choose type names, and importing runs code: a module must not be imported to find out that it has no
-    messages. So the text of `<package>/msg/__init__.py` is searched for the line that the generator writes there.
-
-    Args:
-        line: regular expression of that line, with {package}, {kind} and {name}.
-        package: name of the package.
-        kind: `msg` or `srv`.
-        name: name of the class.
+    messages. So the text of `<package>/msg/__init__.py` is searched for the line that the generator writes there: a
+    regular expression with {package}, {kind} (`msg` or `srv`) and {name}.
     """
     pattern = re.compile(f"^{line.format(package=package, kind=kind, name=name)}", re.MULTILINE)
     for folder in sys.path:
@@ -151,10 +146,8 @@ class NativeMessages:
         """Returns a function that reads `field`, a path as in `field_path.py`, from a native message of a type.
 
         The function returns None for an index beyond the end of an array, and ABSENT if no element has the key. For an
-        empty field it returns the whole message as a mapping. Errors name the resolved topic.
-
-        Raises:
-            ConfigError: the type is not installed, or has no such field.
+        empty field it returns the whole message as a mapping. Raises ConfigError, with the resolved topic, if the type
+        is not installed, or has no such field.
         """
         native_class = self.message_class(type_name)
         try:

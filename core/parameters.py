@@ -36,9 +36,7 @@ class Parameter:
     description: str
     """One line, with the unit."""
     minimum: Optional[float] = None
-    """Smallest allowed number."""
     maximum: Optional[float] = None
-    """Largest allowed number."""
     choices: Tuple[str, ...] = ()
     """The allowed texts; empty: any."""
 
@@ -165,10 +163,7 @@ def read_parameters(
     """Reads one level of a configuration: the mapping at `path`.
 
     Returns a value per parameter; the default for a key that is left out. `sections` are keys of nested mappings, which
-    are left to the caller.
-
-    Raises:
-        ConfigError: unknown keys or values that are not allowed, all of them.
+    are left to the caller. Raises ConfigError with all unknown keys and values that are not allowed.
     """
     known = {parameter.name: parameter for parameter in parameters}
     values = {name: parameter.default for name, parameter in known.items()}

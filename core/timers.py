@@ -55,7 +55,7 @@ class ClockTimers:
         self._last_s = float("-inf")
 
     def add(self, timer: ClockTimer) -> None:
-        """Adds a timer."""
+        """Adds a timer, and forgets those that were cancelled."""
         self._timers = [*self._running(), timer]
 
     def cancel_all(self) -> None:

@@ -27,7 +27,6 @@ class YamlFile(NamedTuple):
     """The contents of a file, with the lines of its keys."""
 
     tree: Mapping[str, Any]
-    """The file's mapping."""
     lines: Mapping[Path, int]
     """Line of each key, counted from 1."""
     file: str
@@ -55,9 +54,7 @@ def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:
     """Reads a regular file that contains one mapping.
 
     `problems` receives mistakes after which the file can still be used, which are keys given twice; None raises them.
-
-    Raises:
-        ConfigError: it cannot be read, is not YAML in UTF-8, is too large, or contains something else.
+    Raises ConfigError if it cannot be read, is not YAML in UTF-8, is too large, or contains something else.
     """
     name = os.fspath(file)
     text = _read_text(name)

@@ -32,7 +32,7 @@ class Document(NamedTuple):
     """A YAML document."""
 
     value: Any
-    """Its value; None for an empty document."""
+    """None for an empty document."""
     lines: Dict[Path, int]
     """Line of each key, counted from 1; keys below an alias have the lines of its anchor. The path of a list element
     ends with its number, counted from 0."""
@@ -41,16 +41,14 @@ class Document(NamedTuple):
 def load(text: str, problems: Problems) -> Document:
     """Loads the only document of a text; `problems` receives keys that are given twice, of which the last one counts.
 
-    Raises:
-        ConfigError: not valid YAML, or too large when aliases are expanded; with the line, without a file.
+    Raises ConfigError, with the line but no file, for invalid YAML, and if it is too large with aliases expanded.
     """
     try:
         loader = _Loader(text)
         root = loader.get_single_node()
         if root is None:
             return Document(None, {})
-        sizes = _Sizes(problems)
-        sizes.measure(root, ())
+        _Sizes(problems).measure(root, ())
         lines: Dict[Path, int] = {}
         _note_lines(root, (), lines)
         return Document(loader.construct_document(root), lines)

@@ -51,7 +51,7 @@ class AlertSystem:
         silence_of: Callable[[str], Optional[str]] = lambda signal: None,
         self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
-        """Starts watching.
+        """Starts watching; raises ConfigError if the configuration cannot be used.
 
         Args:
             middleware: the node's connection.
@@ -61,9 +61,6 @@ class AlertSystem:
             announce_pauses: emit a notice after the process was stopped. False where another part does so.
             silence_of: returns the text of the silence of a signal, None without one. Must be fast.
             self_report: what the node's own status shows of other parts of the process.
-
-        Raises:
-            ConfigError: the configuration cannot be used.
         """
         self._middleware = middleware
         self._announce_pauses = announce_pauses
@@ -76,9 +73,7 @@ class AlertSystem:
         self._simulated_topics = ""
         self._simulated: FrozenSet[str] = frozenset()
         self.robot = config.robot_name or node.host_name()
-        """The robot's name."""
         self.node_name = middleware.name
-        """The full name of the node."""
         self.samples = 0
         """How many samples were received since the start."""
         self.monitor = Monitor(config, self.robot)

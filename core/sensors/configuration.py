@@ -26,9 +26,7 @@ class HostSource(NamedTuple):
     """One kind of metric of a machine."""
 
     unit: str
-    """Unit of the value."""
     description: str
-    """Its meaning, in a few words."""
     make: Callable[..., Source]
     """Creates the source; takes the option by its name, and `paths`."""
     option: Optional[Parameter] = None
@@ -42,10 +40,9 @@ class HostReading:
     """A source that remembers nothing between two reads."""
 
     function: Callable[[], float]
-    """Returns the value; may raise SensorError."""
 
     def read(self, now_s: float) -> float:
-        """Returns the current value, or raises SensorError."""
+        """Returns the value of the function, which may raise SensorError."""
         return self.function()
 
 
@@ -243,10 +240,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 def read_sources(tree: Mapping[str, Any], path: Path = (), paths: HostPaths = HOST_PATHS) -> Dict[str, Source]:
     """Creates a source per metric, in the order of `METRICS` and then of the section `host`; none for `source: none`.
 
-    Reads `seed`, `sensors` and the sections of a node's whole configuration. `path` has the keys above it, for errors.
-
-    Raises:
-        ConfigError: unknown keys or values that are not allowed, all of them.
+    Reads `seed`, `sensors` and the sections of a node's whole configuration. `path` has the keys above it, for errors:
+    a ConfigError with all unknown keys and values that are not allowed.
     """
     sources: Dict[str, Source] = {}
     problems = Problems()

@@ -98,8 +98,7 @@ class HostTemperature:
         if candidates:
             return max(candidates)
         if readings:
-            texts = [f"{chip} reads {celsius}" for chip, celsius in readings]
-            listed = list_text(texts, most=3)
+            listed = list_text([f"{chip} reads {celsius}" for chip, celsius in readings], most=3)
             raise SensorError(f"no plausible temperature: {listed}; set the source to simulated or none")
         raise NoSuchSensor(
             f"no temperature sensor in {self.paths.sys}/class/hwmon or {self.paths.sys}/class/thermal (virtual "
@@ -169,10 +168,8 @@ class Battery:
             if is_battery and _text(folder, "scope") != "Device":
                 self._folder = folder
                 return
-        raise NoSuchSensor(
-            f"no battery in {supplies}; set the source to simulated or none, or publish the battery of the "
-            "robot from its driver"
-        )
+        remedy = "set the source to simulated or none, or publish the battery of the robot from its driver"
+        raise NoSuchSensor(f"no battery in {supplies}; {remedy}")
 
     def percent(self) -> float:
         """Returns the charge in %, at most 100: a new battery may hold more than its nominal charge."""
