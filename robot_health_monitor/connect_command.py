@@ -71,8 +71,7 @@ def _check(arguments: argparse.Namespace) -> str:
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Watches robots until an interrupt, or for `--duration`; then the exit code says if there were alerts.
 
-    Raises:
-        ConfigError: an address or a file cannot be used; or, at the end of the duration, a robot refuses this client.
+    ConfigError: an address or a file cannot be used; or, at the end of the duration, a robot refuses this client.
     """
     interrupts.take_hangups()
     with libraries(*ROSBRIDGE):

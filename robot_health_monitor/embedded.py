@@ -30,6 +30,9 @@ _PUBLISH_RATE: Parameter = next(parameter for parameter in AGGREGATOR_PARAMETERS
 class EmbeddedMonitor:
     """battery_sensor, aggregator and alert_system on one bus."""
 
+    alert_system_pattern = "/alert_system"
+    """The full name of alert_system."""
+
     def __init__(
         self,
         file: Optional[YamlFile] = None,
@@ -42,22 +45,12 @@ class EmbeddedMonitor:
         outlet: Optional[Outlet] = None,
         start_alert_system: Callable[..., AlertSystem] = AlertSystem,
     ) -> None:
-        """Starts the nodes; their timers run in `run`, or in `bus.run_due`.
+        """Starts the nodes; their timers run in `run`, or in `bus.run_due`. ConfigError names file and line.
 
-        Args:
-            file: configuration of the nodes, each under its name; None: their defaults.
-            robot: name of the robot, in place of the one in the file.
-            source: source of all metrics, in place of the ones in the file: simulated, host or none.
-            clock: returns monotonic seconds.
-            wall_time_s: returns seconds since 1970, for the stamps of messages.
-            on_log: receives the log lines of the nodes; None keeps them in `bus.log_lines`.
-            outlet: receives transitions and notices, which are then not logged; None: they are logged.
-            start_alert_system: starts alert_system, with the arguments of `AlertSystem`; `Operations.start`.
-
-        Raises:
-            ConfigError: the configuration cannot be used; the message names file and line.
+        `robot`, its name, and `source`, that of all metrics (simulated, host or none), replace those in the file.
+        `clock` gives monotonic s, `wall_time_s` s since 1970, for the stamps of messages. Without `on_log`, log lines
+        are kept in `bus.log_lines`; without `outlet`, transitions and notices are logged.
         """
-        self._clock = clock
         self.bus = LocalBus(on_log=on_log, wall_time_s=wall_time_s, clock=clock)
         self._nodes: List[Any] = []
         self._middlewares: Dict[str, LocalMiddleware] = {}
@@ -69,6 +62,7 @@ class EmbeddedMonitor:
         self.alert_system: AlertSystem = self._start(
             "alert_system", lambda node: start_alert_system(node, outlets, log_alerts=outlet is None)
         )
+        self.alert_systems: Sequence[AlertSystem] = (self.alert_system,)
         if has_inputs({**self._section("aggregator").tree, "sensors": source}):
             self._start("aggregator", Aggregator)
         if source != "none":
@@ -82,14 +76,6 @@ class EmbeddedMonitor:
     def robots(self) -> Sequence[EmbeddedMonitor]:
         """The one robot."""
         return (self,)
-
-    alert_system_pattern = "/alert_system"
-    """The full name of alert_system."""
-
-    @property
-    def alert_systems(self) -> Sequence[AlertSystem]:
-        """The one alert_system."""
-        return (self.alert_system,)
 
     def on_new_alert_system(self, callback: Callable[[AlertSystem], None]) -> None:
         """Does nothing: there is one for the whole run."""
@@ -125,10 +111,7 @@ class EmbeddedMonitor:
 
     async def run(self) -> None:
         """Runs the timers of the nodes in real time until it is cancelled."""
-        while True:
-            self.bus.run_due(self._clock())
-            due_s = self.bus.next_due_s()
-            await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
+        await run_timers(self.bus)
 
     async def reload(self) -> str:
         """Reads the configuration file again; see `Reload`. A node that rejects it logs that, and keeps its values."""
@@ -194,6 +177,14 @@ class EmbeddedMonitor:
                 if isinstance(section, Mapping):  # anything else is for the node to reject
                     parameters[metric] = {**section, "source": self._source}
         return parameters
+
+
+async def run_timers(bus: LocalBus) -> None:
+    """Runs the timers of a bus in real time, by the clock that it was given, until it is cancelled."""
+    while True:
+        bus.run_due(bus.now_s)
+        due_s = bus.next_due_s()
+        await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - bus.now_s))
 
 
 def sections_of_nodes(file: YamlFile) -> Dict[str, Section]:

@@ -25,6 +25,7 @@ from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
 from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
+from .embedded import run_timers
 from .fleet_configuration import FleetReader, RobotSettings
 
 NODE = "connect"
@@ -59,19 +60,10 @@ class Fleet:
         start: StartAlertSystem = AlertSystem,
         self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
-        """Creates the robots; `run` connects to them.
+        """Creates the robots; `run` connects to them. ConfigError: the configuration cannot be used.
 
-        Args:
-            reader: reads their settings, now and at every reload.
-            clock: monotonic seconds.
-            on_log: called with every log line; its node is the robot's name, or `connect`.
-            outlet: returns the outlet for a robot's transitions and notices, by its name, or for the notices of the
-                process itself, as `connect`.
-            start: creates the alert_systems.
-            self_report: what the status of the process shows besides the robots.
-
-        Raises:
-            ConfigError: the configuration cannot be used; the message names file and line.
+        `clock` gives monotonic s. `on_log` gets every log line; its node is the robot's name, or `connect`. So is the
+        name for which `outlet` returns what receives transitions and notices. `self_report` is shown of the process.
         """
         self._reader = reader
         self._clock = clock
@@ -142,7 +134,7 @@ class Fleet:
         """Keeps the connections up until it is cancelled."""
         self._is_running = True
         self._start(self.robots)
-        timers = asyncio.ensure_future(self._run_timers())
+        timers = asyncio.ensure_future(run_timers(self.bus))
         try:
             await timers
         finally:
@@ -152,18 +144,11 @@ class Fleet:
             await asyncio.wait(tasks)
 
     async def reload(self) -> str:
-        """Reads the configuration again and applies what differs; see `Reload`.
-
-        Raises:
-            ConfigError: it cannot be used; nothing has changed.
-        """
+        """Reads the configuration again and applies what differs; see `Reload`. ConfigError: nothing has changed."""
         return self.apply(await run_in_daemon_thread(self._reader.read))
 
     def apply(self, settings: Sequence[RobotSettings]) -> str:
-        """Adds, removes and changes robots, so that they are those of `settings`; returns what changed.
-
-        Called in the loop.
-        """
+        """Makes the robots those of `settings`; returns what changed. Called in the loop."""
         known = {robot.name: robot for robot in self.robots}
         wanted = {new.name: new for new in settings}
         changes: Dict[str, List[str]] = {}
@@ -233,12 +218,6 @@ class Fleet:
         for number, robot in enumerate(robots):
             self._tasks[robot] = asyncio.ensure_future(robot.run(number * _START_PERIOD_S))
 
-    async def _run_timers(self) -> None:
-        while True:
-            self.bus.run_due(self._clock())
-            due_s = self.bus.next_due_s()
-            await asyncio.sleep(1.0 if due_s is None else max(0.0, due_s - self._clock()))
-
     def _check(self, now_s: float) -> None:
         self._self_monitor.find_pause(now_s)
         self._self_monitor.note_tick(now_s)
@@ -252,10 +231,7 @@ def _names_text(names: Sequence[str]) -> str:
 
 
 class Robot:
-    """One robot: its connection, and the alert_system that judges what arrives.
-
-    Nothing is published and no service is offered on the robot.
-    """
+    """The connection of one robot, on which nothing is published or offered, and the alert_system that judges it."""
 
     def __init__(
         self,
@@ -270,14 +246,8 @@ class Robot:
     ) -> None:
         """Starts the alert_system; `run` connects. Raises ConfigError if the configuration cannot be used.
 
-        Args:
-            settings: what to watch, and where.
-            outputs: node that publishes what the alert_system announces, and offers its services; closed at the end.
-            clock: monotonic seconds.
-            on_log: called with every log line; its node is the robot's name.
-            outlet: receives the robot's transitions and notices.
-            log_details: log what alert_system does at its start, a line per signal; else only warnings.
-            start: creates the alert_system.
+        The node `outputs`, which is closed at the end, publishes what the alert_system announces, and offers its
+        services. With `log_details`, all that alert_system logs at its start is logged; else only warnings.
         """
 
         def log(line: LogLine) -> None:

@@ -45,16 +45,15 @@ ROBOT_PARAMETERS = (Parameter("url", str, None, "ws://host:port or wss://host:po
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says about every robot for which fleet.yaml says nothing else."""
+    """What the command line says about every robot for which fleet.yaml says nothing else; as in fleet.yaml."""
 
     thresholds: str = ""
-    """Path of a thresholds.yaml; empty: the defaults of alert_system."""
+    """Empty: the defaults of alert_system."""
     namespace: str = ""
-    """Namespace of the robots' topics."""
     token_file: str = ""
-    """Path of a file with the token; empty: the environment variable."""
+    """Empty: the environment variable."""
     ca: str = ""
-    """Path of certificate authorities; empty: those of the system."""
+    """Empty: those of the system."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +100,8 @@ def is_fleet_file(tree: Mapping[str, Any]) -> bool:
 def read_addresses(texts: Sequence[str]) -> List[RobotEntry]:
     """Reads addresses as the command line takes them: `husky:9090`, `ws://husky:9090`, `NAME=wss://10.0.0.7:9090`.
 
-    Without a name, a robot gets the name of its host, with the port if that name is taken.
-
-    Raises:
-        ConfigError: one is not the address of a rosbridge server, or two robots have the same name.
+    Without a name, a robot gets the name of its host, with the port if that name is taken. ConfigError: one is not the
+    address of a rosbridge server, or two robots have the same name.
     """
     entries: Dict[str, RobotEntry] = {}
     for text in texts:
@@ -113,10 +110,8 @@ def read_addresses(texts: Sequence[str]) -> List[RobotEntry]:
         try:
             host, port = host_and_port(url)
         except ConfigError:
-            raise ConfigError(
-                f"expected host:port, ws://host:port, wss://host:port or NAME=host:port, got "
-                f"{shown_address(text)[:_SHOWN_CHARS]!r}"
-            ) from None
+            expected = "expected host:port, ws://host:port, wss://host:port or NAME=host:port"
+            raise ConfigError(f"{expected}, got {shown_address(text)[:_SHOWN_CHARS]!r}") from None
         if not name:
             name = f"{host}:{port}" if host in entries and port else host
         if name in entries:
@@ -126,12 +121,9 @@ def read_addresses(texts: Sequence[str]) -> List[RobotEntry]:
 
 
 def read_entries(file: YamlFile, collected: Optional[Problems] = None) -> List[RobotEntry]:
-    """Reads a fleet.yaml; the files that it names are not opened.
+    """Reads a fleet.yaml, not the files that it names. ConfigError: every mistake, with file, line and key.
 
     With `collected`, which receives the mistakes, the robots without any are returned.
-
-    Raises:
-        ConfigError: it cannot be used; every mistake, with file, line and key.
     """
     problems = Problems() if collected is None else collected
     entries: List[RobotEntry] = []
@@ -196,13 +188,9 @@ class FleetReader:
     def __init__(
         self, addresses: Sequence[RobotEntry], file: str, options: Options, warn: Callable[[str], object]
     ) -> None:
-        """Reads nothing yet.
+        """Reads nothing yet. `addresses` come before the robots of a fleet.yaml, `file`; empty: none.
 
-        Args:
-            addresses: robots of the command line; they come first.
-            file: path of a fleet.yaml; empty: none.
-            options: for what the file does not say.
-            warn: called with one line if other users may read a token; from the thread that reads.
+        `warn` is called with one line if other users may read a token; from the thread that reads.
         """
         self._addresses = addresses
         self._file = file
@@ -210,11 +198,7 @@ class FleetReader:
         self._token_files = TokenFiles(warn)
 
     def read(self) -> List[RobotSettings]:
-        """Reads and validates fleet.yaml and every file that it names, each once.
-
-        Raises:
-            ConfigError: one of them cannot be used; the message names file and line.
-        """
+        """Reads and validates fleet.yaml and every file that it names, each once; ConfigError names file and line."""
         parameters_in = lru_cache(maxsize=None)(_read_thresholds)
         token_in = lru_cache(maxsize=None)(self._token_files.find)
         trust_in = lru_cache(maxsize=None)(_read_trust)
@@ -222,15 +206,8 @@ class FleetReader:
         def settings_of(entry: RobotEntry) -> RobotSettings:
             keys = {**vars(self._options), **{key: value for key, value in vars(entry).items() if value is not None}}
             ca, ssl_context = trust_in(keys["ca"])
-            return RobotSettings(
-                entry.name,
-                entry.url,
-                keys["namespace"],
-                token_in(keys["token_file"]),
-                ca,
-                parameters_in(keys["thresholds"]),
-                ssl_context,
-            )
+            token, parameters = token_in(keys["token_file"]), parameters_in(keys["thresholds"])
+            return RobotSettings(entry.name, entry.url, keys["namespace"], token, ca, parameters, ssl_context)
 
         settings = [settings_of(entry) for entry in self._addresses]
         taken = {robot.name for robot in settings}

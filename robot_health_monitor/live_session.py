@@ -89,19 +89,9 @@ def run_session(
     Closes `monitors` and `output` at the end. The output never delays the monitors. If it cannot be written, that is a
     fault and monitoring continues; if its reader is gone (`| head`, a terminal that was closed), the session ends.
 
-    Args:
-        monitors: what is shown.
-        work: opens what is needed, such as a port, and gives what to run until it is cancelled. Output starts once it
-            is entered, so that an error there stands alone.
-        events: what the monitors announced.
-        output: shows the monitors.
-        interrupts: SIGINT and SIGTERM, which end the session, and SIGHUP.
-        reloads: what SIGHUP reloads.
-        duration_s: end after this time; None: run until interrupted.
-
-    Raises:
-        OutputError: the duration has passed, and the output is incomplete.
-        Exception: whatever `work` raises.
+    `work` opens what is needed, such as a port, and gives what to run until it is cancelled. Output starts once it is
+    entered, so that an error there, which is raised, stands alone. Without `duration_s`, only an interrupt ends the
+    session. OutputError: the duration has passed, and the output is incomplete.
     """
     library_log = LibraryLog(events)
     logging.getLogger().addHandler(library_log)

@@ -45,13 +45,9 @@ class Operations:
         clock: Callable[[], float] = time.monotonic,
         always_history: bool = False,
     ) -> None:
-        """Opens what is configured; `close` ends it.
+        """Opens what is configured; `close` ends it. `wall_time_s` gives s since 1970, `clock` monotonic s.
 
-        Args:
-            config: the contents of an ops.yaml.
-            wall_time_s: returns seconds since 1970.
-            clock: returns monotonic seconds.
-            always_history: keep one in memory if no file is configured, for the web page.
+        `always_history` keeps one in memory if no file is configured, for the web page.
         """
         self._clock = clock
         self.config = config

@@ -23,8 +23,6 @@ from .serving import ServerSettings
 if TYPE_CHECKING:
     from robot_health_monitor.rosbridge.server import Server
 
-__all__ = ["OpsReload", "Reload", "Reloads"]
-
 Reload = Callable[[], Awaitable[str]]
 """Reads the configuration of a part again and applies what differs; returns what changed, in one line.
 

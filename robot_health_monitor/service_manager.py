@@ -34,10 +34,7 @@ class ServiceManager:
         self._send("READY=1")
 
     def alive(self, tick_age_s: float) -> None:
-        """Sends a sign of life if one is due. To be called in the thread that runs the ticks.
-
-        If the last tick of the monitor was too long ago, nothing is sent, and systemd restarts the process.
-        """
+        """Sends a sign of life if one is due, unless the last tick is too old. Call it in the thread of the ticks."""
         period_s = self.watchdog_period_s
         if period_s is None or tick_age_s > max(_LONGEST_TICK_AGE_S, self._limit_s):
             return

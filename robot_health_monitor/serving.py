@@ -52,11 +52,6 @@ class ServerSettings(ServerOptions):
     origins: Sequence[str] = ()
     """Origins of web pages that may connect, besides those of this machine."""
 
-    @property
-    def scheme(self) -> str:
-        """`ws` or `wss`."""
-        return "wss" if self.tls_certificate else "ws"
-
 
 def settings_of(options: Optional[ServerOptions], token: str, **given: Any) -> ServerSettings:
     """Returns settings: those that are given, then those of an ops.yaml, then the defaults. Empty ones are not set."""
@@ -78,13 +73,7 @@ def server_settings(
 ) -> ServerSettings:
     """Returns the settings of a server: those of the command line, then of the parameters, then of ops.yaml.
 
-    Raises ConfigError if the token file cannot be used.
-
-    Args:
-        config: parameters of alert_system.
-        options: section `server` of an ops.yaml; None: there is none.
-        arguments: options of a command that serves; None: of a node, which has none.
-        tokens: reads the token.
+    A node has no `arguments`. ConfigError: the token file cannot be used.
     """
     given = vars(arguments) if arguments is not None else {}
     port = given.get("port")
@@ -111,21 +100,11 @@ def _make_server(
     process_faults: Callable[[], Mapping[str, Fault]] = dict,
     threads: bool,
 ) -> Tuple[Server, WebInterface]:
-    """Returns a server that is not started, and its page.
+    """Returns a server that is not started, and its page; the last parameters but one are as of `Served`.
 
-    Args:
-        node: a node for the server; not closed here.
-        settings: where it listens and what clients may do.
-        alert_system: the fully qualified name of the alert node; `*` as in file names.
-        robots: returns the alert_systems of the robots that are watched now.
-        operations: what the page shows besides.
-        parameters: as of `Served`.
-        process_faults: as of `Served`.
-        threads: whether the node is called back, and robots are judged, in other threads than the server's loop.
-
-    Raises:
-        ConfigError: the address is not protected, or the certificate cannot be used.
-        ModuleNotFoundError: a library is not installed.
+    `node` is not closed here. `alert_system` is the full name of the alert node; `*` as in file names. With `threads`,
+    the node is called back, and robots are judged, in other threads than the server's loop. ConfigError: the address is
+    not protected, or the certificate cannot be used. ModuleNotFoundError: a library is not installed.
     """
     from robot_health_monitor.ops.web import WebInterface
     from robot_health_monitor.rosbridge.server import Server
@@ -217,9 +196,9 @@ def _report_start(
     server: Server, web: WebInterface, settings: ServerSettings, log: Callable[[Severity, str], None], subject: str = ""
 ) -> None:
     """Logs the addresses of a server and its page, and what is missing."""
-    scheme = "https" if settings.tls_certificate else "http"
-    log(Severity.INFO, f"{subject}serving on {settings.scheme}://{settings.address}:{server.port}")
-    log(Severity.INFO, f"web page: {page_address(settings.address, server.port, scheme)}")
+    secure = "s" if settings.tls_certificate else ""
+    log(Severity.INFO, f"{subject}serving on ws{secure}://{settings.address}:{server.port}")
+    log(Severity.INFO, f"web page: {page_address(settings.address, server.port, f'http{secure}')}")
     missing = web.missing()
     if missing is not None:
         log(Severity.WARN, missing)
@@ -236,11 +215,8 @@ async def serve(
 ) -> Optional[Server]:
     """Serves monitors, and what the page shows of `operations`, in the running loop; `stop_serving` ends it.
 
-    Returns:
-        The server; None: it cannot be started, which is now a fault of alert_system.
-
-    Raises:
-        ConfigError: the address is not protected, or the port cannot be opened and is `required`.
+    Returns None if the server cannot be started, which is now a fault of alert_system. ConfigError: the address is not
+    protected, or the port cannot be opened and is `required`.
     """
     node = monitor.bus.node("rosbridge")
     try:

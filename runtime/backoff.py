@@ -14,13 +14,9 @@ class Backoff:
     def __init__(
         self, first_s: float, longest_s: float, *, spread: float = 0.0, chance: Callable[[], float] = random.random
     ) -> None:
-        """Starts with the first delay.
+        """`spread` is the random part of each delay, 0 to 1: many that fail at once do not try again all at once.
 
-        Args:
-            first_s: the first delay, in s.
-            longest_s: the longest delay, in s.
-            spread: random part of each delay, 0 to 1: many that fail at once do not try again all at once.
-            chance: returns a random number from 0 to 1.
+        `chance` returns a random number from 0 to 1.
         """
         self._first_s = first_s
         self._longest_s = longest_s

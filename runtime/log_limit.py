@@ -24,10 +24,9 @@ class LogLimit:
         self._minutes: Dict[str, _Minute] = {}
 
     def take(self, kind: str = "") -> Optional[int]:
-        """Call before a line is written; after 100 kinds, further ones share their limit.
+        """Returns how many lines of a kind were left out in the minute before; None: this one is to be left out.
 
-        Returns:
-            How many lines of the kind were left out in the minute before; None: this one is to be left out.
+        Call before a line is written. After 100 kinds, further ones share their limit.
         """
         now_s = self._clock()
         if kind not in self._minutes and len(self._minutes) >= _MOST_KINDS:

@@ -11,6 +11,7 @@ import queue
 import select
 import socket
 import threading
+from contextlib import closing
 from typing import Any, Callable, Coroutine, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
@@ -39,9 +40,14 @@ class MonotonicEvent:
         self._poll = select.poll()
         self._poll.register(self._reader, select.POLLIN)
 
-    def __del__(self) -> None:
-        self._reader.close()
-        self._writer.close()
+    def close(self) -> None:
+        """Releases its two file descriptors, when nothing waits any more. From then on it counts as set."""
+        with self._lock:
+            self._is_set = True
+            self._reader.close()
+            self._writer.close()
+
+    __del__ = close
 
     def is_set(self) -> bool:
         """Returns whether it is set."""
@@ -80,14 +86,7 @@ class ThreadPool:
     """A bounded number of threads that run functions for an event loop."""
 
     def __init__(self, name: str, threads: int, most_pending: int, timeout_s: Optional[float] = None) -> None:
-        """Starts no thread yet.
-
-        Args:
-            name: name of the threads.
-            threads: most threads.
-            most_pending: most functions that run or wait.
-            timeout_s: longest time that `run` waits, in s; None: for ever.
-        """
+        """Starts no thread yet. At most `most_pending` functions run or wait; `run` waits `timeout_s`, None: ever."""
         self._name = name
         self._most_threads = threads
         self._most_pending = most_pending
@@ -193,12 +192,9 @@ class StepThread(threading.Thread):
     """Calls a function again and again, with the wait that the function requests, until it is closed."""
 
     def __init__(self, name: str, step: Callable[[], float], on_error: Callable[[Exception], object]) -> None:
-        """Prepares the thread.
+        """Prepares the thread; `on_error` receives what `step` raises, then the thread continues.
 
-        Args:
-            name: the thread's name.
-            step: called again after the number of seconds that it returns, or after `wake`.
-            on_error: receives what `step` raises; then the thread continues.
+        `step` is called again after the number of seconds that it returns, or after `wake`.
         """
         super().__init__(name=name, daemon=True)
         self._step = step
@@ -217,13 +213,14 @@ class StepThread(threading.Thread):
 
     def run(self) -> None:
         """Calls the function until `close`."""
-        while not self._is_closed:
-            self._wake.clear()
-            if self._is_closed:  # closed before `clear`
-                return
-            try:
-                wait_s = self._step()
-            except Exception as error:
-                self._on_error(error)
-                wait_s = _WAIT_AFTER_ERROR_S
-            self._wake.wait(wait_s)
+        with closing(self._wake):
+            while not self._is_closed:
+                self._wake.clear()
+                if self._is_closed:  # closed before `clear`
+                    return
+                try:
+                    wait_s = self._step()
+                except Exception as error:
+                    self._on_error(error)
+                    wait_s = _WAIT_AFTER_ERROR_S
+                self._wake.wait(wait_s)

@@ -30,13 +30,7 @@ def utc_text(wall_s: float) -> str:
 
 
 def local_time(wall_s: float, form: str = DATE_TIME, zone: Optional[tzinfo] = None) -> str:
-    """Returns a time in the local time zone.
-
-    Args:
-        wall_s: the time; in seconds where there is no such date.
-        form: as for `strftime`.
-        zone: another time zone; None: the local one.
-    """
+    """Returns a time, as `strftime`, in a time zone, None: the local one; in seconds where there is no such date."""
     try:
         return datetime.fromtimestamp(wall_s, timezone.utc).astimezone(zone).strftime(form)
     except (ValueError, OverflowError, OSError):

@@ -30,8 +30,7 @@ class TokenFiles:
     def find(self, file: str) -> str:
         """Returns the token in a file or, if `file` is empty, in the environment; empty: there is none.
 
-        Raises:
-            ConfigError: as `read_token_file`, or if a pipe is in place of the file: reading it could take for ever.
+        ConfigError: as `read_token_file`, or a pipe is in place of the file: reading it could take for ever.
         """
         if not file:
             return _find_in_environment()
@@ -65,14 +64,10 @@ def _find_in_environment() -> str:
 
 
 def read_token_file(file: str, warn: Callable[[str], object]) -> str:
-    """Returns the token in a file, without the white space around it.
+    """Returns the token in a file, without the white space around it; `~` is the home directory.
 
-    Args:
-        file: its path; `~` is the home directory.
-        warn: called with one line if other users may read it.
-
-    Raises:
-        ConfigError: it cannot be read, is empty, or holds more than one token; never names the contents.
+    `warn` is called with one line if other users may read it. ConfigError, which never names the contents: it cannot be
+    read, is empty, or holds more than one token.
     """
     path = os.path.expanduser(file)
     try:

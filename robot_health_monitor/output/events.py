@@ -37,13 +37,9 @@ class Events:
         silence_of: Callable[[str, str], Optional[str]] = lambda robot, signal: None,
         wall_time_s: Callable[[], float] = time.time,
     ) -> None:
-        """Starts counting.
+        """`output` must not block; log lines less severe than `least` are left out, transitions never are.
 
-        Args:
-            output: receives every entry; must not block.
-            least: log lines less severe than this are left out; transitions never are.
-            silence_of: returns the text of the silence of a robot's signal, None without one.
-            wall_time_s: returns seconds since 1970.
+        `silence_of` returns the text of the silence of a robot's signal, None without one; `wall_time_s` s since 1970.
         """
         self._output = output
         self._least = least

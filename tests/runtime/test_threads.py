@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import gc
+import os
 import subprocess
 import sys
 import threading
@@ -228,6 +229,20 @@ def test_a_thread_that_is_closed_before_its_first_step_makes_none() -> None:
     thread.start()
     thread.join(DEADLINE_S)
     assert steps == []
+
+
+def test_a_thread_that_has_ended_holds_no_descriptors() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    threads = [StepThread("test", lambda: FOREVER_S, lambda error: None) for _ in range(20)]
+    for thread in threads:
+        thread.start()
+    assert len(os.listdir("/proc/self/fd")) >= before + 40
+    for thread in threads:
+        thread.close()
+        thread.join(DEADLINE_S)
+        thread.wake()
+        thread.close()
+    assert len(os.listdir("/proc/self/fd")) <= before + 20
 
 
 def test_an_event_ends_a_wait_from_another_thread_and_can_be_used_again() -> None:
