@@ -12,11 +12,7 @@ _SHOWN_CHARS = 100
 
 
 def host_and_port(url: str) -> Tuple[str, Optional[int]]:
-    """Returns the host of an address, and its port if one is given.
-
-    Raises:
-        ConfigError: this is not the address of a WebSocket server.
-    """
+    """Returns the host of an address, and its port if given; ConfigError: not the address of a WebSocket server."""
     try:
         parts = urlsplit(url)
         is_text = url.isprintable() and " " not in url

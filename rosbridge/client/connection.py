@@ -102,9 +102,6 @@ class ServerConnection:
 
         `on_change` is called in the loop with (True, `UP`) or (False, cause) at every change, first when the first
         attempt has succeeded or failed; `on_log` with lines about what the server sends, bounded to a few per minute.
-
-        Raises:
-            ConfigError: `url` is not the address of a WebSocket server.
         """
         host_and_port(url)
         self.address = shown_address(url)
@@ -163,10 +160,9 @@ class ServerConnection:
                 self.send(operations.UnadvertiseService(service))
 
     def send(self, operation: Operation) -> None:
-        """Sends an operation; drops it while the connection is down, and a `publish` while the send queue is full.
+        """Sends an operation; raises MessageError if it cannot be encoded.
 
-        Raises:
-            MessageError: the operation cannot be encoded.
+        Drops it while the connection is down, and a `publish` while the send queue is full.
         """
         if not self.up or self._loop is None:
             return
@@ -182,10 +178,8 @@ class ServerConnection:
     def move(self, url: str, *, token: str, ssl_context: Optional[ssl.SSLContext]) -> None:
         """Connects again, to another address or with another token or trust. Called in the loop.
 
-        The end of the present connection is not reported, so that a successful move raises no alert.
-
-        Raises:
-            ConfigError: `url` is not the address of a WebSocket server; nothing has changed.
+        The end of the present connection is not reported, so that a successful move raises no alert. ConfigError: `url`
+        is not the address of a WebSocket server; nothing has changed.
         """
         host_and_port(url)
         self.address = shown_address(url)

@@ -97,16 +97,12 @@ class RosbridgeClient:
         use_sim_time: bool = False,
         outputs: Optional[Middleware] = None,
     ) -> RosbridgeMiddleware:
-        """Adds a node.
+        """Adds a node with a base `name` in a `namespace` (`robot1`, `/fleet/robot1` or empty).
 
-        Args:
-            name: base name, `alert_system`.
-            namespace: `robot1`, `/fleet/robot1` or empty.
-            parameters: its configuration, nested as in the file under `ros__parameters`.
-            remap: names as the node uses them (relative or absolute) to the names to use instead.
-            use_sim_time: its time is that of the robot's topic `/clock`.
-            outputs: another node that publishes and offers services in place of this one; not closed here. None: the
-                robot's server receives them, unless `read_only`.
+        `parameters` are nested as in the file under `ros__parameters`. `remap` maps names as the node uses them
+        (relative or absolute) to others. With `use_sim_time`, its time is that of the robot's topic `/clock`. `outputs`
+        publishes and offers services in its place, and is not closed here; None: the robot's server receives them,
+        unless `read_only`.
         """
         namespace = namespace.strip("/")
         full_name = f"/{namespace}/{name}" if namespace else f"/{name}"

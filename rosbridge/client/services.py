@@ -32,11 +32,9 @@ class ServiceCalls:
         self._numbers = itertools.count()
 
     async def call(self, service: str, request: Mapping[str, Any], timeout_s: float) -> Mapping[str, Any]:
-        """Calls a service and returns its response, which must come within `timeout_s`.
+        """Returns the response of a service. LinkError: the connection is or went down.
 
-        Raises:
-            LinkError: the connection is down, or went down during the call.
-            ServiceError: the service failed or did not answer in time.
+        ServiceError: the service failed, or did not answer within `timeout_s`.
         """
         down = self._down()
         if down is not None:

@@ -35,12 +35,9 @@ _SLICE = 100
 
 
 def decode(data: Wire, limits: Limits) -> Dict[str, Any]:
-    """Returns the object in a JSON text, in UTF-8 bytes of JSON, or in CBOR bytes.
+    """Returns the object in JSON text, UTF-8 bytes of JSON, or CBOR bytes; ProtocolError: none, or over a limit.
 
     Takes time and memory proportional to the length of `data`.
-
-    Raises:
-        ProtocolError: it is none of these, or exceeds a limit.
     """
     if len(data) > limits.message_bytes:
         raise ProtocolError(f"message longer than {limits.message_bytes} bytes")

@@ -42,10 +42,7 @@ class Connection:
     def receive(self, data: Wire, now_s: float) -> Optional[Operation]:
         """Takes one message of the peer; returns its operation, or None after a fragment while others are missing.
 
-        `now_s` is for the timeout of incomplete messages.
-
-        Raises:
-            ProtocolError: not rosbridge, or over a limit. The connection remains usable.
+        `now_s` is for the timeout of incomplete messages. The connection remains usable after a ProtocolError.
         """
         return self.receive_decoded(decode(data, self.limits), now_s)
 
@@ -67,10 +64,7 @@ class Connection:
     ) -> List[Wire]:
         """Returns the messages to transmit for an operation, encoded with one of COMPRESSIONS.
 
-        JSON that is longer than `fragment_size` characters is split in fragments.
-
-        Raises:
-            MessageError: the operation contains a value that cannot be encoded.
+        JSON longer than `fragment_size` characters is split in fragments. MessageError: a value cannot be encoded.
         """
         fields = operation_fields(operation)
         if compression in ("cbor", "cbor-raw"):
@@ -115,8 +109,7 @@ class Reassembly:
     def add(self, fragment: Mapping[str, Any], now_s: float) -> Optional[str]:
         """Takes one fragment; returns the message once it is complete. Repeated fragments are ignored.
 
-        Raises:
-            ProtocolError: the fragment is invalid, contradicts earlier ones or exceeds a limit; its message is dropped.
+        ProtocolError: the fragment is invalid, contradicts earlier ones or exceeds a limit; its message is dropped.
         """
         id, data, number, total = _fields(fragment, self._limits)  # noqa: A001 - the protocol's word
         self._expire(now_s)

@@ -50,8 +50,7 @@ class Rosapi:
     def answer(self, service: str, args: object) -> Values:
         """Returns the response of a service to the fields of a request, by name or in order. May block.
 
-        Raises:
-            ServiceError: the service does not exist, or the graph cannot be read.
+        ServiceError: the service does not exist, or the graph cannot be read.
         """
         name = service[len(PREFIX) :] if service.startswith(PREFIX) else ""
         if name in _OF_GRAPH:

@@ -32,11 +32,8 @@ class Services:
     async def call(self, service: str, arguments: Arguments, timeout_s: Optional[float]) -> Any:
         """Returns the response to a client's call, within `timeout_s` or, if None, the server's time.
 
-        `/service#id` is accepted too, an older way to send an id. `arguments` are by name or in order.
-
-        Raises:
-            ServiceError: the service does not exist, may not be called, failed or did not respond in time.
-            MessageError: the request does not match its type.
+        `/service#id` is accepted too, an older way to send an id. `arguments` are by name or in order. ServiceError: it
+        does not exist, may not be called, failed or did not respond in time; MessageError: it does not match its type.
         """
         timeout_s = min(timeout_s or self._timeout_s, self._timeout_s)
         service = self._node.resolve(service.partition("#")[0])

@@ -65,8 +65,7 @@ class Topics:
     async def subscribe(self, receiver: Receiver, topic: str, type_name: str, options: Optional[Options]) -> None:
         """Sends the messages of a topic to a client as in `options`; None: no longer.
 
-        Raises:
-            ProtocolError: the type is not known or is not that of the topic, or the middleware does not respond.
+        ProtocolError: the type is not known or is not that of the topic, or the middleware does not respond.
         """
         while True:
             subscribed = self._topics.get(topic)
@@ -148,9 +147,8 @@ class Publications:
     async def advertise(self, topic: str, type_name: str, id: Id) -> None:  # noqa: A002 - the protocol's word
         """Advertises a topic for a client; without a type, the topic must exist.
 
-        Raises:
-            ProtocolError: clients may not publish on the topic, have advertised too many, the type is not known or is
-                not that of the topic, or the middleware does not respond.
+        ProtocolError: clients may not publish on the topic, have advertised too many, the type is not known or is not
+        that of the topic, or the middleware does not respond.
         """
         topic = self._node.resolve(topic)
         if not self._access.may_publish(topic):
@@ -172,8 +170,7 @@ class Publications:
     async def publish(self, topic: str, message: Message, id: Id) -> None:  # noqa: A002 - the protocol's word
         """Publishes a client's message on an advertised topic; null becomes NaN in float fields.
 
-        Raises:
-            ProtocolError: the message does not match its type, or the middleware does not respond.
+        ProtocolError: the message does not match its type, or the middleware does not respond.
         """
         topic = self._node.resolve(topic)
         try:
