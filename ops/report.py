@@ -114,8 +114,7 @@ class PlottedSignal(Envelope):
         super().__init__(start_s, span_s, buckets)
         self.config = config
         self.file = file
-        self.levels: List[Tuple[float, str]] = []
-        """Begin of each announced level, in s since 1970; an empty level: unknown."""
+        self.levels: List[Tuple[float, str]] = []  # begin of each announced level, since 1970; empty: unknown
         self._first_s = math.inf
 
     def add_samples(self, times_s: Any, values: Any, bad_times_s: Any) -> None:

@@ -37,10 +37,8 @@ _Read = Callable[[bytes, int], Tuple[Any, int]]
 
 
 class _Shape(NamedTuple):
-    least: int
-    """Bytes that a value has at least."""
-    values: int
-    """Messages, numbers and strings in it, without the contents of arrays."""
+    least: int  # bytes that a value has at least
+    values: int  # messages, numbers and strings in it, without the contents of arrays
 
 
 class Types:

@@ -31,10 +31,8 @@ _LARGEST = sys.float_info.max
 class JudgedEvent(NamedTuple):
     """What an alert_system announced."""
 
-    wall_s: float
-    """Log time of the message or tick that caused it, in s since 1970."""
-    file: str
-    """Name of the configuration."""
+    wall_s: float  # log time of the message or tick that caused it, since 1970
+    file: str  # name of the configuration
     event: Event
 
 
@@ -46,18 +44,14 @@ class SignalStatistics:
         self._config = config
         self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
         self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
-        self.samples = 0
-        """Bad ones included: those that are no valid number."""
+        self.samples = 0  # with the bad ones: those that are no valid number
         self.bad_samples = 0
         self.min: Optional[float] = None
         """Smallest value of the signal's statistic, in its unit (`judged_unit`); None if it was never defined."""
         self.max: Optional[float] = None
-        self.mean: Optional[float] = None
-        """Of the values of the statistic at the samples."""
-        self.first_s: Optional[float] = None
-        """Log time of the first sample, in s since 1970; None without samples."""
-        self.longest_gap_s: Optional[float] = None
-        """Longest time between two samples in a row, in s; None with fewer than two samples."""
+        self.mean: Optional[float] = None  # of the values of the statistic at the samples
+        self.first_s: Optional[float] = None  # log time of the first sample, since 1970
+        self.longest_gap_s: Optional[float] = None  # between two samples in a row; None with fewer than two
         self._last_s: Optional[float] = None
         self._ranged = 0
 
@@ -109,13 +103,10 @@ class SignalStatistics:
 class SignalSummary:
     """How one configuration judged one signal."""
 
-    file: str
-    """Name of the configuration."""
+    file: str  # name of the configuration
     config: SignalConfig
-    topic: str
-    """Its absolute topic."""
-    recorded: bool
-    """Whether the recordings have its topic, with its type."""
+    topic: str  # the absolute one
+    recorded: bool  # whether the recordings have its topic, with its type
     missing: str
     """Why it was not judged: it is not recorded, or has no sample that can be read; empty if it was."""
     statistics: SignalStatistics
@@ -123,8 +114,7 @@ class SignalSummary:
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
-    alerts: int = 0
-    """Number of transitions to a level other than OK, without repetitions."""
+    alerts: int = 0  # transitions to a level other than OK, without repetitions
 
 
 OnEvent = Callable[[JudgedEvent], None]
@@ -139,11 +129,7 @@ class Judge:
     """Runs an alert_system for each configuration on one player."""
 
     def __init__(self, player: Player, on_event: OnEvent, on_samples: Optional[OnSamples] = None) -> None:
-        """Prepares to judge what a player plays.
-
-        `on_event` is called with every transition and notice, at its time, and must not raise; `on_samples` with the
-        samples of every signal, in chunks.
-        """
+        """`on_event` gets every transition and notice, at its time, and must not raise; `on_samples` all samples."""
         self._player = player
         self._on_event = on_event
         self._on_samples = on_samples
@@ -154,8 +140,7 @@ class Judge:
     def add(self, file: str, parameters: Mapping[str, Any]) -> None:
         """Adds a configuration: its name, and the mapping under `ros__parameters` of alert_system.
 
-        Raises ConfigError: it cannot be used, or a field is not in the recorded type. The path of the error begins
-        below `ros__parameters`.
+        Raises ConfigError, with a path below that: it cannot be used, or a field is not in the recorded type.
         """
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
         config = read_monitor(Section((), tree))
@@ -222,20 +207,18 @@ class Judge:
             if on_samples is not None:
                 on_samples(summary.file, config, times_s, values, np.empty(0))
 
-        def start(tape: _Tape, collect: Callable[[Any, float], None]) -> _Tape:
+        def subscribe(collect: Callable[[Any, float], None]) -> None:
             self._player.subscribe(Subscription(node, summary.topic, collect), config.type, config.field or None)
-            return tape
 
-        source, tape = (summary.topic, config.type, config.field or None), _Tape()
+        source = (summary.topic, config.type, config.field or None)
         if source not in self._tapes:  # one for all configurations
-            self._tapes[source] = start(tape, tape.collect)
+            self._tapes[source] = _Tape()
+            subscribe(self._tapes[source].collect)
         self._tapes[source].consumers.append(take)
         if not is_last:
-            judged = _Tape()
+            judged = self._tapes[summary.file, config.name, ""] = _Tape()
             judged.consumers.append(take_judged)
-            self._tapes[summary.file, config.name, ""] = start(
-                judged, lambda _, wall_s: judged.collect(system.monitor.judged_value(config.name), wall_s)
-            )
+            subscribe(lambda _, wall_s: judged.collect(system.monitor.judged_value(config.name), wall_s))
 
 
 class _Tape:

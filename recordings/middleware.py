@@ -143,15 +143,12 @@ class Player:
         span = recordings.span_ns or (0, 0)
         self._start_ns = span[0] + round(from_s * 1e9)
         self._end_ns = min(span[1], span[0] + round(to_s * 1e9)) if to_s < math.inf else span[1]
-        self.end_s = self._end_ns / 1e9
-        """Log time at which playing ends, in seconds since 1970."""
+        self.end_s = self._end_ns / 1e9  # log time at which playing ends, since 1970
         self._use_sim_time = use_sim_time
-        self.wall_s = self._start_ns / 1e9
-        """Log time of the current message, in seconds since 1970."""
-        self.late = 0
-        """Messages that came out of the order of their log times and were delivered late."""
+        self.wall_s = self._start_ns / 1e9  # log time of the current message, since 1970
+        self.late = 0  # messages that came out of the order of their log times and were delivered late
+        # Per topic and field, the messages from which it could not be read.
         self._undecodable: Counter[Tuple[str, Optional[str]]] = Counter()
-        """Per topic and field, the messages from which it could not be read."""
         self._outside = 0
         self._skipped_s = 0.0
         self.on_log: Callable[[LogLine], None] = on_log or _ignore

@@ -33,7 +33,6 @@ class Recordings:
     def __init__(self, paths: Sequence[str]) -> None:
         """Opens `.bag`, `.mcap` and `.db3` files, and folders of rosbag2. Raises RecordingError: one cannot be read."""
         self.paths = [os.fspath(path) for path in paths]
-        """The recordings, as they were given."""
         self._folder: Optional[str] = None
         self._notes: List[str] = []
         self._recordings: List[List[RecordedFile]] = []

@@ -42,16 +42,11 @@ class RecordingError(ConfigError):
 class Channel(NamedTuple):
     """A topic with the type of its messages, as one file has it."""
 
-    topic: str
-    """The absolute name."""
-    type_name: str
-    """`package/Type`."""
-    encoding: str
-    """`ros1` or `cdr`."""
-    definition: str
-    """Text of the type's definition with those of the types in it; empty if the file has none."""
-    definition_format: str
-    """`msg` or `idl`; empty if the file has no definition."""
+    topic: str  # the absolute name
+    type_name: str  # `package/Type`
+    encoding: str  # `ros1` or `cdr`
+    definition: str  # text of the type's definition with those of the types in it; empty if the file has none
+    definition_format: str  # `msg` or `idl`; empty if the file has no definition
 
 
 Target = TypeVar("Target")
@@ -75,18 +70,15 @@ log_time = itemgetter(0)
 class RecordedFile(abc.ABC):
     """One file of a recording."""
 
-    MAGIC: bytes
-    """The bytes that the file starts with."""
-    EXPECTED: str
-    """What the file is expected to be, if it starts with other bytes."""
+    MAGIC: bytes  # what the file starts with
+    EXPECTED: str  # what the file is expected to be, if it starts with other bytes
 
     def __init__(self, path: str, name: str = "") -> None:
         """Reads the index, or the whole file if there is none; `name` is the path to show, if it differs.
 
         Raises RecordingError: it cannot be opened or is of another format.
         """
-        self.name = name or path
-        """Path of the file, for messages to people."""
+        self.name = name or path  # for messages to people
         self.problem = ""
         """One line that says what could not be read; empty if everything could so far."""
         self.span_ns: Span = None
@@ -175,12 +167,10 @@ class RecordedFile(abc.ABC):
 class Record(NamedTuple):
     """One record of a `.bag` or `.mcap` file."""
 
-    kind: Any
-    """What the format has in front of the data."""
+    kind: Any  # what the format has in front of the data
     is_chunk: bool
     data: bytes
-    complete: bool
-    """False if the file ends within the record."""
+    complete: bool  # False if the file ends within the record
 
 
 class ChunkedFile(RecordedFile):
@@ -190,10 +180,8 @@ class ChunkedFile(RecordedFile):
         Damaged, KeyError, ValueError, EOFError, OSError, OverflowError, struct.error, IndexError,
     )  # fmt: skip
     """What reading damaged bytes raises."""
-    DAMAGED_INDEX: str
-    """What is wrong if reading the index raises that."""
-    _counts: Optional[Mapping[int, int]] = None
-    """Messages per channel according to the index; None without an index."""
+    DAMAGED_INDEX: str  # what is wrong if reading the index raises that
+    _counts: Optional[Mapping[int, int]] = None  # messages per channel according to the index; None without an index
 
     def _open(self, file: BinaryIO) -> None:
         try:
@@ -225,9 +213,8 @@ class ChunkedFile(RecordedFile):
         """Yields the messages of each chunk, and those outside of chunks in batches."""
         file.seek(len(self.MAGIC))
         size = os.fstat(file.fileno()).st_size
-        last_ns = position = 0
+        last_ns = position = loose_bytes = 0
         loose: Messages = []
-        loose_bytes = 0
         end: Optional[Exception] = None
         while end is None:
             position = file.tell()

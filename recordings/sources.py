@@ -48,8 +48,7 @@ class Source(NamedTuple):
     """One number of a topic, as a signal."""
 
     name: str
-    topic: str
-    """The absolute topic."""
+    topic: str  # the absolute one
     settings: Mapping[str, Any]
     """Topic relative to the namespace, type, field and, where the definition has one, unit."""
 

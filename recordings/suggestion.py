@@ -46,19 +46,15 @@ class Setting(NamedTuple):
     """One suggested key of a signal."""
 
     value: float
-    evidence: str
-    """Why, in one line."""
+    evidence: str  # why, in one line
 
 
 class Suggestion(NamedTuple):
     """The suggested keys of one signal."""
 
-    settings: Dict[str, Setting]
-    """By key of thresholds.yaml."""
-    seen: Dict[str, Setting]
-    """Those that the recordings are too short for: what they would be."""
-    left_out: List[str]
-    """One line for each key that the data cannot justify."""
+    settings: Dict[str, Setting]  # by key of thresholds.yaml
+    seen: Dict[str, Setting]  # those that the recordings are too short for: what they would be
+    left_out: List[str]  # one line for each key that the data cannot justify
 
     @property
     def has_bounds(self) -> bool:
@@ -79,8 +75,7 @@ class Quantiles:
         self.count = 0
         self.min = math.inf
         self.max = -math.inf
-        self._buffers: List[Any] = [np.empty(0)]
-        """Sorted numbers per level, except level 0; each counts `2 ** level` times."""
+        self._buffers: List[Any] = [np.empty(0)]  # per level, sorted except level 0; each counts `2 ** level` times
         self._odd: List[int] = [0]
 
     def add(self, numbers: Any) -> None:
@@ -146,20 +141,14 @@ class Measured:
     def __init__(self, config: SignalConfig) -> None:
         """Starts without samples."""
         self.config = config
-        self.values = Quantiles()
-        """The values to which bounds apply, in the signal's unit."""
-        self.steps = Quantiles()
-        """Absolute differences between neighbouring values."""
-        self.gaps = Quantiles()
-        """Times between neighbouring samples, in s."""
-        self.duration_s = 0.0
-        """Time from the first to the last sample, summed over the recordings, in s."""
+        self.values = Quantiles()  # those to which bounds apply, in the signal's unit
+        self.steps = Quantiles()  # absolute differences between neighbouring values
+        self.gaps = Quantiles()  # times between neighbouring samples, in s
+        self.duration_s = 0.0  # from the first to the last sample, summed over the recordings
         self.samples = 0
         self.bad_samples = 0
-        self.only_rises = True
-        """Whether no value is smaller than the one before."""
-        self.rises = 0
-        """Values that are larger than the one before."""
+        self.only_rises = True  # no value is smaller than the one before
+        self.rises = 0  # values that are larger than the one before
         self.codes: Optional[Set[float]] = set()
         """The different values; None if there are more than `MOST_CODES` or one is not a whole number."""
         self._last_s = math.nan
