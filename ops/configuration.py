@@ -23,8 +23,7 @@ SECTIONS = ("history", "notify", "server")
 
 TARGET_TYPES = ("alertmanager", "webhook", "command", "apprise", "heartbeat")
 
-MOST_TARGETS = 50
-"""Largest number of targets; each has a thread."""
+MOST_TARGETS = 50  # each has a thread
 
 HISTORY_PARAMETERS = (
     Parameter("file", str, None, "path of the SQLite file, which is created"),
@@ -74,10 +73,9 @@ _MOST_SHOWN = 40
 
 @dataclass(frozen=True)
 class HistorySettings:
-    """Where alerts are stored, and for how long: `HISTORY_PARAMETERS`."""
+    """Where alerts are stored, and for how long: `HISTORY_PARAMETERS`. The path is absolute."""
 
     file: str
-    """An absolute path."""
     keep_days: float = 90.0
     keep_mb: float = 100.0
 
@@ -88,15 +86,12 @@ class TargetSettings:
 
     name: str
     type: str
-    """One of `TARGET_TYPES`."""
-    min_level: Level = Level.WARN
-    """Lowest level that is sent, by severity."""
+    min_level: Level = Level.WARN  # by severity
     robots: Tuple[str, ...] = ()
     signals: Tuple[str, ...] = ()
     simulated: bool = False
     url: str = field(default="", repr=False)  # it may contain a secret
-    url_file: str = ""
-    """An absolute path; empty: the address is in `url`."""
+    url_file: str = ""  # an absolute path; empty: the address is in `url`
     command: Tuple[str, ...] = ()
     timeout_s: float = 10.0
     every_s: float = 60.0
@@ -121,11 +116,8 @@ class OpsConfig:
     """The contents of an `ops.yaml`."""
 
     history: Optional[HistorySettings] = None
-    """None: no history."""
-    notify: Tuple[TargetSettings, ...] = ()
-    """In the order of the file."""
-    server: Optional[ServerOptions] = None
-    """None: as configured elsewhere."""
+    notify: Tuple[TargetSettings, ...] = ()  # in the order of the file
+    server: Optional[ServerOptions] = None  # None: as configured elsewhere
 
     @property
     def summary(self) -> str:
@@ -140,9 +132,7 @@ class OpsConfig:
 def read_ops(file: YamlFile) -> OpsConfig:
     """Reads an `ops.yaml`. Relative paths in it are relative to its folder.
 
-    Raises:
-        ConfigError: unknown keys, wrong types, impossible or contradictory values. The message names file, line, key,
-            what was expected and what was found; `others` are further mistakes.
+    Raises ConfigError, which names file, line, key, what was expected and what was found; `others`: further mistakes.
     """
     tree, folder = file.tree, os.path.dirname(os.path.abspath(file.file))
     problems = Problems()
@@ -160,22 +150,11 @@ def read_ops(file: YamlFile) -> OpsConfig:
     return OpsConfig(**sections)
 
 
-def check_url(url: str, type_name: str) -> None:
-    """Checks the address of a target of a type.
-
-    Raises:
-        ConfigError: it cannot be an address. The message shows no more of it than scheme and host.
-    """
-    scheme, separator, rest = url.partition("://")
-    expected = ""
-    if any(letter.isspace() or not letter.isprintable() for letter in url):
-        expected = "an address without blanks"
-    elif type_name != "apprise":
-        expected = _expected_of_http(url, type_name)
-    elif not (separator and _SCHEME.match(scheme.lower()) and rest):
-        expected = "an address of Apprise, such as mailtos://user:password@host"
+def check_url(url: str, kind: str, path: Path = ()) -> None:
+    """Raises ConfigError, with no more of an address than scheme and host, if it cannot be one of a type of target."""
+    expected = _expected_url(url, kind)
     if expected:
-        raise ConfigError(f"expected {expected}, got {_shown_url(url)}")
+        raise ConfigError(f"expected {expected}, got {_shown_url(url)}", path)
 
 
 def is_http(url: str) -> bool:
@@ -187,14 +166,20 @@ def is_http(url: str) -> bool:
         return False
 
 
-def _expected_of_http(url: str, type_name: str) -> str:
-    """Returns what an address of HTTP should be; empty: as it is."""
+def _expected_url(url: str, kind: str) -> str:
+    """Returns what the address of a type of target should be; empty: as it is."""
+    if any(letter.isspace() or not letter.isprintable() for letter in url):
+        return "an address without blanks"
+    if kind == "apprise":
+        scheme, _, rest = url.partition("://")
+        is_address = rest and _SCHEME.match(scheme.lower())
+        return "" if is_address else "an address of Apprise, such as mailtos://user:password@host"
     if not is_http(url):
         return "http://host:port or https://host:port"
     parts = urlsplit(url)
     if "@" in parts.netloc:
         return "an address without user and password"
-    if type_name == "alertmanager" and (parts.query or parts.fragment):
+    if kind == "alertmanager" and (parts.query or parts.fragment):
         return "an address without ? and #"
     return ""
 
@@ -291,10 +276,7 @@ def _check_address(values: Mapping[str, Any], tree: Mapping[str, Any], kind: str
     if not tree.get("url") and not tree.get("url_file"):
         raise ConfigError("expected either url or url_file, got neither", path)
     if values.get("url"):
-        try:
-            check_url(values["url"], kind)
-        except ConfigError as error:
-            raise error.below((*path, "url")) from None
+        check_url(values["url"], kind, (*path, "url"))
 
 
 def _read_server(tree: Mapping[str, Any], path: Path, folder: str) -> ServerOptions:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import threading
 import time
 from itertools import chain
-from typing import Any, Callable, Counter, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
+from types import SimpleNamespace
+from typing import Callable, Counter, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.explanation import Judgement
 from robot_health_monitor.core.formatting import printable
@@ -19,8 +20,7 @@ from robot_health_monitor.core.version import package_version
 METRICS_LIBRARY = "prometheus_client"
 _BY_SIGNAL = ("robot", "signal")
 
-_Series = Tuple[Tuple[Sequence[str], float], ...]
-"""Values of the labels, and the value of the metric."""
+_Series = Tuple[Tuple[Sequence[str], float], ...]  # values of the labels, and the value of the metric
 _Kept = Dict[Tuple[Callable[..., _Series], str], Tuple[_Series, bytes]]
 """The latest lines of series that rarely change, by their function and robot."""
 
@@ -31,8 +31,7 @@ class Family(NamedTuple):
     name: str
     help: str
     labels: Sequence[str] = ()
-    counts: bool = False
-    """Whether it is a counter; the exposition appends `_total` to its name."""
+    counts: bool = False  # a counter: the exposition appends `_total` to its name
 
 
 _LEVEL = Family("robot_health_level", "Level of the signal: 0 OK, 1 WARN, 2 ERROR, 3 STALE or unknown.", _BY_SIGNAL)
@@ -59,15 +58,11 @@ _BUILD_INFO = Family("robot_health_build_info", "Version of the monitor.", ("ver
 class RobotMetrics(NamedTuple):
     """The figures of one robot at one moment."""
 
-    robot: str
-    """Its name as the value of a label: printable."""
+    robot: str  # printable
     signals: Mapping[str, Judgement]
-    transitions: Mapping[str, Counter[Level]]
-    """The announced changes of each signal's level, by the new level."""
-    link_up: Optional[bool]
-    """None: it is not watched over a link."""
-    tick_s: float
-    """The last tick, in s since 1970."""
+    transitions: Mapping[str, Counter[Level]]  # the announced changes of each signal, by the new level
+    link_up: Optional[bool]  # None: it is not watched over a link
+    tick_s: float  # the last tick, in s since 1970
 
 
 class Metrics:
@@ -107,11 +102,7 @@ class Metrics:
         return RobotMetrics(printable(robot), signals, transitions, link_up, tick_s)
 
     def render(self, robots: Sequence[RobotMetrics]) -> Tuple[bytes, str]:
-        """Returns the exposition and its content type.
-
-        Raises:
-            ImportError: prometheus_client is not installed, or cannot be imported.
-        """
+        """Returns the exposition and its content type; raises ImportError if prometheus_client cannot be imported."""
         from prometheus_client import CONTENT_TYPE_LATEST
 
         before, parts = self._kept, []
@@ -187,14 +178,4 @@ def _exposition(family: Family, series: _Series) -> bytes:
     metric = kind(family.name, family.help, labels=family.labels)
     for labels, value in series:
         metric.add_metric(labels, value)
-    return generate_latest(_Collected([metric]))
-
-
-class _Collected:
-    """A collector whose metrics are ready."""
-
-    def __init__(self, families: Sequence[Any]) -> None:
-        self._families = families
-
-    def collect(self) -> Sequence[Any]:
-        return self._families
+    return generate_latest(SimpleNamespace(collect=lambda: [metric]))  # a collector whose metric is ready

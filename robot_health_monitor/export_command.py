@@ -50,11 +50,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes alerting rules or a dashboard on stdout, and what they cannot express on stderr; returns the exit code.
-
-    Raises:
-        ConfigError: the file cannot be used.
-    """
+    """Writes alerting rules or a dashboard on stdout, and what they cannot express on stderr; returns the exit code."""
     config = load_config(arguments.file)
     if arguments.target == "prometheus":
         exported = export_rules(config, robots=arguments.robot, interval_s=arguments.interval)

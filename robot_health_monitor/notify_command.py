@@ -27,8 +27,7 @@ from .exit_codes import ExitCode
 _ALERTMANAGER_HOLD_S = 60.0
 """How long a test alert stays at Alertmanager by default, in s: it notifies after its `group_wait`, default 30 s."""
 
-_FURTHER_S = 30.0
-"""How long a target may take beyond its timeouts, for instance to resolve a host name, in s."""
+_FURTHER_S = 30.0  # how long a target may take beyond its timeouts, for instance to resolve a host name
 
 
 def add_arguments(parser: Parser) -> None:
@@ -57,11 +56,7 @@ def _hold(text: str) -> float:
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Sends a test alert to every target at once, resolves it, and writes a line per target in the order of the file.
 
-    Returns:
-        The exit code: whether all targets accepted it.
-
-    Raises:
-        ConfigError: the file cannot be used, or has no targets.
+    Returns whether all accepted it, as the exit code; raises ConfigError if the file cannot be used, or has no targets.
     """
     targets = read_ops(read_yaml(arguments.file)).notify
     if not targets:
@@ -86,10 +81,8 @@ class Trial(NamedTuple):
 
     name: str
     succeeded: bool
-    text: str
-    """One line: where the target is, and its response or the failure. No secrets."""
-    warning: str = ""
-    """One line about the target that is no failure; empty: none."""
+    text: str  # one line: where the target is, and its response or the failure; no secrets
+    warning: str = ""  # one line about the target that is no failure; empty: none
 
 
 def _try_all(targets: Sequence[TargetSettings], hold_s: Optional[float]) -> Iterator[Trial]:

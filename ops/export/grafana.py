@@ -27,10 +27,7 @@ _SINCE_TICK = "time() - robot_health_last_tick_timestamp_seconds"
 
 
 def export_dashboard(config: MonitorConfig) -> str:
-    """Returns a dashboard in JSON, to import into Grafana, for the signals and bounds of a configuration.
-
-    It has the variables `datasource` and `robot`.
-    """
+    """Returns a dashboard in JSON, with the variables `datasource` and `robot`, for the signals and their bounds."""
     rows: List[List[Dict[str, Any]]] = [
         [
             _panel("stat", "Robots", "count(count by (robot) (robot_health_level))", _AUTO, 4, 4),

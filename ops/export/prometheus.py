@@ -59,17 +59,13 @@ class Export(NamedTuple):
     """A file for another system."""
 
     text: str
-    problems: Sequence[str]
-    """What the other system cannot express, one line each."""
+    problems: Sequence[str]  # what the other system cannot express, one line each
 
 
 def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_s: float = 15.0) -> Export:
-    """Returns a rule file for Prometheus, in YAML.
+    """Returns a rule file for Prometheus, in YAML, for robots of these names (empty: all).
 
-    Args:
-        config: the signals and their bounds.
-        robots: names of the robots that it applies to; empty: all.
-        interval_s: interval of scrapes and evaluations, in s.
+    Scrapes and evaluations are `interval_s` apart, in s.
     """
     lines: List[str] = _HEADER.format(interval=_duration(interval_s), alert=ALERT).splitlines()
     problems: List[str] = []
@@ -160,10 +156,7 @@ class _Rules:
         return expression
 
     def _error(self, bounds: Mapping[str, float]) -> List[str]:
-        """Returns the rule of ERROR: a bound is crossed, or the data are invalid. The value of the latter is NaN.
-
-        Each has its own duration; `for` is the shorter one.
-        """
+        """Returns the rule of ERROR: a bound is crossed, or data are invalid (NaN). `for` is the shorter duration."""
         signal = self._signal
         for_s, keep_s = (signal.error_for_s, signal.error_keep_firing_for_s) if bounds else (signal.invalid_for_s, 0.0)
         shorter_s = min(for_s, signal.invalid_for_s)

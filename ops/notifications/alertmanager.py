@@ -20,15 +20,11 @@ from ..configuration import TargetSettings
 from .sender import DeliveryError, Notification, Notified, Sender
 from .webhook import HttpTarget
 
+# The labels `alertname` and `severity`; the exported rules have the same.
 ALERT = "RobotHealth"
-"""The label `alertname` of every alert; that of the exported rules, too."""
-
 SEVERITIES = {Level.WARN: "warning", Level.ERROR: "critical", Level.STALE: "warning"}
-"""The label `severity` of each level; the exported Prometheus rules have the same."""
 
-REPEAT_EVERY_S = 30.0
-"""Period of the repetitions; far below Alertmanager's default `resolve_timeout` of 5 min."""
-
+REPEAT_EVERY_S = 30.0  # far below Alertmanager's default `resolve_timeout` of 5 min
 _PATH = "/api/v2/alerts"
 _BATCH = 200  # alerts per request
 _TOLERATED_S = 30.0

@@ -30,11 +30,7 @@ class AppriseTarget(Address, Sender):
         """The addresses that have accepted a notification which others have not: those are not sent it again."""
 
     def send(self, notification: Notification) -> str:
-        """Sends a notification to every address that has not accepted it before.
-
-        Raises:
-            DeliveryError: the library is missing, does not know an address, or a service did not accept it.
-        """
+        """Sends a notification to every address that has not accepted it before; see `Sender.send`."""
         try:
             library = importlib.import_module("apprise")
         except ImportError:

@@ -17,9 +17,8 @@ from robot_health_monitor.core.formatting import printable
 from ..configuration import TargetSettings
 from .sender import DeliveryError, Notification, Sender
 
+# Variables that are for the monitor only: a secret, and systemd's supervision.
 _NOT_INHERITED = ("ROBOT_HEALTH_TOKEN", "NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC")
-"""Variables that are for the monitor only: a secret, and systemd's supervision."""
-
 _MOST_SHOWN = 200  # characters of stderr
 _POLL_S = 0.05
 

@@ -20,8 +20,7 @@ from ..history.rows import CheckedConnection, is_count, is_level, is_number, is_
 
 Result = TypeVar("Result")
 
-PART = "notification queue"
-"""The part whose fault says that the queue is not in the history."""
+PART = "notification queue"  # its fault says that the queue is not in the history
 
 
 class QueueDatabase:
@@ -44,8 +43,7 @@ class QueueDatabase:
     def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Runs `function(connection, *arguments)` as `History.run`. If the tables there fail, it runs in memory.
 
-        Raises:
-            ServiceError: the database failed, or did not answer in time.
+        Raises ServiceError if the database failed, or did not answer in time.
         """
 
         def use(connection: sqlite3.Connection) -> Result:
@@ -138,11 +136,7 @@ _TABLES = {
 
 
 def delete_odd_rows(connection: sqlite3.Connection) -> None:
-    """Deletes the rows with unexpected values, and notes them at the connection.
-
-    Raises:
-        sqlite3.Error: a table cannot be read.
-    """
+    """Deletes rows with unexpected values, noting them at the connection; sqlite3.Error: a table cannot be read."""
     lost = set()
     for table, columns in _TABLES.items():
         key = columns[: 2 if table == "notified" else 1]

@@ -19,18 +19,10 @@ from .notification_queue import NotificationQueue, Taken
 from .sender import DeliveryError, Sender
 from .webhook import HttpTarget
 
-FIRST_RETRY_S = 1.0
-"""Wait after the first failed attempt, in s. It doubles with each further one."""
-
+FIRST_RETRY_S = 1.0  # after the first failed attempt; doubles with each further one
 LONGEST_RETRY_S = 300.0
-"""Longest wait between two attempts, in s."""
-
-MOST_REFUSALS = 5
-"""Attempts after which a notification that the target refuses (response 4xx) is given up."""
-
-MAX_TICK_AGE_S = 10.0
-"""Age of the latest tick, in s, from which the monitor counts as stopped. It ticks each second."""
-
+MOST_REFUSALS = 5  # attempts after which a notification that the target refuses (response 4xx) is given up
+MAX_TICK_AGE_S = 10.0  # age from which the monitor, which ticks each second, counts as stopped
 _IDLE_S = 3600.0  # a new notification wakes the thread
 _STORE_RETRY_S = 1.0
 _TICK_CHECK_S = 1.0

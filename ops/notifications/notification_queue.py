@@ -68,9 +68,7 @@ _DROP_SUPERSEDED = """
     )
 """
 
-
-_Alert = Tuple[str, Level, float, str]
-"""Fingerprint, level, wall time in s since 1970, and JSON of the transition."""
+_Alert = Tuple[str, Level, float, str]  # fingerprint, level, wall time in s since 1970, and JSON of the transition
 
 
 class Taken(NamedTuple):
@@ -92,20 +90,15 @@ class NotificationQueue:
         look: Callable[[], None],
         is_simulated: Callable[[str, str], bool] = lambda robot, signal: False,
     ) -> None:
-        """Reads nothing yet; see `prepare`.
+        """Reads nothing yet; see `prepare`. `is_silenced` and `is_simulated`, of robot and signal, are called often.
 
-        Args:
-            targets: those that are sent alerts.
-            is_silenced: of a robot's signal; called often.
-            look: reads silences that others have added; called in the transaction that decides what is sent.
-            is_simulated: of a robot's signal, now.
+        `look` reads silences that others have added; called in the transaction that decides what is sent.
         """
         self._targets = {target.name: target for target in targets}
         self._is_silenced = is_silenced
         self._is_simulated = is_simulated
         self._look = look
-        self._held: Set[Tuple[str, str]] = set()
-        """Robot and signal of each alert that a silence holds back."""
+        self._held: Set[Tuple[str, str]] = set()  # robot and signal of each alert that a silence holds back
         self._waiting: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
         self._drop_at: Dict[str, int] = {}
@@ -148,10 +141,7 @@ class NotificationQueue:
                     connection.execute(_STORE_NOTIFIED, (name, key, _UNCONFIRMED, at_s, line))
 
     def note(self, connection: sqlite3.Connection, transition: Transition, wall_s: float) -> None:
-        """Notes a transition for `distribute`, inside the transaction that stores it, at a time in s since 1970.
-
-        The alert waits for this, so it is one insertion.
-        """
+        """Notes a transition, at a time in s since 1970, as it is stored. The alert waits for this one insertion."""
         insert = "INSERT INTO noted_transitions (at_s, transition_json) VALUES (?, ?)"
         # Stored with the alert: after a restart it is unknown until battery_sensor has said so again.
         further = {"simulated": True} if self._is_simulated(transition.robot, transition.signal) else {}

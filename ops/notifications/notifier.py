@@ -24,15 +24,9 @@ from .notification_queue import NotificationQueue
 from .sender import Sender
 from .webhook import Webhook
 
-CHECK_PERIOD_S = 1.0
-"""Period of the check for silences that have expired, in s."""
-
-DISTRIBUTION_PERIOD_S = 0.05
-"""Period at which new transitions are queued for the targets, in s."""
-
-CLOSE_TIMEOUT_S = 1.0
-"""How long `close` waits for notifications of targets that work, in s."""
-
+CHECK_PERIOD_S = 1.0  # of the check for silences that have expired
+DISTRIBUTION_PERIOD_S = 0.05  # at which new transitions are queued for the targets
+CLOSE_TIMEOUT_S = 1.0  # how long `close` waits for notifications of targets that work
 _LONGEST_END_S = 5.0
 _CLOSE_POLL_S = 0.02
 
@@ -57,13 +51,8 @@ class Notifier:
     ) -> None:
         """Starts the threads. Call before the first AlertSystem starts, or its first transitions are missed.
 
-        Args:
-            history: stores the queue; notifications are made of what it records.
-            targets: section `notify` of an ops.yaml.
-            silences: alerts that must not be sent; None: there are none.
-            faults: receives failing targets, as `notify <name>`.
-            wall_time_s: seconds since 1970.
-            is_simulated: of a robot's signal. Cheap, from any thread.
+        `history` also stores the queue. `faults` receives failing targets, as `notify <name>`. `wall_time_s` returns
+        seconds since 1970. `is_simulated`, of a robot and its signal, must be cheap and may be called from any thread.
         """
         self._faults = faults = Faults() if faults is None else faults
         self._database = QueueDatabase(history, faults, self._prepare_again)
@@ -72,8 +61,7 @@ class Notifier:
         self._has_news = False
         self._checked_s = time.monotonic() - CHECK_PERIOD_S
         self._watched: Optional[Collection[str]] = None
-        self._callers: Dict[str, Caller] = {}
-        """Those of the targets, by name."""
+        self._callers: Dict[str, Caller] = {}  # by name of the target
         self._changing = threading.Lock()
         self._queue_thread = StepThread("notify queue", self._step, faults_of_step(faults, "notify queue"))
         self._is_noting = False
@@ -91,10 +79,7 @@ class Notifier:
     def use_targets(self, targets: Sequence[TargetSettings]) -> str:
         """Replaces the targets; returns what changed, in one line. Takes up to some seconds.
 
-        What waits for a target that stays is sent there.
-
-        Raises:
-            ServiceError: the history did not answer in time; call this again.
+        What waits for a target that stays is sent there. Call again after a ServiceError: the history was too slow.
         """
         wanted = {target.name: target for target in targets}
         with self._changing:

@@ -30,26 +30,20 @@ class Notified:
     robot: str
     signal: str
     level: Level
-    since_s: float
-    """Wall time at which the level began, in s since 1970."""
-    text: str
-    """The alert line, after the name of the robot."""
+    since_s: float  # wall time at which the level began, in s since 1970
+    text: str  # the alert line, after the name of the robot
 
 
 @dataclass(frozen=True)
 class Notification:
     """One message to one target."""
 
-    transition: Mapping[str, Any] = field(hash=False)
-    """The transition, with the fields of `--json`."""
-    is_resolved: bool
-    """True: the alert has ended, or is below the target's `min_level`."""
-    at_s: float
-    """Wall time of the transition, in s since 1970."""
+    transition: Mapping[str, Any] = field(hash=False)  # with the fields of `--json`
+    is_resolved: bool  # the alert has ended, or is below the target's `min_level`
+    at_s: float  # wall time of the transition, in s since 1970
     before: Optional[Notified] = None
     """What the target was last sent about this alert; None: nothing that is still open."""
-    is_test: bool = False
-    """Sent by `robot-health notify`."""
+    is_test: bool = False  # sent by `robot-health notify`
 
     @property
     def robot(self) -> str:
@@ -99,40 +93,29 @@ class DeliveryError(ServiceError):
         self,
         text: str,
         *,
-        is_refused: bool = False,
-        may_have_arrived: bool = True,
-        retry_after_s: float = 0.0,
-        is_corrected: bool = False,
+        is_refused: bool = False,  # the target rejects this notification; another attempt will probably fail as well
+        may_have_arrived: bool = True,  # False: the target certainly did not receive it
+        retry_after_s: float = 0.0,  # the target requests this wait, in s
+        is_corrected: bool = False,  # the cause was on this side; another attempt will probably succeed
     ) -> None:
         """Stores what failed and why."""
         super().__init__(text)
         self.is_refused = is_refused
-        """The target rejects this notification; another attempt will probably fail as well."""
         self.may_have_arrived = may_have_arrived
-        """False: the target certainly did not receive it."""
         self.retry_after_s = retry_after_s
-        """The target requests this wait, in s."""
         self.is_corrected = is_corrected
-        """The cause was on this side and is corrected; another attempt will probably succeed."""
 
 
 class Sender(ABC):
     """Delivers notifications to one target; used by one thread. A call may block until the target's timeout."""
 
-    repeat_every_s: Optional[float] = None
-    """Period at which open alerts are repeated, in s; None: they are sent once."""
-    place: str
-    """Where the target is, without secrets."""
-    warning: str = ""
-    """One line about the target that is no failure, such as an unprotected secret; empty: none."""
+    repeat_every_s: Optional[float] = None  # period at which open alerts are repeated, in s; None: they are sent once
+    place: str  # where the target is, without secrets
+    warning: str = ""  # one line that is no failure, such as an unprotected secret; empty: none
 
     @abstractmethod
     def send(self, notification: Notification) -> str:
-        """Delivers a notification and returns how the target responded.
-
-        Raises:
-            DeliveryError: it failed.
-        """
+        """Delivers a notification and returns how the target responded; raises DeliveryError if that failed."""
 
     def repeat(self, alerts: Sequence[Notified]) -> None:  # noqa: B027 - optional
         """Repeats open alerts; called only with `repeat_every_s`. Raises DeliveryError."""
@@ -150,16 +133,13 @@ class Address:
         self._file = settings.url_file
         self.place = settings.url_file or shown(settings.url)
         """The address as it may be shown: scheme and host; before the file has been read, the name of the file."""
-        self.is_secret = bool(settings.url_file)
-        """Whether the path of the address must not be shown."""
-        self.warning = ""
-        """One line if other users may read the file; empty: they may not, as far as is known."""
+        self.is_secret = bool(settings.url_file)  # the path of the address must not be shown
+        self.warning = ""  # one line if other users may read the file; empty: they may not, as far as is known
 
     def addresses(self) -> Tuple[str, ...]:
         """Returns the lines of the file that are neither empty nor comments (`#`), or the given address.
 
-        Raises:
-            DeliveryError: the file cannot be read or is empty.
+        Raises DeliveryError if the file cannot be read or is empty.
         """
         if not self._file:
             return (self._url,)
@@ -183,11 +163,7 @@ class Address:
         return found
 
     def http_address(self) -> str:
-        """Returns the address, which is one of HTTP.
-
-        Raises:
-            DeliveryError: the file cannot be read, or holds something else.
-        """
+        """Returns the address of HTTP; raises DeliveryError if the file cannot be read, or holds something else."""
         url, *others = self.addresses()
         if others or not is_http(url) or not all("!" <= letter <= "~" for letter in url):
             self.place = self._file or self.place

@@ -28,8 +28,7 @@ from robot_health_monitor.core.version import package_version
 from ..configuration import TargetSettings
 from .sender import Address, DeliveryError, Notification, Sender
 
-_RETRIED = (408, 429)
-"""Responses 4xx that are temporary: Request Timeout, Too Many Requests."""
+_RETRIED = (408, 429)  # temporary: Request Timeout, Too Many Requests
 _MOST_SHOWN = 200  # characters of a response
 
 LONGEST_WAIT_S = 3600.0
@@ -40,14 +39,10 @@ class Answer(NamedTuple):
     """The response of a server."""
 
     status: int
-    reason: str
-    """The server's name of the status; printable. It may repeat a secret of the address."""
-    text: str
-    """Beginning of the body of a response other than 2xx, on one line; printable."""
-    date_s: Optional[float]
-    """The server's clock, in s since 1970; None: not stated."""
-    retry_after_s: float
-    """Wait that the server requests, in s; 0: none."""
+    reason: str  # the server's name of the status; printable. It may repeat a secret of the address
+    text: str  # beginning of the body of a response other than 2xx, on one line; printable
+    date_s: Optional[float]  # the server's clock, in s since 1970; None: not stated
+    retry_after_s: float  # wait that the server requests, in s; 0: none
 
 
 class HttpTarget(Address):
@@ -71,11 +66,7 @@ class HttpTarget(Address):
         return self.status_of(self.call(body))
 
     def status_of(self, answer: Answer) -> str:
-        """Returns the status of a response.
-
-        Raises:
-            DeliveryError: another response than success (2xx).
-        """
+        """Returns the status of a response; raises DeliveryError if that is not success (2xx)."""
         status = answer.status
         reason = http.client.responses.get(status, "") if self.is_secret else answer.reason
         title = f"{status} {reason}".strip()
@@ -108,10 +99,7 @@ def request(url: str, body: Optional[bytes], timeout_s: float) -> Answer:
     """Sends JSON (POST), or nothing (GET), and returns the response, of any status.
 
     A user and password in the address are sent as basic authentication. The time limit in s is for everything; only
-    the resolution of a host name may take longer.
-
-    Raises:
-        DeliveryError: no response. The text does not contain the address.
+    the resolution of a host name may take longer. Raises DeliveryError, without the address, if there is no response.
     """
     parts = urlsplit(url)
     headers = {"User-Agent": f"robot-health/{package_version()}", "Accept": "*/*"}

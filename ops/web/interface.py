@@ -39,15 +39,11 @@ from .requests import (
 from .state import OwnState, RobotReader, Samples
 from .updates import Updates
 
-LATEST_TICK_S = 6.0
-"""Largest age of the tick of a healthy monitor, in s: 5 s late."""
-_MOST_PENDING = 500
-"""Most requests that wait for a robot or a disk."""
+LATEST_TICK_S = 6.0  # largest age of the tick of a healthy monitor: 5 s late
+_MOST_PENDING = 500  # requests that wait for a robot or a disk
 _READ_TIMEOUT_S = 5.0
-_ROBOTS_AT_ONCE = 10
-"""Robots that are read without a pause for others in the same loop."""
-_KEPT_S = 0.2
-"""How long an answer of `/api/state` serves further requests, in s."""
+_ROBOTS_AT_ONCE = 10  # are read without a pause for others in the same loop
+_KEPT_S = 0.2  # how long an answer of `/api/state` serves further requests
 
 _NO_HISTORY = "there is no history; ops.yaml configures one"
 _NO_SILENCES = "there are no silences; ops.yaml configures a history for them"
@@ -79,7 +75,7 @@ class WebInterface:
             threads: whether robots are judged in other threads than the server's loop (ROS).
             history: None: there are no past alerts.
             silences: None: none can be added.
-            notifications_waiting: returns how many notifications are not delivered yet.
+            notifications_waiting: returns how many are not delivered yet.
             process_faults: returns the faults of the monitor that belong to no robot, by part.
             wall_time_s: seconds since 1970.
         """

@@ -25,8 +25,7 @@ class BodyLimit(NamedTuple):
 
 
 WITH_TOKEN = BodyLimit(16_384, 10.0)
-WITHOUT_TOKEN = BodyLimit(4096, 5.0)
-"""Of a client that has not presented the token yet."""
+WITHOUT_TOKEN = BodyLimit(4096, 5.0)  # of a client that has not presented the token yet
 _MOST_TEXT = 200
 
 _SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}

@@ -19,15 +19,12 @@ from robot_health_monitor.runtime.times import iso_time
 
 from ..plot import plot_bounds
 
-MOST_SAMPLES = 300
-"""Most samples of one signal in an answer."""
-
+MOST_SAMPLES = 300  # of one signal in an answer
 _OFFSET_TOLERANCE_S = 0.25
 """Wall time and the monitor's time may drift apart by this much before samples get other wall times."""
 
 Json = Dict[str, Any]
-_OwnFault = Tuple[Optional[str], str, Fault]
-"""Robot (None: the process), part, fault."""
+_OwnFault = Tuple[Optional[str], str, Fault]  # robot (None: the process), part, fault
 
 
 class OwnState:
@@ -79,18 +76,12 @@ class OwnState:
 class Samples(NamedTuple):
     """Samples of one robot's signals."""
 
-    full: bool
-    """True: all samples of the windows. False: those since the time that was asked for."""
-    signals: Mapping[str, Sequence[Tuple[float, float]]]
-    """By signal: time in s since 1970 and value."""
-    window_s: Mapping[str, float]
-    """Length of each window, in s."""
-    last_s: Mapping[str, float]
-    """Time of the newest sample, on the monitor's clock."""
-    now_s: float
-    """When they were read, on the same clock."""
-    offset_s: float
-    """Wall time minus the monitor's clock, in s."""
+    full: bool  # True: all samples of the windows. False: those since the time that was asked for
+    signals: Mapping[str, Sequence[Tuple[float, float]]]  # time in s since 1970 and value
+    window_s: Mapping[str, float]  # length of each window
+    last_s: Mapping[str, float]  # time of the newest sample, on the monitor's clock
+    now_s: float  # when they were read, on the same clock
+    offset_s: float  # wall time minus the monitor's clock
 
 
 class _Known(NamedTuple):

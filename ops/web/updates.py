@@ -16,8 +16,7 @@ from .state import Samples
 
 MOST_PAGES = 200
 """Most pages at a time; a further one replaces the oldest of the address that has most."""
-MOST_ROBOTS = 10
-"""Most robots whose samples one page gets."""
+MOST_ROBOTS = 10  # whose samples one page gets
 MOST_WAITING = 10
 """Events that may wait for a page, about one per second; a page that is slower is disconnected."""
 PERIOD_S = 1.0
@@ -34,8 +33,7 @@ class _Page:
     """One open connection."""
 
     def __init__(self, robots: Sequence[str], address: str) -> None:
-        self.robots = robots
-        """Those whose samples it gets."""
+        self.robots = robots  # those whose samples it gets
         self.address = address
         self.waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING + 1 + MOST_ROBOTS)  # `state`, `samples` first
         self.ends = asyncio.Event()
@@ -56,10 +54,9 @@ class Updates:
         read_state: Callable[[], Awaitable[Json]],
         read_samples: Callable[[str, Optional[Samples]], Awaitable[Optional[Samples]]],
     ) -> None:
-        """Starts without pages.
+        """Takes functions that return the state without samples, and a robot's samples since an earlier result.
 
-        `read_state` returns the state without samples, `read_samples` a robot's samples since an earlier result; None:
-        there is no such robot.
+        None: there is no such robot.
         """
         self._read_state = read_state
         self._read_samples = read_samples
