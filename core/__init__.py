@@ -8,22 +8,6 @@ from .outlets import Event, Notice, Outlet, Outlets
 from .signal_config import SignalConfig
 
 __all__ = [
-    "Changes",
-    "ConfigError",
-    "Event",
-    "Level",
-    "LinkError",
-    "MessageError",
-    "Monitor",
-    "MonitorConfig",
-    "Notice",
-    "Outlet",
-    "Outlets",
-    "Report",
-    "Sample",
-    "ServiceError",
-    "SignalConfig",
-    "Status",
-    "Transition",
-    "load_config",
-]
+    "Changes", "ConfigError", "Event", "Level", "LinkError", "MessageError", "Monitor", "MonitorConfig", "Notice",
+    "Outlet", "Outlets", "Report", "Sample", "ServiceError", "SignalConfig", "Status", "Transition", "load_config",
+]  # fmt: skip

@@ -81,22 +81,16 @@ _DEEPEST_SECTION = 8
 
 @dataclass(frozen=True)
 class MonitorConfig:
-    """Configuration of a Monitor and of the alert_system node."""
+    """Configuration of a Monitor and of the alert_system node: its signals, and values of `MONITOR_PARAMETERS`."""
 
     signals: Mapping[str, SignalConfig]
     """By name, in the order of the configuration."""
     robot_name: str = ""
-    """`hardware_id` of all messages; empty: the host name."""
     publish_rate: float = 1.0
-    """Rate of /diagnostics, in Hz."""
     rosbridge_port: int = 0
-    """Port of the rosbridge server of the ROS nodes; 0: no server."""
     rosbridge_address: str = "127.0.0.1"
-    """Address of the rosbridge server."""
     rosbridge_token_file: str = ""
-    """Path of the file with the token that its clients must present; empty: none."""
     ops: str = ""
-    """Path of an ops.yaml; empty: none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
@@ -159,11 +153,7 @@ def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
 
 
 def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) -> List[Section]:
-    """Returns every section of a whole file.
-
-    Raises:
-        ConfigError: the value of a `ros__parameters` is not a mapping. With `problems`, these receive it instead.
-    """
+    """Returns all sections of a file; one that is no mapping is a ConfigError, raised or added to `problems`."""
     collected = Problems() if problems is None else problems
     found: List[Section] = []
     for path, parameters in _parameters(tree):
@@ -175,11 +165,7 @@ def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) 
 
 
 def find_section(tree: Mapping[str, Any], node: str) -> Section:
-    """Returns a node's section of a whole file; without one of its name, the only section with `signals`.
-
-    Raises:
-        ConfigError: there is none, or several.
-    """
+    """Returns a node's section of a file, else the only one with `signals`; raises ConfigError: none, or several."""
     found = list_sections(tree)
     refuse_second_section(found, node)
     for section in found:
@@ -295,10 +281,7 @@ def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], pat
 
 
 def described_parameters(config: MonitorConfig, *, are_default: bool = False) -> Tuple[Parameter, ...]:
-    """Returns every parameter of a node with this configuration, under its dotted name, for `declare_parameters`.
-
-    With `are_default`, its signals are `DEFAULT_SIGNALS`, which give the defaults of their parameters.
-    """
+    """Returns all parameters of a node, by dotted names; `are_default`: its signals are those of `DEFAULT_SIGNALS`."""
     return _described_parameters(tuple(config.signals), are_default)
 
 

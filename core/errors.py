@@ -38,8 +38,7 @@ class                     is a                what cannot be used, does not matc
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import List, Optional, Tuple, Type
+from typing import List, Optional, Tuple
 
 Path = Tuple[str, ...]
 """Keys from the root of a file (or of a node's parameters) down to the one in question."""
@@ -117,9 +116,7 @@ class Problems:
         """Begins a block whose errors are collected."""
         return self
 
-    def __exit__(
-        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], traceback: Optional[TracebackType]
-    ) -> bool:
+    def __exit__(self, kind: object, error: Optional[BaseException], traceback: object) -> bool:
         """Collects a ConfigError; other exceptions pass."""
         if isinstance(error, ConfigError):
             self.add(error)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, KeysView, List, Mapping, Optional, Tuple
 
 from . import explanation
 from .config import MonitorConfig
@@ -18,6 +18,7 @@ from .model import Changes, Level, Report, Sample, Status
 from .signal_config import CONDITIONS, LINK, SignalConfig, read_signal
 from .signal_monitor import SignalMonitor
 from .state_reader import Downtime, SavedSignal, UnusableStateError, without_latch
+from .window import Samples
 
 _LARGEST = sys.float_info.max
 _LINK_GRACE_S = 60.0
@@ -158,10 +159,7 @@ class Monitor:
         return [config for signal, config in configs if signal.staleness.is_half_over(now_s, config.startup_grace_s)]
 
     def note_hint(self, signal: str, hint: str) -> None:
-        """Notes why a watched signal has no samples, for its status and next transition; empty: unknown.
-
-        It is forgotten with the next sample; see `Middleware.why_silent`.
-        """
+        """Notes, until its next sample, why a watched signal has none (see `Middleware.why_silent`); empty: unknown."""
         if signal in self._signals:
             self._signals[signal].staleness.note_hint(hint)
 
@@ -179,11 +177,8 @@ class Monitor:
         """Returns the value of a signal's statistic; None while there is none, or it is bad, stale or unreachable."""
         return None if self.fresh_value(signal) is None else self.judged_value(signal)
 
-    def shown_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
-        """Returns the values of a signal's statistic in its window, as `window_samples`.
-
-        Those of a statistic other than `last` are noted by `tick`, at most 300 in `window_s`.
-        """
+    def shown_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Samples:
+        """Returns the values of a signal's statistic, as `window_samples`; of ticks, at most 300, unless `last`."""
         known = self._signals.get(signal)
         return () if known is None else known.shown_samples(limit, since_s)
 
@@ -191,13 +186,8 @@ class Monitor:
         """Returns the names of the signals, with `link` once it was observed; none before the first call."""
         return self._signals.keys()
 
-    def window_samples(
-        self, signal: str, limit: int = 300, since_s: float = -math.inf
-    ) -> Sequence[Tuple[float, float]]:
-        """Returns the samples after a time in a signal's window as (time in seconds, value), oldest first.
-
-        None if the signal is unknown; at most `limit`, which is at least 4: extremes are kept.
-        """
+    def window_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Samples:
+        """Returns the samples after a time in a signal's window; see `Window.samples`. Empty if it is unknown."""
         known = self._signals.get(signal)
         return () if known is None else known.window.samples(limit, since_s)
 
@@ -206,10 +196,7 @@ class Monitor:
         return self._signals[signal].at_rest_since_s
 
     def snapshot(self, signal: str, now_s: float, wall_s: float) -> SavedSignal:
-        """Returns a signal's state for `restore`, as JSON values; empty if it is not watched. Reads only.
-
-        `wall_s` is `now_s` in seconds since 1970.
-        """
+        """Returns a state for `restore`, as JSON values; empty: not watched. `wall_s` is `now_s` in s since 1970."""
         known = self._signals.get(signal)
         return {} if known is None else known.snapshot(now_s, wall_s)
 
@@ -220,17 +207,12 @@ class Monitor:
         wall_s: float,
         stopped_s: Optional[float] = None,
     ) -> Changes:
-        """Continues from the snapshots of an earlier run. To be called before any other method.
+        """Continues from the snapshots of an earlier run, by signal. To be called before any other method.
 
         Nothing is announced again; a signal that was not OK and is no longer watched ends. A signal waits for its first
         sample; until then its durations stand still. Windows are empty. A state that cannot be used is ignored, with a
-        notice.
-
-        Args:
-            states: the snapshots by signal.
-            now_s: the time; None: that of the first call, which then returns the transitions.
-            wall_s: the time in seconds since 1970.
-            stopped_s: when the earlier run was last known to watch, in seconds since 1970; None: until now.
+        notice. Without `now_s`, the time is that of the first call, which then returns the transitions. `wall_s` is the
+        time in seconds since 1970, as is `stopped_s`: when the earlier run was last known to watch (None: until now).
         """
         self._to_restore = (states, Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s))
         changes = Changes()
@@ -253,10 +235,7 @@ class Monitor:
         return changes
 
     def configure(self, config: MonitorConfig) -> Changes:
-        """Applies a new configuration; signals whose own configuration is the same are not disturbed.
-
-        Each signal that was not OK and is no longer watched has a transition to OK.
-        """
+        """Applies a new configuration, without effect on signals that stay as they are; alerts of those that go end."""
         self.config = config
         changes = Changes()
         if math.isnan(self._now_s):  # before the first call

@@ -2,18 +2,22 @@
 
 Each event goes to every outlet. An outlet that raises affects no other outlet; it is reported as a fault. `event_text`
 and `json_line` give the forms in which most outlets write an event: on stdout, in webhooks, on the stdin of commands.
+`alert_message` and `status_message` give diagnostic_msgs messages, in the mappings that the port carries (REP-107).
 """
 
 from __future__ import annotations
 
 import json
 import math
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Union
+from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Union
 
 from .faults import Faults
 from .formatting import datum_text, with_hint
-from .middleware import Severity
-from .model import Level, Transition
+from .middleware import Message, Severity
+from .model import Level, Status, Transition
+
+STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
+ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"
 
 FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
 """The fields of a transition in JSON. Its status is left out: it repeats them as text."""
@@ -22,11 +26,8 @@ _LARGE = 10**1000
 _MOST_VALUE_CHARS = 2_000
 """Longest value that is written in full: a robot may send a text of a megabyte where a number belongs."""
 _SEVERITY_OF_LEVEL = {
-    Level.OK: Severity.INFO,
-    Level.WARN: Severity.WARN,
-    Level.ERROR: Severity.ERROR,
-    Level.STALE: Severity.WARN,
-}
+    Level.OK: Severity.INFO, Level.WARN: Severity.WARN, Level.ERROR: Severity.ERROR, Level.STALE: Severity.WARN,
+}  # fmt: skip
 
 
 class Notice(NamedTuple):
@@ -102,3 +103,43 @@ def _as_json(value: object) -> object:
     if value is None or isinstance(value, (str, bool)) or (isinstance(value, int) and abs(value) < _LARGE):
         return value
     return datum_text(value)  # such as an integer of 5,000 digits, which Python does not convert to text
+
+
+def status_message(status: Status, node: str) -> Message:
+    """Returns a DiagnosticStatus named `node: signal`, as tools expect."""
+    return {
+        "level": int(status.level),
+        "name": f"{node}: {status.name}",
+        "message": with_hint(status.message, status.hint),
+        "hardware_id": status.hardware_id,
+        "values": [{"key": key, "value": value} for key, value in status.values.items()],
+    }
+
+
+def array_message(statuses: Iterable[Status], node: str) -> Message:
+    """Returns a DiagnosticArray; the adapter stamps its header."""
+    return {"status": [status_message(status, node) for status in statuses]}
+
+
+def alert_message(transition: Transition, node: str, silence: Optional[str] = None) -> Message:
+    """Returns the DiagnosticStatus of one transition: its message is the alert line.
+
+    `node` is the base name of the node that judged it, `silence` the text of its signal's silence, None without one.
+    """
+    value = "" if transition.value is None else datum_text(transition.value)
+    if isinstance(transition.value, float):  # in full
+        value = repr(transition.value)
+    values: Dict[str, str] = {
+        "from_level": transition.from_level.name,
+        "to_level": transition.to_level.name,
+        "value": value,
+        "statistic": transition.statistic,
+        "bound": "" if transition.bound is None else str(transition.bound),
+        "now_s": str(transition.now_s),
+        "since_s": str(transition.since_s),
+        "fingerprint": transition.fingerprint,
+    }
+    if silence is not None:
+        values["silenced"] = silence
+    status = Status(transition.signal, transition.to_level, transition.text, transition.robot, values, transition.hint)
+    return status_message(status, node)

@@ -33,13 +33,9 @@ LONGEST_S = 365.0 * 86_400.0
 """Longest duration in a configuration, in s: a year. Prometheus refuses much longer ones."""
 
 _UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
-    "%": (0.0, 100.0),
-    "degC": (-273.15, None),
-    "°C": (-273.15, None),
-    "C": (-273.15, None),
-    "K": (0.0, None),
+    "%": (0.0, 100.0), "degC": (-273.15, None), "°C": (-273.15, None), "C": (-273.15, None), "K": (0.0, None),
     "Hz": (0.0, None),
-}
+}  # fmt: skip
 """Smallest and largest possible value per unit."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import math
 import sys
-from typing import Any, Callable, Dict, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Optional
 
 from .announcer import Announcer
 from .explanation import Judgement
@@ -25,7 +25,7 @@ from .rule import SignalRules
 from .signal_config import SignalConfig
 from .staleness import Staleness
 from .state_reader import Downtime, Saved, SavedSignal, age_s
-from .window import Window
+from .window import Samples, Window
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
 _OK, _WARN, _ERROR, _STALE = Level
@@ -196,10 +196,7 @@ class SignalMonitor:
         return self._settle(now_s)
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
-        """Returns the state as of the last call, for texts at `now_s`. Reads only.
-
-        Without statistics (`statistics` is empty) it takes half the time.
-        """
+        """Returns the state of the last call, for texts at `now_s`; half as slow without statistics. Reads only."""
         level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer
         is_invalid = level is _ERROR and self._rules.invalid.fires
         announced = announcer.rule if announcer.level is not _OK else None
@@ -241,10 +238,9 @@ class SignalMonitor:
         # `_calm_max` is above minus infinity only while it is at rest.
         return self._announcer.since_s if self._calm_max > -math.inf or self._is_at_rest else None
 
-    def shown_samples(self, limit: int, since_s: float) -> Sequence[Tuple[float, float]]:
+    def shown_samples(self, limit: int, since_s: float) -> Samples:
         """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
-        window = self.window if self._statistics is None else self._statistics
-        return window.samples(limit, since_s)
+        return (self.window if self._statistics is None else self._statistics).samples(limit, since_s)
 
     def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
         """Returns the state as JSON values; see `Monitor.snapshot`. Reads only."""

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from typing import Any, Mapping, NamedTuple, Optional
 
@@ -99,30 +98,11 @@ class Saved:
         return f"{self._path}.{key}" if self._path else key
 
 
-def known_s(state: object, wall_s: float) -> float:
-    """Returns for how long a signal has been known to be at its announced level, in seconds.
-
-    That is until `wall_s`, in seconds since 1970. Infinity if the saved state does not say.
-    """
-    try:
-        saved = Saved(state)
-        if saved.section("announced").flag("never_known"):
-            return 0.0
-        since = saved.section("since")
-        announced, unknown = since.number("announced"), since.number("unknown")
-    except UnusableStateError:
-        return math.inf
-    return math.inf if announced is None else max(0.0, (wall_s if unknown is None else unknown) - announced)
-
-
 def without_latch(state: SavedSignal) -> SavedSignal:
     """Returns a state whose latch is cleared; anything but a mapping unchanged."""
     return {key: value for key, value in state.items() if key != "latched"} if isinstance(state, Mapping) else state
 
 
 def age_s(since: Optional[float], wall_s: float) -> float:
-    """Returns how long ago a saved time was, in seconds; 0 for None, and if the clock went back since.
-
-    Both times are in seconds since 1970.
-    """
+    """Returns how long ago a saved time was, in s; both are since 1970. 0 for None, or if the clock went back."""
     return 0.0 if since is None else min(max(0.0, wall_s - since), LONGEST_S)

@@ -32,6 +32,9 @@ from itertools import accumulate
 from operator import mul
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
+Samples = Sequence[Tuple[float, float]]
+"""(time in seconds, value), oldest first."""
+
 _LARGEST = sys.float_info.max
 _LARGEST_DISTANCE = 1e150
 """A million squares of it are still a double."""
@@ -142,8 +145,8 @@ class Window:
         found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
         return {name: value for name, value in found.items() if value is not None}
 
-    def samples(self, limit: int, since_s: float = -math.inf) -> Sequence[Tuple[float, float]]:
-        """Returns samples after a time as (time in seconds, value), oldest first.
+    def samples(self, limit: int, since_s: float = -math.inf) -> Samples:
+        """Returns samples after a time.
 
         Of more samples than `limit`, which is at least 4, it returns the first, the last, and the smallest and largest
         of each of equal parts of the others.

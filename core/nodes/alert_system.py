@@ -9,7 +9,6 @@ from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
 from ..continuity import Continuity, SignalHistory
-from ..diagnostics import ARRAY_TYPE, STATUS_TYPE, alert_message, array_message, status_message
 from ..errors import ConfigError
 from ..explanation import source_text
 from ..faults import Fault
@@ -17,7 +16,19 @@ from ..formatting import printable
 from ..middleware import Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
-from ..outlets import Event, Notice, Outlet, Outlets, event_severity, event_text
+from ..outlets import (
+    ARRAY_TYPE,
+    STATUS_TYPE,
+    Event,
+    Notice,
+    Outlet,
+    Outlets,
+    alert_message,
+    array_message,
+    event_severity,
+    event_text,
+    status_message,
+)
 from ..signal_config import LINK
 from . import node
 from .self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport

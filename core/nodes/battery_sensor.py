@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any, Dict, List, Mapping, Set, Tuple
 
 from ..config import NODE_PARAMETERS
-from ..diagnostics import ARRAY_TYPE, array_message
 from ..errors import Problems
 from ..formatting import number_text
 from ..middleware import Middleware, Severity
 from ..model import Level, Status
+from ..outlets import ARRAY_TYPE, array_message
 from ..parameters import Parameter, read_parameters
 from ..sensors import configuration
 from ..sensors.host import HOST_PATHS, HostPaths

@@ -18,7 +18,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.signal_config import LINK
-from robot_health_monitor.core.state_reader import known_s
+from robot_health_monitor.core.state_reader import Saved
 
 from ..matchers import matches_pattern
 from .queries import pattern_condition
@@ -188,11 +188,16 @@ class _Spans:
 
 
 def _known_s(state: object, now_s: float) -> float:
-    """Returns how long the level in a saved state has been known, in s."""
+    """Returns how long the announced level in a saved state has been known, in s; infinity if it does not say."""
     try:
-        return known_s(json.loads(state), now_s)  # type: ignore[arg-type]
-    except (TypeError, ValueError, RecursionError):
+        saved = Saved(json.loads(state))  # type: ignore[arg-type]
+        if saved.section("announced").flag("never_known"):
+            return 0.0
+        since = saved.section("since")
+        announced, unknown = since.number("announced"), since.number("unknown")
+    except (TypeError, ValueError, RecursionError):  # also UnusableStateError
         return math.inf
+    return math.inf if announced is None else max(0.0, (now_s if unknown is None else unknown) - announced)
 
 
 def _watched(connection: sqlite3.Connection, robot: Optional[str]) -> Dict[str, List[Tuple[float, float]]]:
