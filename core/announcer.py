@@ -278,7 +278,7 @@ class Announcer:
         return {"since": since, "announced": announced, **({"storm": storm} if storm else {})}
 
     def restore(self, state: Saved, rules: Sequence[Rule], now_s: float, downtime: Downtime) -> None:
-        """Continues from a snapshot, unknown since the downtime began, or before; raises UnusableStateError."""
+        """Continues from a snapshot, unknown at least since the downtime began. May raise UnusableStateError."""
         saved, since = state.section("announced"), state.section("since")
         self.flaps.restore(saved.section("flaps"))
         self.storm.restore(state.section("storm"), now_s, downtime)

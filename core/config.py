@@ -153,7 +153,7 @@ def sections(tree: Mapping[str, Any]) -> Dict[str, Section]:
 
 
 def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) -> List[Section]:
-    """Returns all sections of a file; one that is no mapping is a ConfigError, raised or added to `problems`."""
+    """Returns all sections of a file. If one is not a mapping, the ConfigError is added to `problems`, else raised."""
     collected = Problems() if problems is None else problems
     found: List[Section] = []
     for path, parameters in _parameters(tree):
@@ -165,7 +165,7 @@ def list_sections(tree: Mapping[str, Any], problems: Optional[Problems] = None) 
 
 
 def find_section(tree: Mapping[str, Any], node: str) -> Section:
-    """Returns a node's section of a file, else the only one with `signals`; raises ConfigError: none, or several."""
+    """Returns a node's section of a file, else the only one with `signals`. ConfigError: there is none, or several."""
     found = list_sections(tree)
     refuse_second_section(found, node)
     for section in found:

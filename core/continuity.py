@@ -67,7 +67,7 @@ class Continuity:
         self._offset_s = 0.0
 
     def restore(self, now_s: float, *, at_first_call: bool) -> Changes:
-        """Continues the previous run; `at_first_call`: there is no time yet, it is that of the first sample or tick."""
+        """Continues the previous run. `at_first_call`: no time is known before the first sample or tick."""
         states = self._history.restore()
         self._saved = dict(states)
         stopped_s = self._history.watched_until_s()

@@ -35,7 +35,7 @@ _DEEPEST = 32
 
 
 def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
-    """Returns a getter of a number, `orientation.x`, in messages in CDR, with a header, or else in those of ROS 1.
+    """Returns a getter of a number (`orientation.x`) in serialized messages: CDR with its header, or those of ROS 1.
 
     None if something of variable size, other than strings, precedes it.
     """

@@ -159,7 +159,7 @@ class Monitor:
         return [config for signal, config in configs if signal.staleness.is_half_over(now_s, config.startup_grace_s)]
 
     def note_hint(self, signal: str, hint: str) -> None:
-        """Notes, until its next sample, why a watched signal has none (see `Middleware.why_silent`); empty: unknown."""
+        """Sets the hint of a signal without samples, until its next one (`Middleware.why_silent`); empty: unknown."""
         if signal in self._signals:
             self._signals[signal].staleness.note_hint(hint)
 
@@ -178,7 +178,7 @@ class Monitor:
         return None if self.fresh_value(signal) is None else self.judged_value(signal)
 
     def shown_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Samples:
-        """Returns the values of a signal's statistic, as `window_samples`; of ticks, at most 300, unless `last`."""
+        """As `window_samples`, of the judged statistic: its values at ticks, at most 300, unless it is `last`."""
         known = self._signals.get(signal)
         return () if known is None else known.shown_samples(limit, since_s)
 
@@ -235,7 +235,7 @@ class Monitor:
         return changes
 
     def configure(self, config: MonitorConfig) -> Changes:
-        """Applies a new configuration, without effect on signals that stay as they are; alerts of those that go end."""
+        """Applies a new configuration. Unchanged signals are not affected; alerts of removed signals end."""
         self.config = config
         changes = Changes()
         if math.isnan(self._now_s):  # before the first call

@@ -196,7 +196,7 @@ class SignalMonitor:
         return self._settle(now_s)
 
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
-        """Returns the state of the last call, for texts at `now_s`; half as slow without statistics. Reads only."""
+        """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
         level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer
         is_invalid = level is _ERROR and self._rules.invalid.fires
         announced = announcer.rule if announcer.level is not _OK else None

@@ -73,7 +73,7 @@ class Staleness:
         self._hint, self._hint_since_s = hint, self.silent_since_s
 
     def is_half_over(self, now_s: float, startup_grace_s: float) -> bool:
-        """Whether half of the silence allowed is over (of the grace if staleness is disabled), and the link is up."""
+        """Whether the link is up and half of the limit has passed (of the startup grace if staleness is disabled)."""
         limit_s = startup_grace_s if self.waiting and math.isinf(self.limit_s) else self.limit_s
         return self.unreachable_since_s is None and now_s - self.silent_since_s >= limit_s / 2.0
 

@@ -129,7 +129,7 @@ class Judge:
     """Runs an alert_system for each configuration on one player."""
 
     def __init__(self, player: Player, on_event: OnEvent, on_samples: Optional[OnSamples] = None) -> None:
-        """`on_event` gets every transition and notice, at its time, and must not raise; `on_samples` all samples."""
+        """`on_event` receives transitions and notices with times; it must not raise. `on_samples` gets all samples."""
         self._player = player
         self._on_event = on_event
         self._on_samples = on_samples

@@ -230,7 +230,7 @@ def _names_text(names: Sequence[str]) -> str:
 
 
 class Robot:
-    """The connection of one robot, on which nothing is published or offered, and the alert_system that judges it."""
+    """The connection to one robot, which publishes and offers nothing there, and the alert_system that judges it."""
 
     def __init__(
         self,

@@ -45,7 +45,7 @@ ROBOT_PARAMETERS = (Parameter("url", str, None, "ws://host:port or wss://host:po
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says about every robot for which fleet.yaml says nothing else; as in fleet.yaml."""
+    """Options of the command line for every robot, unless fleet.yaml sets them; as in fleet.yaml."""
 
     thresholds: str = ""
     """Empty: the defaults of alert_system."""

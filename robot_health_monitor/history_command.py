@@ -382,7 +382,7 @@ def text_plot(samples: Sequence[Tuple[float, float]], bound: Optional[float], wi
 
 
 def _plot_row(value: float, low: float, high: float) -> int:
-    """Returns the row of a value, 0 at the top; halves and divides first, because the range may exceed a float's."""
+    """Returns the row of a value, 0 at the top. It halves before it subtracts: the range may exceed a float's."""
     if high <= low:
         return _PLOT_ROWS // 2
     share = (value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)

@@ -100,7 +100,7 @@ def _make_server(
     process_faults: Callable[[], Mapping[str, Fault]] = dict,
     threads: bool,
 ) -> Tuple[Server, WebInterface]:
-    """Returns a server that is not started, and its page; the last parameters but one are as of `Served`.
+    """Returns a server that is not started, and its page; `parameters` and `process_faults` are those of `Served`.
 
     `node` is not closed here. `alert_system` is the full name of the alert node; `*` as in file names. With `threads`,
     the node is called back, and robots are judged, in other threads than the server's loop. ConfigError: the address is

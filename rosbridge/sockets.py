@@ -99,7 +99,7 @@ def limit_reads(transport: object) -> None:
 
 
 async def within(timeout_s: float, work: Coroutine[Any, Any, _Result]) -> _Result:
-    """Does what `asyncio.wait_for` does, which before Python 3.12 can lose a cancellation: its caller never ends."""
+    """`asyncio.wait_for`, which before Python 3.12 may lose a cancellation, so that its caller never ends."""
     task = asyncio.ensure_future(work)
     try:
         await asyncio.wait({task}, timeout=timeout_s)

@@ -14,7 +14,7 @@ class Backoff:
     def __init__(
         self, first_s: float, longest_s: float, *, spread: float = 0.0, chance: Callable[[], float] = random.random
     ) -> None:
-        """`spread` is the random part of each delay, 0 to 1: many that fail at once do not try again all at once.
+        """`spread` is the random part of each delay, 0 to 1, so that many that failed together do not return together.
 
         `chance` returns a random number from 0 to 1.
         """

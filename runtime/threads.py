@@ -86,7 +86,7 @@ class ThreadPool:
     """A bounded number of threads that run functions for an event loop."""
 
     def __init__(self, name: str, threads: int, most_pending: int, timeout_s: Optional[float] = None) -> None:
-        """Starts no thread yet. At most `most_pending` functions run or wait; `run` waits `timeout_s`, None: ever."""
+        """Starts no thread. At most `most_pending` functions run or wait; `run` waits `timeout_s` (None: for ever)."""
         self._name = name
         self._most_threads = threads
         self._most_pending = most_pending

@@ -15,9 +15,15 @@ STRING_TYPE = "std_msgs/String"
 LOG_LEVEL = "log_level"
 DIAGNOSTICS = "/diagnostics"
 UNAVAILABLE_SENSORS = "unavailable_sensors"
-"""Topic of battery_sensor: metrics without a sensor in its host, separated by commas; they are no silent signals."""
+"""Topic on which battery_sensor lists the metrics that its host has no sensor for, separated by commas.
+
+alert_system does not wait for their samples: a desktop without a battery is not a robot whose battery fell silent.
+"""
 SIMULATED_SENSORS = "simulated_sensors"
-"""Topic of battery_sensor: topics of its simulated metrics, separated by commas; only targets that ask get them."""
+"""Topic on which battery_sensor lists the topics of its simulated metrics, separated by commas.
+
+They are judged like all others, but notify nobody unless a target asks for them.
+"""
 
 Sections = Mapping[str, Mapping[str, object]]
 """Values by key, in named sections (signals, metrics); the section "" holds the node's own values."""

@@ -190,7 +190,7 @@ class SelfMonitor:
         return Status(MONITOR, level, message, self._robot, values)
 
     def _since_tick_s(self, now_s: float, steady_s: float) -> float:
-        """Returns the time since the last tick on the slower clock, in s: simulated time may run fast, or be paused."""
+        """Returns the time since the last tick, in s, by the slower clock: simulated time may run fast or be paused."""
         return 0.0 if self._tick_s is None else min(now_s - self._tick_s, steady_s - self._tick_steady_s)
 
     def _lateness_s(self, now_s: float, steady_s: float) -> float:

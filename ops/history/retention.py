@@ -77,7 +77,7 @@ class Retention:
     """Deletes entries of one database. The state of signals, open alerts, notifications and silences stay."""
 
     def __init__(self, connection: sqlite3.Connection, max_bytes: float) -> None:
-        """Reads nothing yet: counting takes time, and a start must not wait; `max_bytes` limits the database."""
+        """`max_bytes` limits the database. Reads nothing yet: counting takes time, and a start must not wait for it."""
         self._connection = connection
         self._max_bytes = max_bytes
         self._counted: Optional[Dict[Tuple[str, str], _Stored]] = None

@@ -54,7 +54,7 @@ class Updates:
         read_state: Callable[[], Awaitable[Json]],
         read_samples: Callable[[str, Optional[Samples]], Awaitable[Optional[Samples]]],
     ) -> None:
-        """Takes functions that return the state without samples, and a robot's samples since an earlier result.
+        """`read_state` returns the state without samples, `read_samples` a robot's samples since an earlier result.
 
         None: there is no such robot.
         """

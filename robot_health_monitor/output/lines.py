@@ -145,7 +145,7 @@ def plain_table(rows: Sequence[Sequence[str]], texts: int) -> List[str]:
 
 
 def share_text(share: float) -> str:
-    """Returns a share, 0 to 1, in %; only one that is exactly 0 or 1 is shown as such."""
+    """Returns a share, 0 to 1, in %. Only exactly 0 and exactly 1 are shown as 0 % and 100 %."""
     if share <= 0.0 or share >= 1.0:
         return "0 %" if share <= 0.0 else "100 %"
     return f"{min(max(share * 100.0, 0.1), 99.9):.1f} %"

@@ -35,7 +35,7 @@ _fragment_ids = itertools.count()
 
 
 def frame(message: Wire) -> bytes:
-    """Returns a message as one frame of a server (RFC 6455, section 5.2): not masked, so that it fits every client."""
+    """Returns one frame of a server (RFC 6455, section 5.2): unmasked, so the same bytes go to every client."""
     first = _FINAL_BINARY if isinstance(message, bytes) else _FINAL_TEXT
     data = message if isinstance(message, bytes) else message.encode("utf-8")
     length = len(data)
@@ -82,7 +82,7 @@ class EncodedMessage:
         data: Optional[bytes] = None,
         serialize: Optional[Serializer] = None,
     ) -> None:
-        """With `message` None if only `data`, raw bytes, is known; `serialize` makes them of it, None: not possible."""
+        """`message` is None if only its raw bytes, `data`, are known; `serialize` makes them (None: impossible)."""
         self.size = estimated_bytes(data if message is None else message)
         """Estimated memory in bytes."""
         self.is_large = self.size > LARGE_BYTES
