@@ -12,6 +12,7 @@ until the log line and the message on `alerts` have come.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import os
 import re
@@ -46,9 +47,9 @@ PAUSE_S = 0.005
 REQUIRED_RATIO = 1.5
 DEADLINE_S = 30.0
 
-_SIGNALS: Mapping[str, Any] = {
-    "battery_level": {"topic": "battery_level", "warn_below": 20.0, "stale_after_s": 0.0, "window_samples": 60}
-}
+_BATTERY: Mapping[str, Any] = {"warn_below": 20.0, "stale_after_s": 0.0, "window_samples": 60}
+_SIGNALS = tuple(f"battery_{number}" for number in range(40))
+"""A signal that announced more than 60 transitions within the last 60 s would flap."""
 
 
 class _Target(BaseHTTPRequestHandler):
@@ -76,7 +77,7 @@ class _Process:
         """Starts it; `connect` waits until it serves."""
         folder.mkdir()
         thresholds = folder / "thresholds.yaml"
-        parameters = {"robot_name": "r3", "signals": _SIGNALS}
+        parameters = {"robot_name": "r3", "signals": dict.fromkeys(_SIGNALS, _BATTERY)}
         thresholds.write_text(json.dumps({"alert_system": {"ros__parameters": parameters}}))  # JSON is YAML
         command = ["run", "--thresholds", str(thresholds), "--source", "none", "--json", "--port", "0"]
         self._process = subprocess.Popen(
@@ -90,7 +91,8 @@ class _Process:
         self._line_s = 0.0
         self._has_line = threading.Event()
         threading.Thread(target=self._read, daemon=True).start()
-        self._value = 30.0
+        self._values = dict.fromkeys(_SIGNALS, 30.0)
+        self._turns = itertools.cycle(_SIGNALS)
 
     async def connect(self, session: aiohttp.ClientSession) -> None:
         """Connects a client that publishes samples and receives alerts."""
@@ -103,16 +105,18 @@ class _Process:
             port = int(found[1]) if found else 0
         threading.Thread(target=self._process.stderr.read, daemon=True).start()
         self._socket = await session.ws_connect(f"ws://127.0.0.1:{port}")
-        await self._send({"op": "advertise", "topic": "/battery_level", "type": "std_msgs/Float32"})
+        for signal in _SIGNALS:
+            await self._send({"op": "advertise", "topic": f"/{signal}", "type": "std_msgs/Float32"})
         await self._send({"op": "subscribe", "topic": "/alerts", "type": "diagnostic_msgs/DiagnosticStatus"})
         await asyncio.sleep(1.0)
 
     async def measure_s(self) -> float:
         """Sends a sample that changes the level; returns the time until message and line have come, in s."""
-        self._value = 40.0 - self._value
+        signal = next(self._turns)
+        self._values[signal] = 40.0 - self._values[signal]
         self._has_line.clear()
         began_s = time.perf_counter()
-        await self._send({"op": "publish", "topic": "/battery_level", "msg": {"data": self._value}})
+        await self._send({"op": "publish", "topic": f"/{signal}", "msg": {"data": self._values[signal]}})
         await asyncio.wait_for(self._socket.receive_str(), DEADLINE_S)
         alert_s = time.perf_counter()
         assert await asyncio.get_running_loop().run_in_executor(None, self._has_line.wait, DEADLINE_S)
@@ -140,7 +144,7 @@ class _AlertSystem:
     def __init__(self, make_history: Optional[Callable[[str], Any]] = None) -> None:
         self._log_s = self._alert_s = self._now_s = 0.0
         self._bus = LocalBus(on_log=self._note_log)
-        node = self._bus.node("alert_system", parameters={"robot_name": "r3", "signals": _SIGNALS})
+        node = self._bus.node("alert_system", parameters={"robot_name": "r3", "signals": {"battery_level": _BATTERY}})
         history = None if make_history is None else make_history("r3")
         self._alert_system = AlertSystem(node, history=history)
         self._peer = self._bus.node("peer")
