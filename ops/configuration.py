@@ -185,10 +185,12 @@ def _expected_url(url: str, kind: str) -> str:
 
 
 def _shown_url(url: str) -> str:
-    """Returns scheme and host: the rest of an address may be a secret."""
+    """Returns scheme and host: the rest of an address may be a secret, and so may the host in those of Apprise."""
     scheme, separator, rest = url.partition("://")
     if not separator:
         return "an address without a scheme" if url else "''"
+    if rest and scheme.lower() not in ("http", "https"):
+        return repr(f"{scheme}://..."[:_MOST_SHOWN])
     host = re.split(r"[/?#]", rest.rpartition("@")[2] if "@" in rest else rest)[0]
     return repr(f"{scheme}://{host}"[:_MOST_SHOWN])
 

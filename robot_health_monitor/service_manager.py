@@ -34,7 +34,10 @@ class ServiceManager:
         self._send("READY=1")
 
     def alive(self, tick_age_s: float) -> None:
-        """Sends a sign of life if one is due, unless the last tick is too old. Call it in the thread of the ticks."""
+        """Sends a sign of life if one is due. Call it in the thread that runs the ticks.
+
+        If the last tick is too old, nothing is sent, and systemd restarts the process.
+        """
         period_s = self.watchdog_period_s
         if period_s is None or tick_age_s > max(_LONGEST_TICK_AGE_S, self._limit_s):
             return

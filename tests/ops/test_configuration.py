@@ -133,7 +133,7 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
         f"ops.yaml:7: notify.pager.type: expected {types}, got 'alertmanger'",
         "ops.yaml:8: notify.both.url_file: expected either url or url_file, got both",
         "ops.yaml:9: notify.neither: expected either url or url_file, got neither",
-        "ops.yaml:12: notify.ftp.url: expected http://host:port or https://host:port, got 'ftp://files'",
+        "ops.yaml:12: notify.ftp.url: expected http://host:port or https://host:port, got 'ftp://...'",
         "ops.yaml:13: notify.ftp.min_level: expected one of WARN, STALE, ERROR, got 'warn'",
         "ops.yaml:14: notify.horn.url: not a key of a target of type command; expected one of type, command, "
         "min_level, robots, signals, simulated, timeout_s",
@@ -222,7 +222,8 @@ def test_addresses_that_may_be_alertmanagers(url: str) -> None:
         ("http://[::1", "webhook", "http://host:port or https://host:port, got 'http://[::1'"),
         ("http://a/?key=secret", "alertmanager", "an address without ? and #, got 'http://a'"),
         ("http://a/b c", "webhook", "an address without blanks, got 'http://a'"),
-        ("file:///etc/secret", "heartbeat", "http://host:port or https://host:port, got 'file://'"),
+        ("file:///etc/secret", "heartbeat", "http://host:port or https://host:port, got 'file://...'"),
+        ("slack://secret/token", "webhook", "http://host:port or https://host:port, got 'slack://...'"),
         (
             "mailto:ada@a",
             "apprise",
