@@ -79,7 +79,7 @@ def test_a_robot_that_is_killed_and_comes_back_is_one_alert_and_its_end(
 def test_a_pause_of_this_process_is_one_warning_and_no_alert(robot_health: Start, calm: Path, tmp_path: Path) -> None:
     """Long enough for the servers to close its connections: stale_after_s is less than a third of it."""
     watch = tmp_path / "watch.yaml"
-    watch.write_text(THRESHOLDS.replace("stale_after_s: 1.0", "stale_after_s: 3.0"))
+    watch.write_text(THRESHOLDS.replace("stale_after_s: 1.0", "stale_after_s: 5.0"))
     ports = [port_of(start_robot(robot_health, calm)) for _ in range(2)]
     robots = [f"{name}=ws://127.0.0.1:{port}" for name, port in zip(("atlas", "husky"), ports)]
     watcher = robot_health("connect", *robots, "--thresholds", watch)
@@ -87,7 +87,7 @@ def test_a_pause_of_this_process_is_one_warning_and_no_alert(robot_health: Start
         watcher.wait_for_text(f"{name}: connected to")
     time.sleep(2.0)  # ticks
     watcher.signal(signal.SIGSTOP)
-    time.sleep(11.0)
+    time.sleep(16.0)
     watcher.signal(signal.SIGCONT)
     watcher.wait_for_text("[WARN] connect: the monitor was stopped for ")
     time.sleep(5.0)
