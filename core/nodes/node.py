@@ -22,7 +22,7 @@ alert_system does not wait for their samples: a desktop without a battery is not
 SIMULATED_SENSORS = "simulated_sensors"
 """Topic on which battery_sensor lists the topics of its simulated metrics, separated by commas.
 
-They are judged like all others, but notify nobody unless a target asks for them.
+They are judged like all others. A target is notified of them only if it has `simulated: true`.
 """
 
 Sections = Mapping[str, Mapping[str, object]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import time
+from abc import ABC, abstractmethod
 from collections import Counter
 from typing import Callable, Optional
 
@@ -28,7 +29,7 @@ _STORE_RETRY_S = 1.0
 _TICK_CHECK_S = 1.0
 
 
-class Caller(StepThread):
+class Caller(StepThread, ABC):
     """Calls one target, in its thread. Failures are faults, as `notify <name>`; `clock` gives monotonic seconds."""
 
     def __init__(self, settings: TargetSettings, faults: Faults, clock: Callable[[], float]) -> None:
@@ -39,9 +40,9 @@ class Caller(StepThread):
         self._clock = clock
         super().__init__(self._part, self.step, faults_of_step(faults, self._part))
 
+    @abstractmethod
     def step(self) -> float:
         """Makes at most one attempt; returns when to call this again, in s from now."""
-        raise NotImplementedError
 
     def note_tick(self) -> None:
         """Call at each tick of the monitor; returns at once."""
