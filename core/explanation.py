@@ -9,7 +9,7 @@ import math
 from typing import Dict, Mapping, NamedTuple, Optional
 
 from .formatting import bound_text, datum_text, duration_text, number_text, with_unit
-from .model import Level, Status
+from .model import Forecast, Level, Status
 from .quality import as_float, converted
 from .rule import Rule, State
 from .signal_config import CONDITIONS, LINK, SignalConfig
@@ -66,6 +66,8 @@ class Judgement(NamedTuple):
     """Time without samples, without the downtime of the link, in seconds."""
     statistics: Mapping[str, float]
     """The statistics of the window that can be computed, and the judged one where it is defined."""
+    forecast: Optional[Forecast]
+    """None: the statistic is not `forecast`, or undefined."""
     window_samples: int
     window_is_long_enough: bool
     """Whether samples have come for `window_min_s`."""
@@ -92,6 +94,11 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     lasts_s = judgement.now_s - judgement.since_s
     values = {"value": latest_text(judgement), "unit": config.unit, "statistic": config.statistic}
     values.update((name, number_text(value)) for name, value in judgement.statistics.items())
+    forecast = judgement.forecast
+    if forecast is not None:
+        values["trend_per_min"] = number_text(forecast.slope_per_s * 60.0)
+        if forecast.time_to_bound_s is not None:
+            values["time_to_bound_s"] = number_text(forecast.time_to_bound_s)
     for name in ("window_samples", "good_samples", "bad_samples"):
         values[name] = str(getattr(judgement, name))
     if judgement.seen:
@@ -103,7 +110,9 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
         values["state_change_percent"] = number_text(judgement.state_change_percent)
     values["fingerprint"] = judgement.fingerprint
     text = reason(judgement) if message is None else message
-    return Status(config.name, judgement.level, text, judgement.robot, values, judgement.hint, judgement.state, lasts_s)
+    return Status(
+        config.name, judgement.level, text, judgement.robot, values, judgement.hint, judgement.state, lasts_s, forecast
+    )
 
 
 def alert_line(
@@ -159,7 +168,17 @@ def reason(judgement: Judgement) -> str:
 
 def judged_unit(config: SignalConfig) -> str:
     """Returns the unit of the statistic that the bounds apply to."""
-    return {"rate": f"{config.unit}/s", "frequency_hz": "Hz"}.get(config.statistic, config.unit)
+    units = {"rate": f"{config.unit}/s", "frequency_hz": "Hz", "largest_gap_s": "s"}
+    return units.get(config.statistic, config.unit)
+
+
+def judged_text(config: SignalConfig, value: str) -> str:
+    """Returns a value of the statistic with its unit, as a reason begins: `rate 5 Hz`, `forecast 18 % in 30 min`."""
+    value = with_unit(value, judged_unit(config))
+    if config.statistic == "forecast" and config.forecast_s is not None:
+        return f"forecast {value} in {duration_text(config.forecast_s)}"
+    name = {"last": "", "frequency_hz": "rate", "largest_gap_s": "largest gap"}.get(config.statistic, config.statistic)
+    return f"{name} {value}".lstrip()
 
 
 def bounds_text(config: SignalConfig) -> str:
@@ -235,11 +254,9 @@ def _value_reason(judgement: Judgement) -> str:
     if judged is None:
         return _undefined_reason(judgement)
     bound = None if rule is None else rule.bound
-    value = with_unit(number_text(judged, bound), unit)
     if rule is None or bound is None:
-        return value
-    if config.statistic != "last":
-        value = f"{'rate' if config.statistic == 'frequency_hz' else config.statistic} {value}"
+        return with_unit(number_text(judged), unit)
+    value = judged_text(config, number_text(judged, bound))
     side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
     if judged < bound if rule.is_below else judged > bound:
         text = f"{value} is {side}"

@@ -64,6 +64,20 @@ class Sample(NamedTuple):
     """When it arrived, in seconds on the adapter's clock (monotonic, or ROS time under use_sim_time)."""
 
 
+class Forecast(NamedTuple):
+    """A forecast of a signal, and the line that gave it."""
+
+    value: float
+    """Value at the horizon, in the unit of the signal."""
+    slope_per_s: float
+    """Slope of the line, in the unit per second."""
+    forecast_s: float
+    """Time from the newest sample to the horizon, in s."""
+    time_to_bound_s: Optional[float]
+    """Time from the newest sample until the line reaches the nearest bound that lies ahead, in s; None: not in 10 times
+    `forecast_s`."""
+
+
 @dataclass(frozen=True)
 class Status:
     """The state of one signal, shaped as diagnostic_msgs/DiagnosticStatus."""
@@ -84,6 +98,8 @@ class Status:
     """One of `explanation.STATES`; empty for the status of a node."""
     lasts_s: float = field(default=0.0, compare=False)
     """How long the level has lasted, in seconds."""
+    forecast: Optional[Forecast] = field(default=None, compare=False)
+    """None: the statistic is not `forecast`, or undefined."""
     silence: Optional[str] = field(default=None, compare=False)
     """Reason and end of the silence of the signal; None: it is not silenced."""
 

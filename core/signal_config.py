@@ -21,13 +21,16 @@ from .parameters import Parameter, describe, read_parameters, require_mapping
 LINK = "link"
 """Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
 
-STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz")
+STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz", "largest_gap_s", "forecast")
 """Statistics to which bounds can apply."""
 
 _IN_UNIT = ("last", "mean", "min", "max")
 """Statistics in the unit of the signal, and within its valid range."""
 
 BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
+
+MOST_FORECAST_WINDOWS = 3
+"""Largest `forecast_s`, in lengths of the window."""
 
 LONGEST_S = 365.0 * 86_400.0
 """Longest duration in a configuration, in s: a year. Prometheus refuses much longer ones."""
@@ -99,14 +102,18 @@ class SignalConfig:
     valid_min: Optional[float] = _key(None, "smallest valid value, in the unit; below it the data is invalid")
     valid_max: Optional[float] = _key(None, "largest valid value, in the unit; above it the data is invalid")
     invalid_for_s: float = _key(0.0, "time for which data must be invalid before it is an ERROR, in s", 0.0)
-    window_s: float = _key(60.0, "length of the window for statistics, in s", 0.001)
+    window_s: float = _key(None, "length of the window for statistics, in s; left out: 60, 600 for a forecast", 0.001)
     window_min_s: float = _key(
         None,
-        "time for which samples must come before statistics other than last are defined, in s; left out: window_s / 2",
+        "time for which samples must come before statistics other than last are defined, in s; left out: window_s / 2, "
+        "window_s for a forecast",
         0.0,
     )
-    window_samples: int = _key(6000, "maximum number of samples in the window", 1, 1_000_000)
+    window_samples: int = _key(
+        None, "maximum number of samples in the window; left out: 6000, 100000 for a forecast", 1, 1_000_000
+    )
     statistic: str = _key("last", "statistic of the window to which the bounds apply", choices=STATISTICS)
+    forecast_s: Optional[float] = _key(None, "time from the newest sample to the forecast, in s", 0.001)
     warn_below: Optional[float] = _key(None, "WARN below this value, in the unit of the statistic")
     warn_above: Optional[float] = _key(None, "WARN above this value, in the unit of the statistic")
     error_below: Optional[float] = _key(None, "ERROR below this value, in the unit of the statistic")
@@ -180,18 +187,27 @@ def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
                     values[key] = _read_condition(tree[key], (*path, key))
         values.update(read_parameters(tree, SIGNAL_PARAMETERS, path, tuple(CONDITIONS)))
     problems.raise_if_any()
-    if values["topic"] is None:
-        values["topic"] = name
-    if values["window_min_s"] is None:
-        values["window_min_s"] = values["window_s"] / 2.0
-    for key in ("for_s", "keep_firing_for_s"):
-        if values[f"error_{key}"] is None:
-            values[f"error_{key}"] = values[key]
+    _fill_in(name, values)
     signal = SignalConfig(name=name, **values)
     for key, problem in _mistakes(signal, tree):
         problems.add(ConfigError(problem, (*path, key)))
     problems.raise_if_any()
     return signal
+
+
+def _fill_in(name: str, values: Dict[str, Any]) -> None:
+    """Sets the keys that were left out and whose default follows from others."""
+    is_forecast = values["statistic"] == "forecast"
+    window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
+    defaults = {
+        "topic": name,
+        "window_s": window_s,
+        "window_min_s": window_s if is_forecast else window_s / 2.0,
+        "window_samples": 100_000 if is_forecast else 6000,
+        "error_for_s": values["for_s"],
+        "error_keep_firing_for_s": values["keep_firing_for_s"],
+    }
+    values.update((key, default) for key, default in defaults.items() if values[key] is None)
 
 
 def _read_condition(found: object, path: Path) -> Condition:
@@ -228,8 +244,25 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
     if signal.window_min_s > signal.window_s:
         most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
         yield "window_min_s", f"expected at most window_s ({most}), got {got}"
+    yield from _mistakes_of_forecast(signal)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
+
+
+def _mistakes_of_forecast(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
+    if signal.statistic != "forecast":
+        if signal.forecast_s is not None:
+            yield "forecast_s", f"expected statistic: forecast with it, got {describe(signal.statistic)}"
+        return
+    longest_s = MOST_FORECAST_WINDOWS * signal.window_s
+    if signal.forecast_s is None:
+        yield "forecast_s", "is missing; expected the time ahead in s, which statistic: forecast requires"
+    elif signal.forecast_s > longest_s:
+        got = bound_text(signal.forecast_s)
+        expected = f"expected at most {MOST_FORECAST_WINDOWS} times window_s ({bound_text(longest_s)})"
+        yield "forecast_s", f"{expected}, got {got}"
+    if len({name.partition("_")[2] for name in signal.bounds}) > 1:
+        yield "statistic", f"a forecast has bounds on one side; use two signals, got {' and '.join(signal.bounds)}"
 
 
 def _mistakes_of_bounds(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
@@ -266,7 +299,7 @@ def _mistakes_of_bounds(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
 def _mistakes_of_unit(signal: SignalConfig) -> Iterator[Tuple[str, str]]:
     unit = signal.unit
     limits = {name: getattr(signal, name) for name in ("valid_min", "valid_max")}
-    if signal.statistic in _IN_UNIT:
+    if signal.statistic in (*_IN_UNIT, "forecast"):
         limits.update(signal.bounds)
     for name, value in limits.items():
         if value is not None and unit in _UNIT_RANGES:

@@ -19,19 +19,24 @@ from typing import Any, Callable, Dict, Optional
 
 from .announcer import Announcer
 from .explanation import Judgement
+from .forecast import ForecastWindow
 from .model import Level, Transition
 from .quality import Quality
 from .rule import SignalRules
 from .signal_config import SignalConfig
 from .staleness import Staleness
 from .state_reader import Downtime, Saved, SavedSignal, age_s
-from .window import Samples, Window
+from .window import GapWindow, Samples, Window
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
 _OK, _WARN, _ERROR, _STALE = Level
 
 MOST_STATISTICS = 300
 """Most values of a statistic that are kept to be shown."""
+
+
+_WINDOW_KEYS = ("statistic", "window_s", "window_samples", "window_min_s", "forecast_s", "bounds")
+"""Properties of a configuration that its window depends on."""
 
 
 class SignalMonitor:
@@ -47,12 +52,12 @@ class SignalMonitor:
         self._robot = robot
         self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode("utf-8", "replace")).hexdigest()[:16]
         self._quality = Quality(config)
-        self.window = Window(config.window_s, config.window_samples, config.window_min_s)
+        self.window = _window_of(config)
         self.config = config
         self.judged: Optional[float] = None
         """The value of the statistic that the bounds apply to; None while it is undefined."""
         self._statistics: Optional[Window] = None
-        """The values of the judged statistic at ticks, to show; None for `last`, which are in the window."""
+        """The values of the judged statistic at ticks, to show; None: the window is shown."""
         self._rules = SignalRules(config)
         self._announcer = Announcer(config, now_s)
         self.staleness = Staleness(config, now_s)
@@ -151,10 +156,7 @@ class SignalMonitor:
     def release(self, now_s: float) -> Optional[Transition]:
         """Ends `inhibit`: durations and the time without samples continue where they stopped."""
         downtime_s = self.staleness.end_downtime(now_s)
-        if downtime_s > self.config.window_s:
-            self.window.begin_anew()  # it holds nothing from before
-        else:
-            self.window.shift_begin(downtime_s)
+        self.window.leave_out(downtime_s)
         self._freeze_or_thaw(now_s)
         self._judge_rules(now_s)  # samples that arrived while the link was down
         return self._settle(now_s)
@@ -164,6 +166,7 @@ class SignalMonitor:
         self.window.clear()
         if self._statistics is not None:
             self._statistics.clear()
+        if self.config.statistic != "last":
             self.judged = None
         self._level_since_s = min(self._level_since_s, now_s)
         self._announcer.restart(now_s, back_s)
@@ -179,9 +182,10 @@ class SignalMonitor:
     def configure(self, config: SignalConfig, now_s: float) -> Optional[Transition]:
         """Applies a new configuration of the same signal and judges by it at once; samples and durations stay."""
         self._announcer.configure(config, now_s)
-        limits = (config.window_s, config.window_samples, config.window_min_s)
-        if limits != (self.config.window_s, self.config.window_samples, self.config.window_min_s):
-            self.window.resize(*limits)
+        if any(getattr(config, key) != getattr(self.config, key) for key in _WINDOW_KEYS):
+            window = _window_of(config)
+            window.take_over(self.window)
+            self.window = window
         self._rules.configure(config)
         self._quality.configure(config)
         self.staleness.configure(config, seen=self._quality.seen)
@@ -203,6 +207,8 @@ class SignalMonitor:
         statistics = self.window.statistics() if with_statistics else {}
         if self.judged is None:
             statistics.pop(self.config.statistic, None)
+        elif with_statistics:
+            statistics[self.config.statistic] = self.judged
         return Judgement(
             config=self.config,
             robot=self._robot,
@@ -223,6 +229,7 @@ class SignalMonitor:
             last_seen_s=staleness.last_seen_s,
             silence_s=staleness.silence_s(now_s),
             statistics=statistics,
+            forecast=self.window.forecast() if isinstance(self.window, ForecastWindow) else None,
             window_samples=len(self.window),
             window_is_long_enough=self.window.is_long_enough,
             suspicion=quality.suspicion.text,
@@ -286,6 +293,8 @@ class SignalMonitor:
             judged = number if config.statistic == "last" else window.statistic(config.statistic)
             thaws = thaws or (judged is None) is not (self.judged is None)
             self.judged = judged
+        else:
+            window.arrive(now_s)
         if thaws:
             self._freeze_or_thaw(now_s)
         if judged is not None:
@@ -308,7 +317,7 @@ class SignalMonitor:
         below every value otherwise.
         """
         before, self.config = self.config, config
-        if config.statistic == "last":
+        if config.statistic in ("last", "forecast"):
             self._statistics = None
         elif self._statistics is None or (config.statistic, config.window_s) != (before.statistic, before.window_s):
             self._statistics = Window(config.window_s, MOST_STATISTICS)
@@ -367,3 +376,11 @@ class SignalMonitor:
             announcer.note_known(now_s)
             return None
         return announcer.announce(self.judgement(now_s))
+
+
+def _window_of(config: SignalConfig) -> Window:
+    """Returns an empty window for the statistic of a signal."""
+    limits = config.window_s, config.window_samples, config.window_min_s
+    if config.statistic == "forecast" and config.forecast_s is not None:
+        return ForecastWindow(*limits, config.forecast_s, config.bounds)
+    return GapWindow(*limits) if config.statistic == "largest_gap_s" else Window(*limits)

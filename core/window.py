@@ -114,21 +114,18 @@ class Window:
         """Counts `window_min_s` from the next sample on: there was a gap. The samples stay."""
         self._began_s = None
 
-    def shift_begin(self, duration_s: float) -> None:
+    def leave_out(self, duration_s: float) -> None:
         """Leaves a duration out of `window_min_s`: the robot could not be reached."""
-        if self._began_s is not None:
+        if duration_s > self.window_s:
+            self.begin_anew()  # it holds nothing from before
+        elif self._began_s is not None:
             self._began_s += duration_s
 
-    def resize(self, window_s: float, window_samples: int, window_min_s: float) -> None:
-        """Changes the limits and keeps the samples that still fit."""
-        kept, began_s = list(zip(self._values[self._first :], self._times[self._first :])), self._began_s
-        self.window_s = window_s
-        self.window_samples = window_samples
-        self.window_min_s = window_min_s
-        self.clear()
-        for value, now_s in kept:
+    def take_over(self, other: Window) -> None:
+        """Adds the samples of another window, as far as they fit into this empty one."""
+        for value, now_s in zip(other._values[other._first :], other._times[other._first :]):
             self.add(value, now_s)
-        self._began_s = began_s
+        self._began_s = other._began_s
 
     @property
     def is_long_enough(self) -> bool:
@@ -138,7 +135,12 @@ class Window:
 
     def statistic(self, name: str) -> Optional[float]:
         """Returns a statistic to judge by its name in the configuration, None while it is undefined."""
-        return STATISTIC_OF_WINDOW[name](self) if name == "last" or self.is_long_enough else None
+        if name != "last" and not self.is_long_enough:
+            return None
+        return STATISTIC_OF_WINDOW[name](self)
+
+    def arrive(self, now_s: float) -> None:
+        """Notes the arrival of a bad sample."""
 
     def statistics(self) -> Dict[str, float]:
         """Returns every statistic that can be computed, to show, by its name in the configuration."""
@@ -331,6 +333,42 @@ class Window:
             apart = (front_reference - back_reference) + (front_mean - back_mean)
         squares = max(0.0, front_squares) + max(0.0, back_squares) + apart * apart * front * back / count
         return back_reference + back_mean + apart * front / count, squares / count, scale
+
+
+class GapWindow(Window):
+    """A window that also measures the gaps between arrivals, those of bad samples included."""
+
+    __slots__ = ("_gaps", "_last_arrival_s")
+
+    def clear(self) -> None:
+        """Removes every sample and every arrival."""
+        super().clear()
+        self._gaps = Window(self.window_s, self.window_samples)
+        self._last_arrival_s: Optional[float] = None
+
+    def add(self, value: float, now_s: float) -> None:
+        """Adds a sample, as `Window.add`, which is also an arrival."""
+        self.arrive(now_s)
+        super().add(value, now_s)
+
+    def arrive(self, now_s: float) -> None:
+        """Notes the arrival of a sample, good or bad."""
+        if self._last_arrival_s is not None:
+            # Samples may have come in a time that is left out.
+            self._gaps.add(max(0.0, now_s - self._last_arrival_s), now_s)
+        self._last_arrival_s = now_s
+
+    def leave_out(self, duration_s: float) -> None:
+        """Leaves a duration out of `window_min_s` and of the present gap: the robot could not be reached."""
+        super().leave_out(duration_s)
+        if self._last_arrival_s is not None:
+            self._last_arrival_s += duration_s
+
+    def statistic(self, name: str) -> Optional[float]:
+        """Returns a statistic to judge, as `Window.statistic`."""
+        if name != "largest_gap_s":
+            return super().statistic(name)
+        return self._gaps.max() if self.is_long_enough else None
 
 
 STATISTIC_OF_WINDOW: Mapping[str, Callable[[Window], Optional[float]]] = {

@@ -21,6 +21,7 @@ from robot_health_monitor.core import (
     explanation,
     load_config,
 )
+from robot_health_monitor.core.model import Forecast
 
 OK, WARN, ERROR, STALE = Level.OK, Level.WARN, Level.ERROR, Level.STALE
 
@@ -1405,6 +1406,104 @@ def test_a_signal_leads_with_its_statistic() -> None:
     monitor.tick(35.0)
     assert monitor.shown_value("imu") is None  # stale
     assert len(monitor.shown_samples("imu")) == 11
+
+
+def discharge(seconds: int, *, per_s: float = 0.5, start: float = 100.0) -> List[Sample]:
+    return [Sample("battery_soon", start - per_s * second, float(second)) for second in range(seconds)]
+
+
+FORECAST = {"statistic": "forecast", "unit": "%", "window_s": 40.0, "forecast_s": 60.0, "warn_below": 20.0}
+
+
+def test_a_forecast_warns_before_the_bound_is_reached() -> None:
+    """100 % at 0 s, 0.5 % per s less: the window is full at 40 s; below 50 % now means below 20 % in 60 s."""
+    monitor = Monitor(load_config({"signals": {"battery_soon": FORECAST}}))
+    found = [transition for sample in discharge(105) for transition in monitor.observe(sample)]
+    assert [str(transition) for transition in found] == [
+        "101.000 battery_soon WARN: forecast 19.5 % in 60 s is below 20 % (was OK for 101 s)"
+    ]
+    assert (found[0].value, found[0].statistic, found[0].bound) == (pytest.approx(19.5), "forecast", 20.0)
+    status = monitor.report(104.0).statuses["battery_soon"]
+    assert status.message == "forecast 18 % in 60 s is below 20 %"
+    assert (status.values["forecast"], status.values["trend_per_min"]) == ("18", "-30")
+    assert status.values["value"] == "48"
+    assert status.values["time_to_bound_s"] == "56"  # 28 % at 0.5 % per s
+    assert status.forecast == Forecast(pytest.approx(18.0), pytest.approx(-0.5), 60.0, pytest.approx(56.0))
+
+
+def test_a_forecast_is_undefined_until_the_window_is_full() -> None:
+    monitor = Monitor(load_config({"signals": {"battery_soon": FORECAST}}))
+    for sample in discharge(40, per_s=2.0):
+        assert monitor.observe(sample) == []
+    status = monitor.report(39.0).statuses["battery_soon"]
+    assert status.message == "forecast is undefined until window_min_s (40 s) has passed"
+    assert status.forecast is None
+    (transition,) = monitor.observe(discharge(41, per_s=2.0)[-1])
+    assert transition.text == "battery_soon WARN: forecast -100 % in 60 s is below 20 % (was OK for 40 s)"
+
+
+def test_a_jump_makes_the_halves_disagree_so_that_nothing_is_forecast_from_it() -> None:
+    """A battery that is swapped at 60 s, from 100 to 60 %, both constant: no line through one half falls."""
+    monitor = Monitor(load_config({"signals": {"battery_soon": FORECAST}}))
+    for second in range(200):
+        value = 100.0 if second < 60 else 60.0
+        assert monitor.observe(Sample("battery_soon", value, float(second))) == []
+
+
+def test_after_staleness_a_forecast_is_undefined_until_the_window_is_full_again() -> None:
+    monitor = Monitor(load_config({"signals": {"battery_soon": {**FORECAST, "stale_after_s": 5.0}}}))
+    for sample in discharge(60, per_s=0.1):
+        monitor.observe(sample)
+    (stale,) = monitor.tick(65.0)
+    assert stale.to_level is Level.STALE
+    (again,) = monitor.observe(Sample("battery_soon", 60.0, 70.0))
+    assert again.text == "battery_soon OK: samples again (was STALE for 5 s)"
+    for second in range(71, 110):
+        assert monitor.observe(Sample("battery_soon", 130.0 - second, float(second))) == []
+    (transition,) = monitor.observe(Sample("battery_soon", 20.0, 110.0))
+    assert transition.text == "battery_soon WARN: forecast -40 % in 60 s is below 20 % (was OK for 40 s)"
+
+
+def test_a_change_of_the_horizon_applies_at_once_to_the_samples_that_are_there() -> None:
+    config = load_config({"signals": {"battery_soon": FORECAST}})
+    monitor = Monitor(config)
+    for sample in discharge(60):
+        monitor.observe(sample)
+    changed = load_config({"signals": {"battery_soon": {**FORECAST, "forecast_s": 120.0}}})
+    (transition,) = monitor.configure(changed)
+    assert transition.text == "battery_soon WARN: forecast 10.5 % in 120 s is below 20 % (was OK for 59 s)"
+
+
+GAPS = {"statistic": "largest_gap_s", "warn_above": 1.0, "window_s": 10.0, "window_min_s": 0.0, "unit": "m"}
+
+
+def test_the_largest_gap_of_the_window_is_judged() -> None:
+    monitor = Monitor(load_config({"signals": {"scan_gap": GAPS}}))
+    times = [0.0, 0.5, 2.9, 3.4, 12.8, 13.0]
+    found = [transition.text for at_s in times for transition in monitor.observe(Sample("scan_gap", 7.0, at_s))]
+    assert found == ["scan_gap WARN: largest gap 2.4 s is above 1 s (was OK for 2.9 s)"]
+    status = monitor.report(13.0).statuses["scan_gap"]
+    assert (status.values["largest_gap_s"], status.values["value"]) == ("9.4", "7")  # the arrival before it has left
+
+
+def test_bad_samples_are_arrivals_and_one_arrival_makes_no_gap() -> None:
+    monitor = Monitor(load_config({"signals": {"scan_gap": {**GAPS, "invalid_for_s": 60.0}}}))
+    monitor.observe(Sample("scan_gap", 1.0, 0.0))
+    assert monitor.report(0.0).statuses["scan_gap"].message == "largest_gap_s is undefined: too few samples"
+    for second in (1.0, 2.0, 3.0):
+        monitor.observe(Sample("scan_gap", float("nan"), second))
+    assert monitor.observe(Sample("scan_gap", 1.0, 4.0)) == []
+    assert monitor.report(4.0).statuses["scan_gap"].values["largest_gap_s"] == "1"
+
+
+def test_the_downtime_of_the_link_is_no_gap() -> None:
+    monitor = Monitor(load_config({"signals": {"scan_gap": GAPS}}))
+    for second in (0.0, 1.0):
+        monitor.observe(Sample("scan_gap", 1.0, second))
+    monitor.set_link(False, "", 1.5)
+    monitor.set_link(True, "", 9.0)
+    monitor.observe(Sample("scan_gap", 1.0, 9.25))
+    assert monitor.report(9.25).statuses["scan_gap"].values["largest_gap_s"] == "1"
 
 
 def test_the_values_of_a_statistic_to_show_are_at_most_300_and_begin_anew_with_time() -> None:

@@ -48,6 +48,7 @@ def test_a_signal_needs_nothing() -> None:
         window_min_s=30.0,
         window_samples=6000,
         statistic="last",
+        forecast_s=None,
         warn_below=None,
         warn_above=None,
         error_below=None,
@@ -193,7 +194,8 @@ def test_units_that_cannot_be_right_are_refused(settings: Dict[str, Any], proble
         ({"unit": 5}, "unit: expected printable text, got 5; quote it"),
         (
             {"statistic": "median"},
-            "statistic: expected one of last, mean, min, max, stddev, rate, frequency_hz, got 'median'",
+            "statistic: expected one of last, mean, min, max, stddev, rate, frequency_hz, largest_gap_s, forecast, "
+            "got 'median'",
         ),
     ],
 )
@@ -298,3 +300,28 @@ print([(each.name, each.default) for each in described_parameters(config) if "se
     run("docs/generate.py")
     page = (with_a_new_key / "docs/reference/parameters.md").read_text(encoding="utf-8")
     assert "| `settle_s` | a number from 0.5 to 31536000 | `2.5` | time to settle, in s |" in page
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"forecast_s": None}, "forecast_s: is missing; expected the time ahead in s"),
+        ({"forecast_s": 0.0}, "forecast_s: expected a number from 0.001 to"),
+        ({"forecast_s": 1801.0}, "forecast_s: expected at most 3 times window_s (1800), got 1801"),
+        ({"warn_above": 90.0}, "a forecast has bounds on one side; use two signals, got warn_below and warn_above"),
+        ({"statistic": "mean"}, "forecast_s: expected statistic: forecast with it, got 'mean'"),
+        ({"unit": "%", "warn_below": -1.0}, "warn_below: expected at least 0"),
+    ],
+)
+def test_an_impossible_forecast_is_refused(settings: Dict[str, Any], problem: str) -> None:
+    given = {"statistic": "forecast", "forecast_s": 600.0, "warn_below": 20.0, **settings}
+    with pytest.raises(ConfigError) as refused:
+        signal(**{key: value for key, value in given.items() if value is not None})
+    assert problem in str(refused.value)
+
+
+def test_a_forecast_has_a_longer_window() -> None:
+    found = signal(statistic="forecast", forecast_s=1800.0)
+    assert (found.window_s, found.window_min_s, found.window_samples) == (600.0, 600.0, 100_000)
+    found = signal(statistic="forecast", forecast_s=100.0, window_s=60.0, window_min_s=40.0, window_samples=50)
+    assert (found.window_s, found.window_min_s, found.window_samples) == (60.0, 40.0, 50)
