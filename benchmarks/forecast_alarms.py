@@ -65,6 +65,7 @@ def transitions(values: _Values, seconds: int, **settings: Any) -> Iterator[Any]
 
 
 def constant(value: float) -> _Values:
+    """Yields the same value."""
     while True:
         yield value
 
@@ -88,6 +89,7 @@ def correlated(deviation: float, correlation_s: float, chance: random.Random) ->
 
 
 def add(*parts: _Values) -> _Values:
+    """Yields the sums."""
     return map(sum, zip(*parts))
 
 

@@ -48,6 +48,8 @@ class Judgement(NamedTuple):
     """Since when the level has lasted, in seconds."""
     latest: object
     """The latest datum as received; None before the first."""
+    latest_good: Optional[float]
+    """The latest value; None while there is none, it is bad, or the signal is stale or unreachable."""
     judged: Optional[float]
     """Value of the signal's statistic; None while it is undefined."""
     rule: Optional[Rule]

@@ -219,6 +219,7 @@ class SignalMonitor:
             announced=announcer.level,
             since_s=self._shown_since_s,
             latest=quality.latest,
+            latest_good=self.latest_good,
             judged=self.judged,
             rule=None if level is _STALE or is_invalid else self._rules.explaining(level, announced),
             is_invalid=is_invalid,

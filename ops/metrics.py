@@ -40,6 +40,18 @@ _VALUE = Family(
     "Last value of the signal's statistic, to which its bounds apply, in its unit; absent while undefined.",
     _BY_SIGNAL,
 )
+_LATEST = Family(
+    "robot_health_latest",
+    "Latest valid value of a signal whose statistic is not `last`, in its unit; absent while its data is invalid, "
+    "stale or unreachable.",
+    _BY_SIGNAL,
+)
+_TIME_TO_BOUND = Family(
+    "robot_health_time_to_bound_seconds",
+    "Time from the newest sample until the line of a forecast reaches the nearest bound ahead; absent while there is "
+    "none, and like robot_health_latest.",
+    _BY_SIGNAL,
+)
 _VALID = Family("robot_health_data_valid", "Whether the latest sample of the signal is valid.", _BY_SIGNAL)
 _SAMPLES = Family("robot_health_samples", "Samples of the signal.", (*_BY_SIGNAL, "quality"), counts=True)
 _TRANSITIONS = Family(
@@ -139,6 +151,14 @@ def _of_signals(value_of: Callable[[Judgement], Optional[float]], *labels: str) 
     return series_of
 
 
+def _latest(signal: Judgement) -> Optional[float]:
+    return None if signal.config.statistic == "last" else signal.latest_good
+
+
+def _time_to_bound_s(signal: Judgement) -> Optional[float]:
+    return None if signal.forecast is None or signal.latest_good is None else signal.forecast.time_to_bound_s
+
+
 def _transitions(robot: RobotMetrics) -> _Series:
     """Returns the counters. All exist from the start: Prometheus sees no increase from nothing to 1."""
     return tuple(
@@ -153,6 +173,8 @@ def _link_up(robot: RobotMetrics) -> _Series:
 _OF_ROBOTS = (
     (_LEVEL, (_of_signals(lambda signal: signal.level), True)),
     (_VALUE, (_of_signals(lambda signal: signal.judged), False)),
+    (_LATEST, (_of_signals(_latest), False)),
+    (_TIME_TO_BOUND, (_of_signals(_time_to_bound_s), False)),
     (_VALID, (_of_signals(lambda signal: not signal.is_bad if signal.seen else None), True)),
     (
         _SAMPLES,

@@ -172,6 +172,7 @@ class RobotReader:
             known = _Known(config, plot_bounds(config), since_s, iso_time(since_s + self._offset_s))
             self._known[name] = known
         config = known.config
+        forecast = judgement.forecast
         number = converted(config, as_float(judgement.latest)) if judgement.seen else math.nan
         return {
             "level": judgement.level.name,
@@ -188,6 +189,10 @@ class RobotReader:
             "statistic": config.statistic,
             "judged": judgement.judged,
             "judged_unit": explanation.judged_unit(config),
+            "forecast": None if forecast is None else forecast.value,
+            "forecast_s": None if forecast is None else forecast.forecast_s,
+            "trend_per_min": None if forecast is None else forecast.slope_per_s * 60.0,
+            "time_to_bound_s": None if forecast is None else forecast.time_to_bound_s,
             "flapping": judgement.flapping,
             "latch": config.latch,
         }

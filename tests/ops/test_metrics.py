@@ -84,6 +84,43 @@ def test_every_metric_has_its_value() -> None:
     assert found["robot_health_build_info"] == {labels(version=package_version()): 1.0}
 
 
+def test_a_statistic_has_its_latest_value_and_a_forecast_its_time_to_the_bound() -> None:
+    """80 % and half a percent less per second: 70 % at 20 s, 40 % 60 s later, 20 % 100 s later."""
+    ahead = {"statistic": "forecast", "window_s": 20.0, "forecast_s": 60.0, "warn_below": 20.0, "invalid_for_s": 9.0}
+    robots = Robots(signals={"soon": ahead, "load": {"statistic": "mean", "window_min_s": 0.0}, "battery": {}})
+    metrics = Metrics(wall_time_s=robots.wall_s)
+    for second in range(21):
+        robots.at(100.0 + second)
+        for signal in ("soon", "load", "battery"):
+            robots.observe(80.0 - 0.5 * second, signal)
+        if second == 10:
+            assert set(samples(metrics, robots)["robot_health_latest"].values()) == {75.0}
+            assert "robot_health_time_to_bound_seconds" not in samples(metrics, robots)
+    soon, load, battery = (labels(robot="atlas", signal=signal) for signal in ("soon", "load", "battery"))
+    found = samples(metrics, robots)
+    assert found["robot_health_value"] == {soon: pytest.approx(40.0), load: pytest.approx(75.0), battery: 70.0}
+    assert found["robot_health_latest"] == {soon: 70.0, load: 70.0}
+    assert found["robot_health_time_to_bound_seconds"] == {soon: pytest.approx(100.0)}
+
+    robots.observe(float("nan"), "soon")
+    found = samples(metrics, robots)
+    assert (found["robot_health_latest"], found.get("robot_health_time_to_bound_seconds")) == ({load: 70.0}, None)
+    robots.observe(70.0, "soon")
+    assert soon in samples(metrics, robots)["robot_health_latest"]
+    robots.bus.run_until(126.0)  # stale
+    assert "robot_health_latest" not in samples(metrics, robots)
+
+
+def test_a_signal_of_a_robot_that_cannot_be_reached_has_no_latest_value() -> None:
+    robots = Robots(signals={"load": {"statistic": "mean"}})
+    metrics = Metrics(wall_time_s=robots.wall_s)
+    robots.observe(1.0, "load")
+    robots.all[0].observe_link(True)
+    assert "robot_health_latest" in samples(metrics, robots)
+    robots.all[0].observe_link(False, "refused")
+    assert "robot_health_latest" not in samples(metrics, robots)
+
+
 def test_the_age_of_the_oldest_tick_is_seen() -> None:
     robots = Robots("atlas", "spot")
     robots.bus.nodes[0].cancel_timers()

@@ -47,6 +47,10 @@ EXPECTED = {
             "statistic": "last",
             "judged": 19.0,
             "judged_unit": "%",
+            "forecast": None,
+            "forecast_s": None,
+            "trend_per_min": None,
+            "time_to_bound_s": None,
             "flapping": False,
             "latch": True,
         }

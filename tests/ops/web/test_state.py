@@ -77,6 +77,22 @@ def test_bounds_apply_to_the_statistic() -> None:
     assert signal["message"] == "rate 1 Hz is below 8 Hz"
 
 
+def test_a_forecast_has_its_horizon_trend_and_time_to_the_bound() -> None:
+    """80 % and half a percent less per second: 70 % at 20 s, 20 % at 120 s, which are 100 s later."""
+    soon = {"statistic": "forecast", "window_s": 20.0, "forecast_s": 60.0, "unit": "%", "warn_below": 20.0}
+    robots = Robots(signals={"battery_soon": soon})
+    state = reader(robots)
+    robots.observe(80.0, "battery_soon")
+    signal = state.state(window=False)["signals"]["battery_soon"]
+    keys = ("value", "judged", "forecast", "forecast_s", "trend_per_min", "time_to_bound_s")
+    assert [signal[key] for key in keys] == [80.0, None, None, None, None, None]
+    for second in range(1, 21):
+        robots.at(100.0 + second)
+        robots.observe(80.0 - 0.5 * second, "battery_soon")
+    signal = state.state(window=False)["signals"]["battery_soon"]
+    assert [signal[key] for key in keys] == [70.0] + [pytest.approx(each) for each in (40.0, 40.0, 60.0, -30.0, 100.0)]
+
+
 def test_bounds_are_numbers_that_json_has() -> None:
     robots = Robots(signals={"x": {"warn_below": 1e308, "hysteresis": 1.7e308}})
     bounds = reader(robots).state(window=False)["signals"]["x"]["bounds"]
