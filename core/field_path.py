@@ -1,37 +1,72 @@
 """The path of a value inside a message: `data`, `battery.percentage`, `cell_voltage[0]`, `status["motor"].level`.
 
 A name selects a field, a number in brackets an element by its index, a quoted text in brackets the element with that
-`name` (or `key`): it selects a status in /diagnostics, and a value in a status.
+name. The name of an element is its own field `name` or `key`: it selects a status in /diagnostics, and a value in a
+status. Elements without one have their names in an array beside theirs: `effort["wheel_left"]` in a JointState.
+
+`[*]` selects all elements, by index, and a quoted text with `*` or `?` those whose names match: `effort["wheel_*"]`.
 """
 
 from __future__ import annotations
 
+import base64
 import re
 from operator import itemgetter
-from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
+from .elements import (
+    MOST_ELEMENTS,
+    NAME_ARRAYS,
+    NOT_A_NUMBER,
+    BadDatum,
+    DriverStatus,
+    Elements,
+    matcher,
+    numbered,
+    stamp_of,
+    too_many,
+    unequal,
+    unnamed,
+)
 from .errors import ConfigError
 from .parameters import describe
 
 
 class Keyed(NamedTuple):
-    """A step to the element whose `name` or `key` is this text."""
+    """A step to the element with this name."""
 
     key: str
 
 
-Step = Union[str, int, Keyed]
-"""A field's name, an element's index, or an element's key."""
+class Every(NamedTuple):
+    """A step to all elements by index, or to those whose names match a pattern."""
+
+    pattern: Optional[str] = None
+    """With `*` for any text and `?` for any character; None: all elements, by index."""
+
+    def element(self, name: str) -> str:
+        """Returns the step to one element as it is written in a path."""
+        if self.pattern is None:
+            return f"[{name}]"
+        return f"['{name}']" if '"' in name else f'["{name}"]'
+
+
+Step = Union[str, int, Keyed, Every]
+"""A field's name, an element's index or name, or several elements."""
+
+Getter = Callable[[Any], Any]
 
 _PART = re.compile(
     r"""(?P<dot>\.)?(?P<name>[A-Za-z_]\w*)  # data, .percentage
-    |   \[(?P<index>\d{1,9})\]              # [0]
-    |   \[(?P<quote>["'])(?P<key>.*?)(?P=quote)\]  # ["motor: left"]
+    |   \[(?P<index>\d{1,9}|\*)\]           # [0], [*]
+    |   \[(?P<quote>["'])(?P<key>.*?)(?P=quote)\]  # ["motor: left"], ["motor: *"]
     """,
     re.ASCII | re.VERBOSE,
 )
 _KEY_FIELDS = ("name", "key")
 _BOOLEANS = {"true": 1.0, "false": 0.0}
+_TIME_FIELDS = (("secs", "nsecs"), ("sec", "nanosec"))
+_STATUS_FIELDS = {"level", "name", "message"}
 
 
 class _Absent:
@@ -51,7 +86,7 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
     >>> parse_field_path('status["motor: left"].values[0]')
     ('status', Keyed(key='motor: left'), 'values', 0)
     """
-    steps = []
+    steps: List[Step] = []
     position = 0
     while position < len(path):
         part = _PART.match(path, position)
@@ -62,44 +97,48 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
         if part["name"] is not None:
             steps.append(part["name"])
         elif part["index"] is not None:
-            steps.append(int(part["index"]))
+            steps.append(Every() if part["index"] == "*" else int(part["index"]))
         else:
-            steps.append(Keyed(part["key"]))
+            steps.append(Every(part["key"]) if "*" in part["key"] or "?" in part["key"] else Keyed(part["key"]))
         position = part.end()
     if steps and not isinstance(steps[0], str):
         raise ValueError("a path starts with the name of a field")
+    if sum(isinstance(step, Every) for step in steps) > 1:
+        raise ValueError("only one part of a path may select several elements")
     return tuple(steps)
 
 
-def mapping_getter(field: str) -> Callable[[Any], Any]:
+def every_step(path: str) -> Optional[Every]:
+    """Returns the step that selects several elements; None: there is none, or the text is no path."""
+    try:
+        return next((step for step in parse_field_path(path) if isinstance(step, Every)), None)
+    except ValueError:
+        return None
+
+
+def mapping_getter(field: str) -> Getter:
     """Returns a function that reads the path `field` from a message that is a mapping.
 
     The function returns the whole message for an empty path, None for an index beyond the end, and ABSENT if no
-    element has the key. It raises KeyError, TypeError or AttributeError if the message has no such field. What is not a
-    path is a ConfigError.
+    element has the key. A path that selects several elements returns `Elements`, a time a `Stamp`, a DiagnosticStatus
+    a `DriverStatus`, and what cannot be any of these a `BadDatum`. It raises KeyError, TypeError or AttributeError if
+    the message has no such field. What is not a path is a ConfigError.
     """
     try:
         steps = parse_field_path(field)
     except ValueError as error:
         raise ConfigError(f"field {describe(field)}: {error}") from None
+    if not steps:
+        return lambda message: message
     if len(steps) == 1:
-        return itemgetter(steps[0])
+        read = itemgetter(steps[0])
 
-    def get(message: Any) -> Any:
-        for step in steps:
-            if isinstance(step, Keyed):
-                message = _element(message, step.key)
-                if message is ABSENT:
-                    return ABSENT
-            elif isinstance(step, int) and step >= len(message):
-                return None
-            else:
-                message = message[step]
-        if steps and isinstance(steps[-1], Keyed) and "key" in message:
-            return number_of_text(message.get("value"))
-        return message
+        def get_field(message: Any) -> Any:
+            value = read(message)
+            return _whole(value) if type(value) is dict else value
 
-    return get
+        return get_field
+    return _bind(steps)
 
 
 def key_field(fields: Iterable[str]) -> Optional[str]:
@@ -121,9 +160,133 @@ def number_of_text(text: Any) -> Any:
         return text
 
 
-def _element(elements: Any, key: str) -> Any:
-    for element in elements:
-        field = key_field(element)
-        if field is not None and element[field] == key:
-            return element
-    return ABSENT
+def named_element(elements: Sequence[Any], names: Sequence[str], key: str, array: str, names_array: str) -> Any:
+    """Returns the element at the place of a name in the array beside; ABSENT for an empty array: not measured."""
+    if len(elements) != len(names):
+        return unequal(array, names_array, len(elements), len(names)) if len(elements) else ABSENT
+    try:
+        return elements[names.index(key)]
+    except ValueError:
+        return ABSENT
+
+
+def named_elements(
+    elements: Sequence[Any], names: Sequence[Any], place: str, matches: Callable[[str], bool], read: Getter
+) -> Any:
+    """Returns the values of the elements whose names match; ABSENT if there are none. `place` is that of the names."""
+    if len(elements) > MOST_ELEMENTS:
+        return too_many(len(elements))
+    for at, name in enumerate(names):
+        if type(name) is not str:
+            return unnamed(f"{place}[{at}]", name)
+    return _read_all(((name, element) for name, element in zip(names, elements) if matches(name)), read) or ABSENT
+
+
+def numbered_elements(elements: Sequence[Any], read: Optional[Getter]) -> Any:
+    """Returns the values of all elements, named by their index; without `read`, the elements are the values."""
+    found = numbered(elements)
+    return _read_all(found, read) if isinstance(found, Elements) and read is not None else found
+
+
+def _read_all(elements: Iterable[Tuple[str, Any]], read: Getter) -> Elements:
+    """Reads the rest of the path from each element; those that lack a keyed element there are left out."""
+    found = Elements()
+    for name, element in elements:
+        try:
+            value = read(element)
+        except IndexError:
+            value = None
+        if value is not ABSENT:
+            found.append((name, value))
+    return found
+
+
+def _bind(steps: Sequence[Step]) -> Getter:
+    at = next((number for number, step in enumerate(steps) if isinstance(step, Every)), len(steps))
+    before, after = steps[:at], steps[at + 1 :]
+    every: Any = steps[at] if at < len(steps) else None
+    matches = None if every is None or every.pattern is None else matcher(every.pattern)
+    read_rest = _bind(after) if after else _element_value
+
+    def read(element: Any) -> Any:
+        value = read_rest(element)
+        return NOT_A_NUMBER if type(value) in (dict, list) else value
+
+    def get(message: Any) -> Any:
+        above: Any = None
+        array = ""
+        for step in before:
+            if isinstance(step, str):
+                above, array, message = message, step, message[step]
+            elif isinstance(step, int):
+                elements = _listed(message)
+                if step >= len(elements):
+                    return None
+                above, message = None, elements[step]
+            else:
+                message = _keyed(_listed(message), step.key, above, array)  # type: ignore[union-attr]
+                if message is ABSENT or type(message) is BadDatum:
+                    return message
+                above = None
+        if every is None:
+            return _whole(message) if isinstance(steps[-1], str) else _element_value(message)
+        elements = _listed(message)
+        if matches is None:
+            is_plain = not after and elements and type(elements[0]) is not dict
+            return numbered_elements(elements, None if is_plain else read)
+        beside = _names_beside(elements, above, array)
+        if beside is None:
+            names = [element[key_field(element)] for element in elements]
+            return named_elements(elements, names, array, matches, read)
+        names = above[beside]
+        if len(names) != len(elements):
+            return unequal(array, beside, len(elements), len(names)) if elements else ABSENT
+        return named_elements(elements, names, beside, matches, read)
+
+    return get
+
+
+def _listed(message: Any) -> Sequence[Any]:
+    """Returns an array; bytes are base64 text in a mapping."""
+    if isinstance(message, (list, tuple)):
+        return message
+    if not isinstance(message, str):
+        raise TypeError("not a list")
+    try:
+        return base64.b64decode(message, validate=True)
+    except ValueError:
+        raise TypeError("a text has no elements") from None
+
+
+def _keyed(elements: Sequence[Any], key: str, above: Any, array: str) -> Any:
+    """Returns the element with a name: its own, or that in the array of names beside `array` in the message above."""
+    beside = _names_beside(elements, above, array)
+    if beside is not None:
+        return named_element(elements, above[beside], key, array, beside)
+    return next((element for element in elements if element.get(key_field(element)) == key), ABSENT)
+
+
+def _names_beside(elements: Sequence[Any], above: Any, array: str) -> Optional[str]:
+    """Returns the field above that has the names of elements without a name of their own; None if there is none."""
+    if above is None or (elements and isinstance(elements[0], Mapping) and key_field(elements[0])):
+        return None
+    return next((name for name in NAME_ARRAYS if name != array and isinstance(above.get(name), list)), None)
+
+
+def _element_value(element: Any) -> Any:
+    """Returns the value of an element: of a KeyValue its number, of another message what `_whole` makes of it."""
+    if type(element) is not dict:
+        return element
+    return number_of_text(element["value"]) if "key" in element and "value" in element else _whole(element)
+
+
+def _whole(value: Any) -> Any:
+    """Returns a stamp or a driver's status for a mapping that is one; anything else unchanged."""
+    if type(value) is dict:
+        fields = value.keys()
+        for seconds, nanoseconds in _TIME_FIELDS:
+            if fields == {seconds, nanoseconds}:
+                return stamp_of(value[seconds], value[nanoseconds])
+        if fields >= _STATUS_FIELDS:
+            return DriverStatus(value["level"], value["message"])
+    return value

@@ -12,8 +12,8 @@ import struct
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from .definitions import NUMBERS
+from .dialect import FieldType
 from .errors import MessageError
-from .native_messages import FieldType
 
 Getter = Callable[[bytes], Any]
 """Returns the number in a serialized message; raises MessageError if the message is too short."""

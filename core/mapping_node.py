@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import abc
 import collections
+import math
 import threading
 from functools import cached_property
 from typing import Any, Callable, Deque, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
+from .elements import STAMP_LIMIT, Elements
 from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
-from .field_path import ABSENT, mapping_getter
+from .field_path import ABSENT, mapping_getter, parse_field_path
 from .formatting import printable
 from .hints import Answer, Hints
 from .middleware import Callback, Message, OnChange, Result, Severity, resolve_name
@@ -25,8 +27,6 @@ from .timers import ClockTimer, ClockTimers
 CLOCK = "/clock"
 CLOCK_TYPE = "rosgraph_msgs/Clock"
 
-_STAMP_LIMIT = 2**32
-"""The seconds of a stamp are an unsigned number of 32 bits in ROS 1 and a signed one in ROS 2."""
 _MAX_WAITING = 1000
 """Messages that wait for the first message on /clock; then the oldest are dropped."""
 
@@ -60,7 +60,8 @@ class MappingSubscription:
         self._type_name = type_name
         self._field = field
         self._get: Callable[[Any], Any] = (lambda message: 1.0) if field is None else mapping_getter(field)
-        self._null_is_nan = self.null_is_nan and bool(field) and "[" not in str(field)
+        steps = parse_field_path(field or "")
+        self._null_is_nan = self.null_is_nan and bool(steps) and not any(isinstance(step, int) for step in steps)
         self._has_failed = False
 
     def deliver(self, message: Message) -> None:
@@ -70,10 +71,20 @@ class MappingSubscription:
         except (KeyError, TypeError, AttributeError):
             self._log_missing(message)
             return
-        if isinstance(value, bool) and self._is_numeric:
-            value = "true" if value else "false"  # JSON has no types: it is no number, whatever Python says
+        if type(value) is not float:
+            value = self._as_elsewhere(value)
         if value is not ABSENT:
-            self._node.call_back(self, float("nan") if value is None and self._null_is_nan else value)
+            self._node.call_back(self, value)
+
+    def _as_elsewhere(self, value: Any) -> Any:
+        """Returns a value as the native message of a middleware brings it: JSON has no types and no NaN."""
+        if isinstance(value, bool) and self._is_numeric:
+            return "true" if value else "false"
+        if not self._null_is_nan:
+            return value
+        if type(value) is Elements:
+            return Elements((name, math.nan if each is None else each) for name, each in value)
+        return math.nan if value is None else value
 
     @cached_property
     def _is_numeric(self) -> bool:
@@ -288,6 +299,6 @@ def read_clock(message: Message) -> Optional[float]:
     seconds = stamp.get("secs", stamp.get("sec"))
     nanoseconds = stamp.get("nsecs", stamp.get("nanosec", 0))
     for part in (seconds, nanoseconds):
-        if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part < _STAMP_LIMIT:
+        if isinstance(part, bool) or not isinstance(part, (int, float)) or not 0 <= part < STAMP_LIMIT:
             return None
     return float(seconds + nanoseconds / 1e9)

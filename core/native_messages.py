@@ -17,14 +17,14 @@ import re
 import struct
 import sys
 from array import array
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
+from .dialect import Dialect, FieldType
 from .errors import ConfigError, MessageError
-from .field_path import ABSENT, Keyed, Step, key_field, number_of_text, parse_field_path
+from .field_path import Getter, parse_field_path
 from .middleware import Message, split_type_name
+from .native_fields import as_it_is, bind_path
 from .parameters import describe
-
-Getter = Callable[[Any], Any]
 
 _FLOAT32 = struct.Struct("<f")
 _FLOAT32_MAX = 3.4028234663852886e38
@@ -37,44 +37,6 @@ _INTEGER_RANGES: Mapping[str, Tuple[int, int]] = {
 
 _BYTES = ("uint8", "octet")
 """Kinds whose arrays are base64 text in a mapping."""
-
-
-class FieldType(NamedTuple):
-    """The type of one field of a message."""
-
-    element: str
-    """The middleware's name of the type, or of the type of an array's elements: `double`, `std_msgs/Header`."""
-    kind: str
-    """The type independent of the middleware: bool, int8 to int64, uint8 to uint64, float32, float64, or octet, which
-    is an int in a mapping and `bytes` of length one in a message. Anything else is text, unless it is a message."""
-    message: Optional[Any] = None
-    """The message class of the field or of its elements; None for a plain value."""
-    is_array: bool = False
-    size: Optional[int] = None
-    """Number of elements of an array of fixed size."""
-    most: Optional[int] = None
-    """Largest number of elements of a bounded array."""
-
-
-class Dialect(NamedTuple):
-    """How the messages of one middleware differ from those of others."""
-
-    find_class: Callable[[str, str, str], Any]
-    """Returns the class of a package, a kind (`msg` or `srv`) and a name; None if there is none."""
-    type_name: Callable[[Any], str]
-    """Returns the type of a message class, `std_msgs/Float32`."""
-    field_types: Callable[[Any], Mapping[str, FieldType]]
-    """Returns the type of every field of a message class, by name."""
-    other_names: Mapping[str, str]
-    """Names of fields in other middlewares to their names here."""
-    byte_array: Callable[[Sequence[int]], Any]
-    """Converts uint8 numbers, as a list or bytes, to the value of a field."""
-    plain: Callable[[Any], Any]
-    """Converts an array of a message, or one of its elements, to plain Python."""
-    new: Callable[[Any], Any] = lambda native_class: native_class()
-    """Returns a message of a class with default values."""
-    assign: Callable[[Any, str, Any], None] = setattr
-    """Sets a field of a message."""
 
 
 def find_generated(line: str, package: str, kind: str, name: str) -> Any:
@@ -145,8 +107,8 @@ class NativeMessages:
     def field_getter(self, topic: str, type_name: str, field: str) -> Getter:
         """Returns a function that reads `field`, a path as in `field_path.py`, from a native message of a type.
 
-        The function returns None for an index beyond the end of an array, and ABSENT if no element has the key. For an
-        empty field it returns the whole message as a mapping. Raises ConfigError, with the resolved topic, if the type
+        The function returns what `mapping_getter` of `field_path.py` does. For an empty field it returns the whole
+        message as a mapping. Raises ConfigError, with the resolved topic, if the type
         is not installed, or has no such field.
         """
         native_class = self.message_class(type_name)
@@ -157,23 +119,9 @@ class NativeMessages:
         if not path:
             return self.to_mapping
         try:
-            steps = self._bind(native_class, path)
+            return bind_path(self._dialect, self._reader, native_class, path)
         except ValueError as error:
             raise ConfigError(f"{topic}: {type_name} has no field {field[:100]}; {error}") from None
-        if len(steps) == 1:
-            return steps[0]
-
-        def get(message: Any) -> Any:
-            try:
-                for step in steps:
-                    message = step(message)
-                    if message is ABSENT:
-                        break
-            except IndexError:
-                return None
-            return message
-
-        return get
 
     def _find_class(self, type_name: str, kind: str) -> Any:
         split = split_type_name(type_name)
@@ -184,49 +132,6 @@ class NativeMessages:
         if found is None:
             raise ConfigError(f"unknown type {type_name}: there is no package {package} with a {kind} {name} here")
         return found
-
-    def _bind(self, native_class: Any, path: Sequence[Step]) -> List[Getter]:
-        """Returns the functions that read the steps of `path`; raises ValueError with the reason if there is none."""
-        steps: List[Getter] = []
-        above = self._dialect.type_name(native_class)
-        found = FieldType(above, above, native_class)
-        for step in path:
-            if isinstance(step, str):
-                types = {} if found.is_array or not found.message else self._dialect.field_types(found.message)
-                name = step if step in types else self._dialect.other_names.get(step, step)
-                if name not in types:
-                    there = f"has {', '.join(types)}" if types else "is a plain value or a list, without fields"
-                    raise ValueError(f"{above} {there}")
-                steps.append(operator.attrgetter(name))
-                found = types[name]
-            elif not found.is_array:
-                raise ValueError(f"{above} is a {found.element}, not an array")
-            else:
-                if isinstance(step, int):
-                    if found.size is not None and step >= found.size:
-                        raise ValueError(f"{above} has {found.size} elements, the last one is [{found.size - 1}]")
-                    steps.append(operator.itemgetter(step))
-                    if found.size is not None:
-                        steps.append(self._dialect.plain)
-                else:
-                    steps.append(self._element_getter(above, found, step.key))
-                found = FieldType(found.element, found.kind, found.message)
-            above = step if isinstance(step, str) else f"an element of {above}"
-        if isinstance(path[-1], Keyed) and "key" in self._dialect.field_types(found.message):
-            return [*steps, operator.attrgetter("value"), number_of_text]
-        read = self._reader(found)
-        return steps if read is as_it_is else [*steps, read]
-
-    def _element_getter(self, above: str, found: FieldType, key: str) -> Getter:
-        field = key_field(self._dialect.field_types(found.message)) if found.message else None
-        if field is None:
-            raise ValueError(f"the elements of {above} have no name and no key")
-        name_of = operator.attrgetter(field)
-
-        def get(elements: Any) -> Any:
-            return next((element for element in elements if name_of(element) == key), ABSENT)
-
-        return get
 
     def _reader(self, field_type: FieldType) -> Getter:
         """Returns the native-to-mapping converter of a field."""
@@ -263,11 +168,6 @@ class NativeMessages:
             return byte_array(elements) if field_type.kind == "uint8" else elements
 
         return write
-
-
-def as_it_is(value: Any) -> Any:
-    """Returns the value unchanged: `Dialect.plain` where arrays are lists of Python's numbers."""
-    return value
 
 
 def bytes_as_text(values: Any) -> str:

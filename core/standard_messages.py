@@ -11,8 +11,10 @@ import operator
 from typing import Any, Dict, Mapping, Sequence, Tuple
 
 from .definitions import ROS1_KINDS, SEQUENCE, Field, parse_msg
+from .dialect import Dialect, FieldType
 from .middleware import Message, canonical_type, split_type_name
-from .native_messages import Dialect, FieldType, NativeMessages, as_it_is, bytes_as_text
+from .native_fields import as_it_is
+from .native_messages import NativeMessages, bytes_as_text
 
 PACKAGES = ("std_msgs", "std_srvs", "sensor_msgs", "diagnostic_msgs")
 """Packages of which every type is known here."""

@@ -17,10 +17,11 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Set
 import numpy as np
 
 from robot_health_monitor.core.definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
+from robot_health_monitor.core.dialect import Dialect, FieldType
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.fixed_fields import STRING, Getter, number_getter, plain_fields
 from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages
+from robot_health_monitor.core.native_messages import NativeMessages
 from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 from .recording import Channel

@@ -10,8 +10,10 @@ import genpy
 import rospy
 
 from robot_health_monitor.core.definitions import ROS1_KINDS
+from robot_health_monitor.core.dialect import Dialect, FieldType
 from robot_health_monitor.core.fixed_fields import number_getter
-from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is, find_generated
+from robot_health_monitor.core.native_fields import as_it_is
+from robot_health_monitor.core.native_messages import NativeMessages, find_generated
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 

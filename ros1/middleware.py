@@ -21,10 +21,9 @@ import rospy.rostime
 import rospy.topics
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.field_path import ABSENT, Getter
 from robot_health_monitor.core.hints import Answer, explain, similar_topics
 from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity, resolve_name
-from robot_health_monitor.core.native_messages import Getter
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
 from robot_health_monitor.runtime.native_node import Log, NativeNode

@@ -7,9 +7,10 @@ import threading
 import time
 from typing import Any, Callable, Dict, List
 
+from robot_health_monitor.core.dialect import FieldType
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
-from robot_health_monitor.core.native_messages import FieldType, as_it_is
+from robot_health_monitor.core.native_fields import as_it_is
 
 from . import messages
 from .middleware import Ros2Middleware, Subscription

@@ -6,8 +6,9 @@ import functools
 import re
 from typing import Any, Mapping
 
+from robot_health_monitor.core.dialect import Dialect, FieldType
 from robot_health_monitor.core.fixed_fields import number_getter
-from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, find_generated
+from robot_health_monitor.core.native_messages import NativeMessages, find_generated
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""

@@ -20,10 +20,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.field_path import ABSENT
+from robot_health_monitor.core.field_path import ABSENT, Getter
 from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
 from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity
-from robot_health_monitor.core.native_messages import Getter
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.runtime.native_node import NativeNode
 

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import (
     ABSENT,
+    Every,
     Keyed,
+    every_step,
     key_field,
     mapping_getter,
     number_of_text,
@@ -37,6 +39,11 @@ from robot_health_monitor.core.field_path import (
         ('status["Motor ä"].level', ("status", Keyed("Motor ä"), "level")),
         ('status[""].level', ("status", Keyed(""), "level")),
         ("_private2", ("_private2",)),
+        ("cell_voltage[*]", ("cell_voltage", Every())),
+        ("status[*].level", ("status", Every(), "level")),
+        ('effort["*"]', ("effort", Every("*"))),
+        ('effort["wheel_?"]', ("effort", Every("wheel_?"))),
+        ("status['lidar: *'].level", ("status", Every("lidar: *"), "level")),
     ],
 )
 def test_a_path_is_split_into_names_indices_and_keys(path: str, steps: object) -> None:
@@ -73,6 +80,30 @@ def test_a_path_begins_with_the_name_of_a_field(path: str) -> None:
     with pytest.raises(ValueError) as caught:
         parse_field_path(path)
     assert str(caught.value) == "a path starts with the name of a field"
+
+
+def test_only_one_part_of_a_path_selects_several_elements() -> None:
+    with pytest.raises(ValueError, match=r"^only one part of a path may select several elements$"):
+        parse_field_path('status["*"].values[*]')
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "element"),
+    [
+        ("cell_voltage[*]", "7", "[7]"),
+        ('effort["*"]', "wheel_left", '["wheel_left"]'),
+        ('effort["*"]', 'a "big" arm', "['a \"big\" arm']"),
+    ],
+)
+def test_one_of_several_elements_is_written_as_in_a_path(path: str, name: str, element: str) -> None:
+    every = every_step(path)
+    assert every is not None
+    assert every.element(name) == element
+
+
+@pytest.mark.parametrize("path", ["", "data", "cells[0]", 'status["motor"].level', "a..b"])
+def test_a_path_to_one_value_selects_no_several_elements(path: str) -> None:
+    assert every_step(path) is None
 
 
 @given(st.text())

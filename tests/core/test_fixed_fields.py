@@ -8,9 +8,9 @@ from typing import Any, Dict, Mapping, Optional
 
 import pytest
 
+from robot_health_monitor.core.dialect import FieldType
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.fixed_fields import Getter, number_getter
-from robot_health_monitor.core.native_messages import FieldType
 
 
 def plain(kind: str) -> FieldType:

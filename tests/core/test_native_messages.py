@@ -9,8 +9,10 @@ from typing import Any, Callable, ClassVar, Dict, List, Mapping
 import pytest
 
 from robot_health_monitor.core import ConfigError
+from robot_health_monitor.core.dialect import Dialect, FieldType
 from robot_health_monitor.core.field_path import ABSENT
-from robot_health_monitor.core.native_messages import Dialect, FieldType, NativeMessages, as_it_is
+from robot_health_monitor.core.native_fields import as_it_is
+from robot_health_monitor.core.native_messages import NativeMessages
 
 Fields = Mapping[str, FieldType]
 

@@ -1,0 +1,119 @@
+"""What a field brings besides a plain number: the elements of an array, a time stamp, a driver's status, a bad datum.
+
+Getters of native messages (`native_fields.py`) and of mappings (`field_path.py`) both return these, so that a field
+means the same on every middleware.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Callable, List, NamedTuple, Sequence, Tuple, Union
+
+from .formatting import datum_text, number_text
+
+MOST_ELEMENTS = 10_000
+"""Largest number of elements of an array that are read; a longer array is invalid data."""
+
+STAMP_LIMIT = 2**32
+"""The seconds of a stamp are an unsigned number of 32 bits in ROS 1 and a signed one in ROS 2."""
+
+NAME_ARRAYS = ("name", "names", "joint_names", "interface_names")
+"""Fields with the names of the elements of the arrays beside them: `name` in JointState."""
+
+TIME_TYPES = ("time", "builtin_interfaces/Time")
+"""Types of stamps: that of ROS 1, and that of ROS 2."""
+
+STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
+
+
+class BadDatum(str):
+    """A datum that is invalid whatever the configuration says; its text is the reason."""
+
+    __slots__ = ()
+
+
+class Stamp(float):
+    """A time stamp, in seconds since 1970."""
+
+    __slots__ = ()
+
+
+class DriverStatus(NamedTuple):
+    """A DiagnosticStatus as a whole. Fields are as received: nothing is judged yet."""
+
+    level: Any
+    """0 OK, 1 WARN, 2 ERROR, 3 STALE; anything else is invalid."""
+    message: Any
+
+
+class Elements(List[Tuple[str, Any]]):
+    """Name and value, as received, of each element that a path with `[*]` or a pattern selects."""
+
+
+NOT_A_NUMBER = BadDatum("a message or a list, not a number")
+
+
+def stamp_of(seconds: Any, nanoseconds: Any) -> Union[Stamp, BadDatum]:
+    """Returns a stamp from its two parts; neither need be a number in JSON.
+
+    >>> stamp_of(1700000000, 500000000)
+    1700000000.5
+    """
+    for part in (seconds, nanoseconds):
+        if type(part) is not int and (isinstance(part, bool) or not isinstance(part, (int, float))):
+            return BadDatum(f"not a time stamp: {datum_text(part)}")
+        if not 0 <= part < STAMP_LIMIT:
+            shown = number_text(part) if isinstance(part, float) or abs(part) < 1e300 else datum_text(part)
+            return BadDatum(f"not a time stamp: {shown} s" if part is seconds else f"not a time stamp: {shown} ns")
+    return Stamp(seconds + nanoseconds / 1e9)
+
+
+def numbered(values: Sequence[Any]) -> Union[Elements, BadDatum]:
+    """Returns all elements of an array, named by their index."""
+    if len(values) > MOST_ELEMENTS:
+        return too_many(len(values))
+    return Elements(zip(_index_names(len(values)), values))
+
+
+def too_many(number: int) -> BadDatum:
+    """Returns the datum for an array that is too long to be read."""
+    return BadDatum(f"{number} elements (limit {MOST_ELEMENTS})")
+
+
+def unequal(array: str, names_field: str, elements: int, names: int) -> BadDatum:
+    """Returns the datum for an array whose length is not that of the names beside it."""
+    return BadDatum(f"{array} has {elements} elements, {names_field} has {names}")
+
+
+def unnamed(place: str, name: Any) -> BadDatum:
+    """Returns the datum for an element whose name is not a text."""
+    return BadDatum(f"{place} is not a text: {datum_text(name)}")
+
+
+def matcher(pattern: str) -> Callable[[str], bool]:
+    """Returns whether a name matches a pattern, in which `*` is any text and `?` any character.
+
+    >>> matcher("wheel_*")("wheel_left")
+    True
+    """
+    if pattern and not pattern.strip("*"):
+        return lambda name: True
+    parts = [re.escape(part).replace(r"\?", ".") for part in pattern.split("*")]
+    if len(parts) == 1:
+        compiled = re.compile(parts[0], re.DOTALL)
+    else:
+        # Each part matches as early as it can, and is not tried again: the work is bounded for any name.
+        middle = "".join(f"(?=(?P<p{n}>.*?{part}))(?P=p{n})" for n, part in enumerate(parts[1:-1]))
+        compiled = re.compile(f"{parts[0]}{middle}.*{parts[-1]}", re.DOTALL)
+    fullmatch = compiled.fullmatch
+    return lambda name: fullmatch(name) is not None
+
+
+_index_texts: List[str] = []
+
+
+def _index_names(number: int) -> Sequence[str]:
+    """Returns at least this many names of elements: "0", "1", ..."""
+    if len(_index_texts) < number:
+        _index_texts[:] = map(str, range(number))
+    return _index_texts
