@@ -2,7 +2,8 @@
 
     make bench                     everything that can run here
     make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
-                                   recordings, history, notifications, web, fleet
+                                   recordings, history, notifications, web, fleet,
+                                   forecast, cells
     make bench ARGS=--write        everything, and writes the tables of docs/reference/benchmarks.md
 
 Exit code 1 when a requirement is missed.
@@ -90,6 +91,20 @@ def fleet() -> Iterator[Row]:
     yield from fleet_cost.rows()
 
 
+def forecast() -> Iterator[Row]:
+    """False alarms of forecasts, and how early they warn."""
+    from benchmarks import forecast_alarms
+
+    yield from forecast_alarms.rows()
+
+
+def cells() -> Iterator[Row]:
+    """How well forecasts know when a battery will be empty."""
+    from benchmarks import forecast_cells
+
+    yield from forecast_cells.rows()
+
+
 def on_every_middleware(measure: Callable[[Any], Iterable[Row]], what: str) -> Iterator[Row]:
     """Yields the rows for ROS 1 and for ROS 2, or one row with the reason why there are none.
 
@@ -117,6 +132,8 @@ PARTS = {
     "notifications": notifications,
     "web": web,
     "fleet": fleet,
+    "forecast": forecast,
+    "cells": cells,
 }
 
 
