@@ -247,7 +247,7 @@ class Announcer:
             status=status,
             statistics=judgement.statistics,
             repeat=judgement.level is self.level,
-            hint=status.hint,
+            hint=judgement.hint,
         )
         if not transition.repeat:
             self.level = judgement.level

@@ -10,6 +10,7 @@ from typing import Any, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
 from .model import Changes, Transition
 from .monitor import Monitor
+from .signal_config import OF_ARRIVALS
 from .state_reader import SavedSignal
 
 MAX_EVIDENCE = 300
@@ -41,8 +42,8 @@ class SignalHistory(Protocol):
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:
         """Stores a transition and its signal's new state in one transaction; called before the outlets receive it.
 
-        The evidence is samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`; of
-        `frequency_hz` the rates. Returns when it is committed, or after 0.2 s.
+        The evidence is samples of its window as (seconds since 1970, value), oldest first, at most `MAX_EVIDENCE`;
+        where the statistic is one of arrivals, its values. Returns when it is committed, or after 0.2 s.
         """
 
     def save(self, states: Mapping[str, SavedSignal]) -> None:
@@ -79,7 +80,7 @@ class Continuity:
         wall_s = self._history.wall_s()
         saved = self._monitor.snapshot(name, now_s, wall_s)
         samples = self._monitor.window_samples(name, MAX_EVIDENCE)
-        if transition.statistic == "frequency_hz":  # the values of arrivals say nothing: their rate is the evidence
+        if transition.statistic in OF_ARRIVALS:  # the values say nothing: the statistic is the evidence
             samples = self._monitor.shown_samples(name, MAX_EVIDENCE - 1)
             if isinstance(transition.value, float):
                 samples = [*samples, (now_s, transition.value)]

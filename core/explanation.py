@@ -11,6 +11,7 @@ from typing import Dict, Mapping, NamedTuple, Optional
 from .formatting import bound_text, datum_text, duration_text, number_text, with_unit
 from .model import Forecast, Level, Status
 from .quality import as_float, converted
+from .remarks import doubt_of
 from .rule import Rule, State
 from .signal_config import CONDITIONS, LINK, SignalConfig
 
@@ -113,7 +114,7 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     values["fingerprint"] = judgement.fingerprint
     text = reason(judgement) if message is None else message
     return Status(
-        config.name, judgement.level, text, judgement.robot, values, judgement.hint, judgement.state, lasts_s, forecast
+        config.name, judgement.level, text, judgement.robot, values, hint(judgement), judgement.state, lasts_s, forecast
     )
 
 
@@ -166,6 +167,11 @@ def reason(judgement: Judgement) -> str:
     if judgement.suspicion:
         text = f"{text}, {judgement.suspicion}"
     return f"{text}, no sample for {silence}" if judgement.is_stale else text
+
+
+def hint(judgement: Judgement) -> str:
+    """Returns why there are no samples, or why the statistic is questionable; empty: nothing is known."""
+    return judgement.hint or doubt_of(judgement.config)
 
 
 def judged_unit(config: SignalConfig) -> str:

@@ -93,7 +93,8 @@ class Status:
     values: Mapping[str, str] = field(hash=False)
     """Key-values; see docs/rules.md."""
     hint: str = field(default="", compare=False)
-    """Why there are no samples, as far as the middleware knows; empty: nothing is known. Not part of `message`."""
+    """Why there are no samples, as far as the middleware knows, or why the statistic is questionable; empty: nothing is
+    known. Not part of `message`."""
     state: str = field(default="", compare=False)
     """One of `explanation.STATES`; empty for the status of a node."""
     lasts_s: float = field(default=0.0, compare=False)

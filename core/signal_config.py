@@ -27,6 +27,9 @@ STATISTICS = ("last", "mean", "min", "max", "stddev", "rate", "frequency_hz", "l
 _IN_UNIT = ("last", "mean", "min", "max")
 """Statistics in the unit of the signal, and within its valid range."""
 
+OF_ARRIVALS = ("frequency_hz", "largest_gap_s")
+"""Statistics of the times of arrival, whatever the values are."""
+
 BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
 
 MOST_FORECAST_WINDOWS = 3

@@ -283,6 +283,8 @@ class SignalMonitor:
             window.begin_anew()
             if config.statistic != "last":
                 self.judged = None
+        if isinstance(window, GapWindow):
+            window.arrive(staleness.silence_s(now_s), now_s)
         staleness.arrive(now_s)
         if not self._quality.seen:
             staleness.configure(config, seen=True)
@@ -294,8 +296,6 @@ class SignalMonitor:
             judged = number if config.statistic == "last" else window.statistic(config.statistic)
             thaws = thaws or (judged is None) is not (self.judged is None)
             self.judged = judged
-        else:
-            window.arrive(now_s)
         if thaws:
             self._freeze_or_thaw(now_s)
         if judged is not None:

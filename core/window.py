@@ -139,9 +139,6 @@ class Window:
             return None
         return STATISTIC_OF_WINDOW[name](self)
 
-    def arrive(self, now_s: float) -> None:
-        """Notes the arrival of a bad sample."""
-
     def statistics(self) -> Dict[str, float]:
         """Returns every statistic that can be computed, to show, by its name in the configuration."""
         found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
@@ -338,31 +335,26 @@ class Window:
 class GapWindow(Window):
     """A window that also measures the gaps between arrivals, those of bad samples included."""
 
-    __slots__ = ("_gaps", "_last_arrival_s")
+    __slots__ = ("_arrived", "_gaps")
 
     def clear(self) -> None:
         """Removes every sample and every arrival."""
         super().clear()
         self._gaps = Window(self.window_s, self.window_samples)
-        self._last_arrival_s: Optional[float] = None
+        self._arrived = False
 
-    def add(self, value: float, now_s: float) -> None:
-        """Adds a sample, as `Window.add`, which is also an arrival."""
-        self.arrive(now_s)
-        super().add(value, now_s)
+    def arrive(self, silence_s: float, now_s: float) -> None:
+        """Notes the arrival of a sample, good or bad, after a silence; that before the first one is no gap."""
+        if self._arrived:
+            self._gaps.add(silence_s, now_s)
+        self._arrived = True
 
-    def arrive(self, now_s: float) -> None:
-        """Notes the arrival of a sample, good or bad."""
-        if self._last_arrival_s is not None:
-            # Samples may have come in a time that is left out.
-            self._gaps.add(max(0.0, now_s - self._last_arrival_s), now_s)
-        self._last_arrival_s = now_s
-
-    def leave_out(self, duration_s: float) -> None:
-        """Leaves a duration out of `window_min_s` and of the present gap: the robot could not be reached."""
-        super().leave_out(duration_s)
-        if self._last_arrival_s is not None:
-            self._last_arrival_s += duration_s
+    def take_over(self, other: Window) -> None:
+        """Adds the samples of another window, as `Window.take_over`, and its gaps if it knows them."""
+        super().take_over(other)
+        if isinstance(other, GapWindow):
+            self._gaps.take_over(other._gaps)
+            self._arrived = other._arrived
 
     def statistic(self, name: str) -> Optional[float]:
         """Returns a statistic to judge, as `Window.statistic`."""

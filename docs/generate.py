@@ -245,7 +245,8 @@ API: Mapping[str, Mapping[str, str]] = {
         "value": "latest number, in the unit, valid or not; `null` without one or if it is not finite",
         "unit": "unit of `value`; may be empty",
         "message": "reason for the level",
-        "hint": "why there are no samples, such as `no publisher on /battery`; may be empty. Show `message [hint]`",
+        "hint": "why there are no samples, such as `no publisher on /battery`, or why the statistic is questionable; "
+        "may be empty. Show `message [hint]`",
         "since": "since when the level has lasted",
         "silenced": "`null`, or why and until when notifications are suppressed",
         "bounds": "in the unit of the statistic: `level`, `side`, `value`; `clears`: where the alert ends (hysteresis)",

@@ -7,7 +7,7 @@ import difflib
 import os
 import re
 import sys
-from typing import Any, Callable, Dict, List, Mapping, Protocol, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Protocol, Sequence, Tuple
 
 from robot_health_monitor.core.config import (
     MonitorConfig,
@@ -24,6 +24,7 @@ from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Middleware, split_type_name
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.remarks import remarks_of
 from robot_health_monitor.core.standard_messages import MESSAGES, PACKAGES, messages
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.configuration import SECTIONS, OpsConfig, read_ops
@@ -58,12 +59,16 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def check(files: Sequence[str]) -> bool:
-    """Writes one line per valid file on stdout, and one line per mistake on stderr; returns whether all are valid."""
+    """Writes valid files and remarks on stdout, mistakes on stderr, one per line; returns whether all are valid.
+
+    Remarks are written about valid files only.
+    """
     valid = True
     for file in files:
-        summary, errors = _check_file(file)
+        summary, remarks, errors = _check_file(file)
         if not errors:
-            sys.stdout.write(f"{printable(f'{file}: OK: {summary}')}\n")
+            for line in (f"{file}: OK: {summary}", *map(str, remarks)):
+                sys.stdout.write(f"{printable(line)}\n")
             continue
         valid = False
         for line in dict.fromkeys(str(error) for error in errors):
@@ -73,36 +78,37 @@ def check(files: Sequence[str]) -> bool:
     return valid
 
 
-def _check_file(file: str) -> Tuple[str, List[ConfigError]]:
-    """Returns a summary of a file and its mistakes, by line."""
+def _check_file(file: str) -> Tuple[str, List[ConfigError], List[ConfigError]]:
+    """Returns a summary of a file, remarks, and its mistakes, by line."""
     summary = ""
+    remarks: List[ConfigError] = []
     errors: List[ConfigError] = []
     duplicates, problems = Problems(), Problems()
     try:
         read = read_yaml(file, duplicates)
         try:
-            summary = _check_contents(read, problems)
+            summary = _check_contents(read, problems, remarks)
             problems.raise_if_any()
         except ConfigError as error:
             raise read.locate(error) from None
     except ConfigError as error:
         errors.extend(error.all)
-    return summary, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)
+    return summary, remarks, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)
 
 
-def _check_contents(file: YamlFile, problems: Problems) -> str:
-    """Adds the mistakes of a file to `problems`, and returns a summary; raises if there are too many."""
+def _check_contents(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
+    """Adds the mistakes of a file to `problems`, and remarks; returns a summary. Raises if there are too many."""
     if _looks_like_ops(file.tree):
         config = OpsConfig()
         with problems:
             config = read_ops(file)
         return config.summary or "no section"
     if is_fleet_file(file.tree):
-        return _check_fleet(file, problems)
-    return _check_thresholds(file, problems)
+        return _check_fleet(file, problems, remarks)
+    return _check_thresholds(file, problems, remarks)
 
 
-def _check_thresholds(file: YamlFile, problems: Problems) -> str:
+def _check_thresholds(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
     by_node: Dict[str, List[Section]] = {name: [] for name in _NODES}
     for section in list_sections(file.tree, problems):
         close = difflib.get_close_matches(section.node[:60], _NODES, n=1, cutoff=_ALIKE)
@@ -126,6 +132,7 @@ def _check_thresholds(file: YamlFile, problems: Problems) -> str:
                 if name == "alert_system":
                     unknown_types.update(_check_sources(section, problems))
                     config = read_monitor(section)
+                    remarks += _remarks(file, section, config)
                 else:
                     try:
                         start(LocalBus().node(name, parameters=section.tree)).close()
@@ -140,6 +147,13 @@ def _check_thresholds(file: YamlFile, problems: Problems) -> str:
     if unused:
         parts.append(f"not used here: {', '.join(unused)}")
     return "; ".join(parts)
+
+
+def _remarks(file: YamlFile, section: Section, config: MonitorConfig) -> Iterator[ConfigError]:
+    """Yields what is questionable about the signals, with its place in the file."""
+    for name, signal in config.signals.items():
+        for key, remark in remarks_of(signal):
+            yield file.locate(ConfigError(f"remark: {remark}", (*section.path, "signals", name, key)))
 
 
 def _check_sources(section: Section, problems: Problems) -> Dict[str, None]:
@@ -226,12 +240,14 @@ def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
     )
 
 
-def _check_fleet(file: YamlFile, problems: Problems) -> str:
+def _check_fleet(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
     entries = read_entries(file, problems)
     parts = [count_text(len(entries), "robot")]
     thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
     for name in thresholds:
-        for error in _check_file(name)[1]:
+        _, found, errors = _check_file(name)
+        remarks += found
+        for error in errors:
             problems.add(error)
     if thresholds:
         parts.append(f"thresholds: {', '.join(thresholds)}")

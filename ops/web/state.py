@@ -14,7 +14,7 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.quality import as_float, converted
-from robot_health_monitor.core.signal_config import SignalConfig
+from robot_health_monitor.core.signal_config import OF_ARRIVALS, SignalConfig
 from robot_health_monitor.runtime.times import iso_time
 
 from ..plot import plot_bounds
@@ -139,7 +139,10 @@ class RobotReader:
     def plot_of(self, signal: str) -> Tuple[str, List[Json]]:
         """Returns the unit of a signal's samples and its bounds; empty if it is not watched."""
         config = self.alert_system.monitor.config.signals.get(signal)
-        return ("", []) if config is None else (config.unit, plot_bounds(config))
+        if config is None:
+            return "", []
+        unit = explanation.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit
+        return unit, plot_bounds(config)
 
     def _follow_clock(self, now_s: float) -> None:
         offset_s = self._wall_time_s() - now_s
@@ -180,7 +183,7 @@ class RobotReader:
             "value": number if math.isfinite(number) else None,
             "unit": config.unit,
             "message": explanation.reason(judgement),
-            "hint": judgement.hint,
+            "hint": explanation.hint(judgement),
             "since": known.since,
             "silenced": self.alert_system.silence_of(name),
             "bounds": known.bounds,

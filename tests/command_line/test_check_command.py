@@ -357,6 +357,38 @@ def test_a_fleet_file_is_checked_with_the_thresholds_that_it_names(
     assert line.startswith(f"{tmp_path}/t.yaml:1: alert_system.ros__parameters.signals.a.warn_belw: unknown key")
 
 
+def test_a_remark_names_its_place_and_is_no_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "t.yaml"
+    text = """\
+alert_system:
+  ros__parameters:
+    signals:
+      battery_soon: {unit: "%", statistic: forecast, forecast_s: 1800.0, warn_below: 20.0}
+      cell_soon:
+        statistic: forecast
+        forecast_s: 600.0
+        unit: V
+"""
+    file.write_text(text)
+    assert check([str(file)])
+    path = "alert_system.ros__parameters.signals"
+    expected = [
+        f"{file}: OK: 2 signals (battery_soon, cell_soon), 1 bound",
+        f"{file}:4: {path}.battery_soon.for_s: remark: with forecast_s (1800) above window_s (600), "
+        "noise alerts falsely; set it to at least 300",
+        f"{file}:8: {path}.cell_soon.unit: remark: a forecast of a voltage is questionable; prefer the charge in %",
+    ]
+    written = capsys.readouterr()
+    assert (written.out.splitlines(), written.err) == (expected, "")
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text("robots: {a: {url: 'ws://a', thresholds: t.yaml}}\n")
+    assert check([str(fleet)])
+    assert capsys.readouterr().out.splitlines()[1:] == expected[1:]
+    file.write_text(text + "        stale_after_s: -1\n")
+    assert not check([str(file)])
+    assert capsys.readouterr().out == ""
+
+
 @pytest.fixture
 def without_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_VERSION", raising=False)

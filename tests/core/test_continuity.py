@@ -57,6 +57,23 @@ def test_the_evidence_of_a_rate_is_the_rate_and_not_the_constant_1_of_arrivals()
     assert {value for _, value in evidence[:-1]} == {1.0}
 
 
+def test_the_evidence_of_a_forecast_is_the_values_and_that_of_gaps_the_largest_gap() -> None:
+    window = {"window_s": 20.0, "window_min_s": 20.0}
+    robot = Robot(soon={"statistic": "forecast", "forecast_s": 20.0, "warn_below": 20.0, **window})
+    for second in range(40):
+        robot.run_for(1, soon=70.0 - second)  # 30 at 40 s: 20 s ahead is 10; below 20 from 31 s on
+    (evidence,) = robot.history.evidence
+    assert evidence == [(1e9 + second, 70.0 - second) for second in range(11, 32)]
+
+    robot = Robot(scan={"statistic": "largest_gap_s", "warn_above": 2.0, "window_s": 10.0, "window_min_s": 0.0})
+    robot.run_for(5, scan=7.0)
+    robot.run_for(3)
+    robot.run_for(1, scan=7.0)
+    (evidence,) = robot.history.evidence
+    assert evidence[-1] == (1e9 + 8.0, 4.0)
+    assert {value for _, value in evidence[:-1]} == {1.0}
+
+
 def test_evidence_is_at_most_300_samples() -> None:
     robot = Robot(battery={**BATTERY, "window_s": 1000.0})
     robot.run_for(400, battery=50.0)

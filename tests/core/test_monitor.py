@@ -1506,6 +1506,66 @@ def test_the_downtime_of_the_link_is_no_gap() -> None:
     assert monitor.report(9.25).statuses["scan_gap"].values["largest_gap_s"] == "1"
 
 
+def gap_after(monitor: Monitor, now_s: float) -> str:
+    monitor.observe(Sample("scan_gap", 1.0, now_s))
+    return monitor.report(now_s).statuses["scan_gap"].values["largest_gap_s"]
+
+
+def test_a_sample_that_was_on_its_way_while_the_link_was_down_ends_no_false_gap() -> None:
+    monitor = Monitor(load_config({"signals": {"scan_gap": {**GAPS, "stale_after_s": 0.0}}}))
+    for second in (0.0, 1.0):
+        monitor.observe(Sample("scan_gap", 1.0, second))
+    monitor.set_link(False, "", 1.5)
+    assert gap_after(monitor, 6.0) == "1"
+    monitor.set_link(True, "", 8.0)
+    assert gap_after(monitor, 9.75) == "1.75"  # nothing came while the link was up again
+
+
+def test_a_pause_of_the_monitor_and_time_that_goes_back_are_no_gaps() -> None:
+    monitor = Monitor(load_config({"signals": {"scan_gap": GAPS}}))
+    for second in (0.0, 1.0):
+        monitor.observe(Sample("scan_gap", 1.0, second))
+    assert monitor.skip(1.25, 7.25) == []
+    assert gap_after(monitor, 8.0) == "1"
+    assert monitor.skip(8.0, 300.0) == []
+    assert gap_after(monitor, 300.5) == "0.5"
+    monitor.observe(Sample("scan_gap", 1.0, 100.0))
+    assert monitor.report(100.0).statuses["scan_gap"].message == "largest_gap_s is undefined: too few samples"
+    assert gap_after(monitor, 100.25) == "0.25"
+
+
+def test_gaps_are_kept_when_the_window_changes_and_begin_anew_when_they_were_not_measured() -> None:
+    monitor = Monitor(load_config({"signals": {"scan_gap": GAPS}}))
+    for at_s in (0.0, 3.0, 4.0):
+        monitor.observe(Sample("scan_gap", math.nan if at_s == 3.0 else 1.0, at_s))
+    monitor.configure(load_config({"signals": {"scan_gap": {**GAPS, "window_s": 20.0}}}))
+    assert gap_after(monitor, 4.5) == "3"
+    monitor.configure(load_config({"signals": {"scan_gap": {"statistic": "mean", "window_min_s": 0.0}}}))
+    monitor.configure(load_config({"signals": {"scan_gap": {**GAPS, "window_s": 20.0}}}))
+    assert monitor.report(4.5).statuses["scan_gap"].message == "largest_gap_s is undefined: too few samples"
+    monitor.observe(Sample("scan_gap", 1.0, 5.0))
+    assert gap_after(monitor, 5.5) == "0.5"
+
+
+@pytest.mark.parametrize("pause_s", [5.0, 15.0, 60.0])
+def test_a_pause_an_outage_and_time_that_goes_back_give_no_false_forecast(pause_s: float) -> None:
+    """While nothing was known, the charge fell from 95 to 60 %; before and after, it is constant."""
+    back = Monitor(load_config({"signals": {"battery_soon": FORECAST}}))
+    paused = Monitor(load_config({"signals": {"battery_soon": FORECAST}}))
+    unreachable = Monitor(load_config({"signals": {"battery_soon": FORECAST}}))
+    for second in range(100):
+        for monitor in (back, paused, unreachable):
+            assert monitor.observe(Sample("battery_soon", 95.0, 100.0 + second)) == []
+    begins_s = 199.0 + pause_s
+    assert paused.skip(199.0, begins_s) == []
+    unreachable.set_link(False, "", 199.0)
+    unreachable.set_link(True, "", begins_s)
+    for second in range(100):
+        sample = Sample("battery_soon", 60.0, begins_s + second)
+        assert (paused.observe(sample), unreachable.observe(sample)) == ([], [])
+        assert back.observe(sample._replace(now_s=199.0 - pause_s + second)) == []
+
+
 def test_the_values_of_a_statistic_to_show_are_at_most_300_and_begin_anew_with_time() -> None:
     monitor = Monitor(load_config({"signals": {"a": {"statistic": "mean", "window_s": 60.0, "window_min_s": 0.0}}}))
     for number in range(2000):

@@ -84,6 +84,39 @@ class TestAnOpenAlert:
         assert robot.announced() == ["battery OK: mean 90 % is no longer below 20 % (was WARN for 20 s)"]
 
 
+class TestAStatisticOfTheWindow:
+    def test_a_forecast_is_undefined_until_its_window_is_full_again(self) -> None:
+        robot = Robot(
+            battery={**BATTERY, "statistic": "forecast", "window_s": 20.0, "forecast_s": 20.0, "stale_after_s": 60.0}
+        )
+        for second in range(40):
+            robot.run_for(1, battery=70.0 - second)
+        (line,) = robot.announced()
+        assert line == "battery WARN: forecast 19 % in 20 s is below 20 % (was OK for 31 s)"
+        robot.restart(300.0)
+        robot.run_for(20, battery=90.0)  # charged meanwhile
+        assert robot.announced() == []
+        assert robot.shown() == ("WARN", "forecast is undefined until window_min_s (20 s) has passed")
+        robot.run_for(1, battery=90.0)
+        assert robot.announced() == ["battery OK: forecast 90 % in 20 s is no longer below 20 % (was WARN for 329 s)"]
+
+    def test_a_restart_forecasts_nothing_from_the_values_before_it(self) -> None:
+        robot = Robot(battery={**BATTERY, "statistic": "forecast", "window_s": 20.0, "forecast_s": 60.0})
+        robot.run_for(100, battery=95.0)
+        robot.restart(10.0)
+        robot.run_for(100, battery=60.0)  # it fell by 35 % in 10 s
+        assert robot.announced() == []
+
+    def test_the_downtime_of_the_monitor_is_no_gap(self) -> None:
+        robot = Robot(battery={"statistic": "largest_gap_s", "warn_above": 2.0, "window_min_s": 0.0})
+        robot.run_for(10, battery=50.0)
+        robot.restart(300.0)
+        robot.run_for(1, battery=50.0)
+        assert robot.shown() == ("OK", "largest_gap_s is undefined: too few samples")
+        robot.run_for(10, battery=50.0)
+        assert (robot.shown(), robot.announced()) == (("OK", "1 s"), [])
+
+
 class TestDurations:
     def test_downtime_does_not_count_towards_for_s(self) -> None:
         robot = Robot(battery={**BATTERY, "for_s": 60.0})

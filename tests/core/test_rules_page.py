@@ -33,10 +33,15 @@ def test_the_page_lists_every_key_of_a_status() -> None:
         "valid_min": 0.0, "valid_max": 100.0, "scale": 2.0, "statistic": "mean", "flap_detection": True,
         "only_if": {"signal": "charging", "is": 0.0}, "latch_release_if": {"signal": "charging", "is": 1.0},
     }  # fmt: skip
-    monitor = Monitor(load_config({"signals": {"battery_level": signal, "charging": {}}}))
+    soon = {"statistic": "forecast", "window_s": 20.0, "forecast_s": 60.0, "warn_below": 20.0}
+    scan_gap = {"statistic": "largest_gap_s"}
+    monitor = Monitor(
+        load_config({"signals": {"battery_level": signal, "charging": {}, "soon": soon, "scan_gap": scan_gap}})
+    )
     for now_s in range(40):
-        monitor.observe(Sample("battery_level", 25.0 + now_s % 2, float(now_s)))
-    keys = set(monitor.report(40.0).statuses["battery_level"].values)
+        for name, value in (("battery_level", 25.0 + now_s % 2), ("soon", 80.0 - now_s), ("scan_gap", 1.0)):
+            monitor.observe(Sample(name, value, float(now_s)))
+    keys = {key for status in monitor.report(40.0).statuses.values() for key in status.values}
     table = PAGE[PAGE.index("## Keys of a status") :]
     listed = {key for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE) for key in re.findall(r"`(\w+)`", row)}
     assert keys == listed

@@ -139,7 +139,7 @@ class YamlBytes(Target):
 
     def use(self, data: bytes) -> None:
         self._file.write_bytes(data)
-        summary, errors = _check_file(str(self._file))
+        summary, _, errors = _check_file(str(self._file))
         assert summary or errors
         for error in errors:
             assert "\n" not in str(error) and len(str(error)) < self.longest_error, error
@@ -171,7 +171,7 @@ class OpsBytes(YamlBytes):
 
     def use(self, data: bytes) -> None:
         self._file.write_bytes(data)
-        summary, errors = _check_file(str(self._file))
+        summary, _, errors = _check_file(str(self._file))
         assert summary or errors
         for error in errors:
             assert "\n" not in str(error) and len(str(error)) < self.longest_error, error

@@ -114,7 +114,8 @@ class SignalRow {
     const value = this.name === LINK ? (kind === "ok" ? signal.message : "") : withDegrees(text) || "–";
     setText(this.value, value);
     // The reason of a healthy signal only repeats its value.
-    setText(this.message, kind === "ok" && withDegrees(signal.message || "") === value ? "" : withHint(signal.message || "", signal.hint));
+    const repeats = kind === "ok" && !signal.hint && withDegrees(signal.message || "") === value;
+    setText(this.message, repeats ? "" : withHint(signal.message || "", signal.hint));
     this.silenced.hidden = !signal.silenced;
     setAttribute(this.silenced, "title", signal.silenced);
     if (this.details) this.details.update(signal, kind);

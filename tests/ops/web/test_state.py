@@ -136,6 +136,13 @@ def test_a_wall_clock_that_is_set_moves_all_samples() -> None:
     assert after.signals["battery_level"] == [(robots.wall_s(), 50.0)]
 
 
+def test_the_plot_of_arrivals_is_in_the_unit_of_their_statistic() -> None:
+    robots = Robots(
+        signals={"scan_gap": {"statistic": "largest_gap_s", "unit": "m"}, "load": {"statistic": "mean", "unit": "%"}}
+    )
+    assert [reader(robots).plot_of(name)[0] for name in ("scan_gap", "load")] == ["s", "%"]
+
+
 def test_the_plot_of_a_signal_that_is_not_watched_has_no_bounds() -> None:
     robots = Robots()
     assert reader(robots).plot_of("battery_level")[0] == "%"
