@@ -31,11 +31,25 @@ class BadDatum(str):
 
     __slots__ = ()
 
+    def __repr__(self) -> str:
+        return str(self)
+
 
 class Stamp(float):
     """A time stamp, in seconds since 1970."""
 
     __slots__ = ()
+
+
+class Age(float):
+    """Time between a stamp and its arrival, in seconds; negative where the clocks of two machines differ."""
+
+    __slots__ = ()
+
+    @property
+    def clocks_differ(self) -> bool:
+        """Whether the stamp lies in the future."""
+        return self < 0.0
 
 
 class DriverStatus(NamedTuple):

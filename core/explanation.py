@@ -8,9 +8,12 @@ from __future__ import annotations
 import math
 from typing import Dict, Mapping, NamedTuple, Optional
 
-from .formatting import bound_text, datum_text, duration_text, number_text, with_unit
+from .elements import Age, BadDatum
+from .field_path import element_path
+from .formatting import bound_text, datum_text, duration_text, number_text, printable, with_unit
 from .model import Forecast, Level, Status
 from .quality import as_float, converted
+from .reduction import Element, Reduced
 from .remarks import doubt_of
 from .rule import Rule, State
 from .signal_config import CONDITIONS, LINK, SignalConfig
@@ -27,6 +30,9 @@ STATES: Mapping[str, str] = {
     State.KEEPING.value: "no condition is true, but not yet for `keep_firing_for_s`",
 }
 """The states of a signal, with their meaning for docs/reference/api.md."""
+
+_LONGEST_DATUM = 200  # characters of the reason why a datum is bad
+_LONGEST_NAME = 120  # characters of the name of an element
 
 _KEEPING = "still firing until keep_firing_for_s has passed"
 
@@ -97,6 +103,7 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     lasts_s = judgement.now_s - judgement.since_s
     values = {"value": latest_text(judgement), "unit": config.unit, "statistic": config.statistic}
     values.update((name, number_text(value)) for name, value in judgement.statistics.items())
+    values.update(_reduction_values(judgement))
     forecast = judgement.forecast
     if forecast is not None:
         values["trend_per_min"] = number_text(forecast.slope_per_s * 60.0)
@@ -166,6 +173,8 @@ def reason(judgement: Judgement) -> str:
     text = _invalid_reason(judgement) if judgement.is_invalid else _value_reason(judgement)
     if judgement.suspicion:
         text = f"{text}, {judgement.suspicion}"
+    if isinstance(judgement.latest, (Age, Reduced)) and judgement.latest.clocks_differ:
+        text = f"{text}, clocks differ"
     return f"{text}, no sample for {silence}" if judgement.is_stale else text
 
 
@@ -219,10 +228,42 @@ def shown_text(judgement: Judgement) -> str:
 
 def latest_text(judgement: Judgement) -> str:
     """Returns the latest datum, in the unit but without it; empty before the first."""
+    latest = judgement.latest
     if not judgement.seen:
         return ""
-    number = converted(judgement.config, as_float(judgement.latest))
-    return number_text(number) if math.isfinite(number) else datum_text(judgement.latest)
+    if isinstance(latest, BadDatum):
+        return printable(latest)[:_LONGEST_DATUM]
+    if isinstance(latest, Reduced) and latest.problem:
+        return latest.problem
+    number = converted(judgement.config, as_float(latest))
+    return number_text(number) if math.isfinite(number) else datum_text(latest)
+
+
+def decided_text(judgement: Judgement) -> str:
+    """Returns the elements that decided the value of a reduction, in round brackets after a space; empty: none did."""
+    config, latest = judgement.config, judgement.latest
+    if not isinstance(latest, Reduced) or not latest.decided:
+        return ""
+    paths = " to ".join(_element_text(config, element) for element in latest.decided)
+    return f" ({paths})" if config.statistic == "last" else f" (latest {paths})"
+
+
+def _element_text(config: SignalConfig, element: Element) -> str:
+    return element_path(config.field, printable(element.name)[:_LONGEST_NAME])
+
+
+def _reduction_values(judgement: Judgement) -> Dict[str, str]:
+    """Returns the key-values of a signal with `reduce`."""
+    latest = judgement.latest
+    if not isinstance(latest, Reduced):
+        return {}
+    values = {"elements": str(latest.measured), "elements_skipped": str(latest.skipped)}
+    names = ("element",) if len(latest.decided) == 1 else ("lowest", "highest")
+    for name, element in zip(names, latest.decided):
+        values[name] = _element_text(judgement.config, element)
+        if name != "element":
+            values[f"{name}_value"] = number_text(element.value)
+    return values
 
 
 def _last_announced(judgement: Judgement) -> str:
@@ -249,7 +290,7 @@ def _invalid_reason(judgement: Judgement) -> str:
     else:
         return f"invalid data: {latest_text(judgement)}"
     shown = number_text(number, limit) if math.isfinite(number) else datum_text(judgement.latest)
-    return f"invalid data: {with_unit(shown, config.unit)} is {side} {bound_text(limit)}"
+    return f"invalid data: {with_unit(shown, config.unit)}{decided_text(judgement)} is {side} {bound_text(limit)}"
 
 
 def _value_reason(judgement: Judgement) -> str:
@@ -262,9 +303,10 @@ def _value_reason(judgement: Judgement) -> str:
     if judged is None:
         return _undefined_reason(judgement)
     bound = None if rule is None else rule.bound
+    decided = decided_text(judgement)
     if rule is None or bound is None:
-        return with_unit(number_text(judged), unit)
-    value = judged_text(config, number_text(judged, bound))
+        return with_unit(number_text(judged), unit) + decided
+    value = judged_text(config, number_text(judged, bound)) + decided
     side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
     if judged < bound if rule.is_below else judged > bound:
         text = f"{value} is {side}"

@@ -116,6 +116,23 @@ def every_step(path: str) -> Optional[Every]:
         return None
 
 
+def element_path(path: str, name: str) -> str:
+    """Returns a path to several elements as that to the one with a name.
+
+    >>> element_path("status[*].level", "7")
+    'status[7].level'
+    """
+    texts: List[str] = []
+    for step in parse_field_path(path):
+        if isinstance(step, str):
+            texts.append(f".{step}" if texts else step)
+        elif isinstance(step, int):
+            texts.append(f"[{step}]")
+        else:
+            texts.append(step.element(name) if isinstance(step, Every) else Every("").element(step.key))
+    return "".join(texts)
+
+
 def mapping_getter(field: str) -> Getter:
     """Returns a function that reads the path `field` from a message that is a mapping.
 

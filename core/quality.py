@@ -11,7 +11,9 @@ import numbers
 import sys
 from typing import Mapping, NamedTuple
 
+from .elements import Elements
 from .formatting import bound_text, number_text
+from .reduction import reduced
 from .signal_config import SignalConfig
 
 RUN = 20
@@ -60,7 +62,7 @@ class Quality:
     def configure(self, config: SignalConfig) -> None:
         """Applies a new configuration; the counts stay."""
         self._config = config
-        self._converts = config.scale != 1.0 or bool(config.placeholders)
+        self._converts = (config.scale != 1.0 or bool(config.placeholders)) and not config.reduce
         self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
         self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
         self.suspicion = Suspicion(config)
@@ -72,6 +74,8 @@ class Quality:
 
     def judge(self, value: object) -> float:
         """Processes a datum; returns the number in the signal's unit, NaN if it is bad."""
+        if type(value) is Elements and self._config.reduce:
+            value = reduced(value, self._config.reduce, self._element_number)
         self.latest = value
         raw = value if type(value) is float else as_float(value)
         number = converted(self._config, raw) if self._converts else raw
@@ -85,6 +89,10 @@ class Quality:
         suspicion.see_bad(raw, number)
         return math.nan
 
+    def _element_number(self, value: object) -> float:
+        raw = value if type(value) is float else as_float(value)
+        return _in_unit(self._config, raw)
+
 
 def as_float(value: object) -> float:
     """Returns the number that `value` is; NaN if it is not a number or too large for a double."""
@@ -95,7 +103,11 @@ def as_float(value: object) -> float:
 
 
 def converted(config: SignalConfig, raw: float) -> float:
-    """Returns a number in the signal's unit; NaN for a placeholder."""
+    """Returns a number in the signal's unit; NaN for a placeholder. A reduction is in the unit already."""
+    return raw if config.reduce else _in_unit(config, raw)
+
+
+def _in_unit(config: SignalConfig, raw: float) -> float:
     for number in config.placeholders:
         if _is(raw, number):
             return math.nan

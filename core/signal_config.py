@@ -13,10 +13,11 @@ from itertools import product
 from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
 
 from .errors import ConfigError, Path, Problems
-from .field_path import parse_field_path
+from .field_path import every_step, parse_field_path
 from .formatting import bound_text, number_text
 from .middleware import split_type_name
 from .parameters import Parameter, describe, read_parameters, require_mapping
+from .reduction import REDUCTIONS
 
 LINK = "link"
 """Name of the signal that is 1 while a robot can be reached, else 0. Reserved; conditions may refer to it."""
@@ -99,6 +100,11 @@ class SignalConfig:
     topic: str = _key(None, "topic of the signal; left out: the signal's name")
     type: str = _key("", "message type, such as std_msgs/Float32; left out: the type that is published")
     field: str = _key("data", "path of the number in the message; empty: count arrivals, the value is 1")
+    reduce: str = _key(
+        "",
+        "how all elements that the field selects become one value; left out: each is a signal of its own",
+        choices=("", *REDUCTIONS),
+    )
     scale: float = _key(1.0, "factor that converts the number to the unit")
     unit: str = _key("", "unit of the value, for display and plausibility checks")
     placeholders: Tuple[float, ...] = _key((), "numbers that mean 'not measured', before scaling: invalid data")
@@ -236,6 +242,8 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
         parse_field_path(signal.field)
     except ValueError as error:
         yield "field", f"expected the path of a field, got {describe(signal.field)}: {error}"
+    if signal.reduce and every_step(signal.field) is None:
+        yield "reduce", f'expected a field with [*] or a pattern such as ["*"], got {describe(signal.field)}'
     if signal.scale == 0.0:
         yield "scale", "expected a number other than 0, got 0"
     if signal.flap_low > signal.flap_high:

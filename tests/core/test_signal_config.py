@@ -32,12 +32,33 @@ def refusal(**settings: Any) -> str:
     return text[len(prefix) :]
 
 
+def test_a_reduction_needs_a_field_with_several_elements() -> None:
+    assert signal(field="cell_voltage[*]", reduce="min").reduce == "min"
+    assert signal(field='effort["wheel_*"]', reduce="spread").reduce == "spread"
+    expected = 'reduce: expected a field with [*] or a pattern such as ["*"], got '
+    assert refusal(field="cell_voltage[0]", reduce="min") == f"{expected}'cell_voltage[0]'"
+    assert refusal(field='effort["arm"]', reduce="min") == f"{expected}'effort[\"arm\"]'"
+
+
+def test_an_unknown_reduction_is_refused_with_those_that_exist() -> None:
+    assert refusal(field="cell_voltage[*]", reduce="median") == (
+        "reduce: expected one of nothing, min, max, mean, spread, sum, count, got 'median'"
+    )
+
+
+def test_a_field_selects_several_elements_once() -> None:
+    assert refusal(field="packs[*].cells[*]", reduce="min").startswith(
+        "field: expected the path of a field, got 'packs[*].cells[*]': only one part of a path may select several"
+    )
+
+
 def test_a_signal_needs_nothing() -> None:
     assert signal() == SignalConfig(
         name="battery_level",
         topic="battery_level",
         type="",
         field="data",
+        reduce="",
         scale=1.0,
         unit="",
         placeholders=(),

@@ -1,0 +1,100 @@
+"""The one number that a signal with `reduce` makes of the elements of an array."""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, List, NamedTuple, Optional, Tuple
+
+from .elements import NOT_A_NUMBER, Age, BadDatum, DriverStatus, Elements
+
+REDUCTIONS = ("min", "max", "mean", "spread", "sum", "count")
+"""Reductions of all elements to one value; spread is the largest minus the smallest."""
+
+
+class Element(NamedTuple):
+    """One element."""
+
+    name: str
+    value: float
+    """In the unit of the signal."""
+
+
+class Reduced(float):
+    """The value of a reduction, in the unit of the signal; NaN: no element is measured."""
+
+    __slots__ = ("clocks_differ", "decided", "measured", "skipped")
+
+    decided: Tuple[Element, ...]
+    """The elements that decided: the smallest, the largest, or for `spread` both in this order. Empty for others."""
+    measured: int
+    """Number of elements that are measured."""
+    skipped: int
+    """Number of elements that are not."""
+    clocks_differ: bool
+    """Whether the age of an element is negative."""
+
+    def __new__(
+        cls,
+        value: float = math.nan,
+        decided: Tuple[Element, ...] = (),
+        measured: int = 0,
+        skipped: int = 0,
+        clocks_differ: bool = False,
+    ) -> Reduced:
+        """Creates a value of `reduce`; the arguments are the attributes."""
+        new = super().__new__(cls, value)
+        new.decided, new.measured, new.skipped, new.clocks_differ = decided, measured, skipped, clocks_differ
+        return new
+
+    @property
+    def problem(self) -> str:
+        """Why there is no value; empty: there is one."""
+        if self.measured or not math.isnan(self):
+            return ""
+        return f"none of {self.skipped} elements is measured" if self.skipped else "no elements"
+
+
+def reduced(elements: Elements, reduction: str, number_of: Callable[[object], float]) -> Reduced:
+    """Returns the reduction of elements. `number_of` returns their numbers in the unit of the signal.
+
+    Elements that are not finite numbers there are not measured; `count` also counts texts and messages.
+    """
+    numbers: List[float] = []
+    names: List[str] = []
+    present = 0
+    for name, value in elements:
+        number = number_of(value)
+        if math.isfinite(number):
+            numbers.append(number)
+            names.append(name)
+        elif reduction == "count" and _is_present(value):
+            present += 1
+    measured = len(numbers) + present
+    result: Optional[float] = None
+    decided: Tuple[Element, ...] = ()
+    if reduction == "count":
+        result = float(measured)
+    elif reduction in ("sum", "mean"):
+        total = _sum(numbers)
+        result = total if reduction == "sum" else total / len(numbers) if numbers else None
+    elif numbers:
+        ends = {"min": (min,), "max": (max,), "spread": (min, max)}[reduction]
+        places = [numbers.index(end(numbers)) for end in ends]
+        decided = tuple(Element(names[at], numbers[at]) for at in places)
+        result = decided[-1].value - decided[0].value if reduction == "spread" else decided[0].value
+    if result is None or (not numbers and reduction != "count"):
+        result = math.nan
+    clocks_differ = any(type(value) is Age and value < 0.0 for _, value in elements)
+    return Reduced(result, decided, measured, len(elements) - measured, clocks_differ)
+
+
+def _is_present(value: object) -> bool:
+    """Returns whether an element that is no number is there all the same."""
+    return value is NOT_A_NUMBER or (isinstance(value, (str, DriverStatus)) and not isinstance(value, BadDatum))
+
+
+def _sum(numbers: List[float]) -> float:
+    try:
+        return math.fsum(numbers)
+    except OverflowError:
+        return math.inf
