@@ -30,6 +30,10 @@ class TestEquivalence(Equivalence):
     def test_the_reference_gives_the_values_worked_out_by_hand(self, harness: LocalHarness) -> None:
         assert [str(line) for line in self.replay(harness)] == EXPECTED
 
+    def test_the_reference_of_the_fields_gives_the_values_worked_out_by_hand(self, harness: LocalHarness) -> None:
+        transitions, _ = self.publish_fields(harness)
+        assert [str(line) for line in transitions] == EXPECTED_OF_FIELDS
+
 
 EXPECTED = [
     "103.500 battery_level WARN: 19.5 % is below 20 % (was OK for 3 s)",
@@ -64,6 +68,17 @@ EXPECTED = [
     "53.000 battery_level OK: 30 % is no longer below 20 % (was WARN for 2 s)",
 ]
 """The transitions of AlertSystem for tests/data/timeline.csv."""
+
+EXPECTED_OF_FIELDS = [
+    # A gap of 1.75 s before the arrival at 6.375 s, which is in the window of 4 s until 10.375 s.
+    "106.375 scan_gap WARN: largest gap 1.75 s is above 1 s (was OK for 6.25 s)",
+    # 60.0625 - t - 8 < 45 from t = 7.125 on, and for_s.
+    "107.625 charge_soon WARN: forecast 44.44 Ah in 8 s is below 45 Ah (was OK for 7.62 s)",
+    # Newer half: three samples are 0.25, 0.75 and 1.25 above the falling line: 0.25 + 9 * 1.9375 / 3.75 = 4.9 more.
+    "110.625 charge_soon OK: forecast 46.34 Ah in 8 s is no longer below 45 Ah (was WARN for 3 s)",
+    "110.875 scan_gap OK: largest gap 0.5 s is no longer above 1 s (was WARN for 4.5 s)",
+]
+"""Those for `harness/field_timeline.py`."""
 
 
 def test_log_lines_name_their_node_and_time() -> None:

@@ -1,7 +1,8 @@
 """The promise of one verdict everywhere: a recorded timeline through a real node gives the reference's transitions.
 
-`tests/data/timeline.csv` holds samples, changes of parameters, resets and the course of simulated time. A test module
-per middleware subclasses `Equivalence` and gives it the fixture `harness` of `port_conformance.py`.
+`tests/data/timeline.csv` holds samples, changes of parameters, resets and the course of simulated time;
+`field_timeline.py` holds messages for every kind of field and statistic. A test module per middleware subclasses
+`Equivalence` and gives it the fixture `harness` of `port_conformance.py`.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import csv
 import math
 from pathlib import Path
-from typing import Any, Callable, List, NamedTuple, Union
+from typing import Any, Callable, List, NamedTuple, Sequence, Tuple, Union
 
+from harness import field_timeline
 from harness.local import LocalHarness
 from harness.port_conformance import FLOAT32, START_S, TRIGGER, Harness
 from robot_health_monitor.core.middleware import Middleware, Subscription, Timer
@@ -83,6 +85,36 @@ class Equivalence:
         reference = self.replay(LocalHarness())
         # as texts: a NaN that was judged is not equal to itself
         assert [repr(result) for result in replayed] == [repr(result) for result in reference]
+
+    def test_every_kind_of_field_gives_the_same_transitions(self, harness: Harness) -> None:
+        reference, samples = self.publish_fields(LocalHarness())
+        try:
+            found, _ = self.publish_fields(harness, samples)
+        finally:
+            harness.close()
+        assert [repr(each) for each in found] == [repr(each) for each in reference]
+
+    def publish_fields(self, harness: Harness, samples: Sequence[int] = ()) -> Tuple[List[Transition], List[int]]:
+        """Returns what the timeline of `field_timeline.py` brings about, and the sum of the samples at each message.
+
+        Args:
+            harness: where to publish.
+            samples: the sums to wait for; empty: messages are delivered while they are published.
+        """
+        found: List[Transition] = []
+        sums: List[int] = []
+        parameters = {"robot_name": "robot1", "signals": field_timeline.SIGNALS}
+        node = _Watched(harness.node("alert_system", parameters=parameters))
+        AlertSystem(node, {"test": lambda event: found.append(event) if isinstance(event, Transition) else None})
+        clock = _Clock(harness, node)
+        for number, published in enumerate(field_timeline.timeline()):
+            clock.advance(published.time_s)
+            harness.publish(published.topic, published.type_name, published.message)
+            if samples:
+                harness.wait_until(lambda expected=samples[number]: node.samples >= expected)
+            sums.append(node.samples)
+        clock.advance(field_timeline.END_S)
+        return found, sums
 
     def replay(self, harness: Harness) -> List[Union[Transition, Refusal]]:
         """Returns what the timeline brings about, in order."""

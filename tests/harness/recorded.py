@@ -22,6 +22,7 @@ ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 FLOAT32 = "std_msgs/msg/Float32"
 _NAME, _ARRAY, _SEQUENCE = 2, 3, 4
 """rosbags' kinds of fields."""
+_NUMPY = dict.fromkeys(("byte", "char", "octet"), "uint8")
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -199,7 +200,7 @@ def random_message(chance: random.Random, store: Any, name: str) -> Any:
             items = [value(element, of) for _ in range(count)]
             if element == _NAME or of[0] == "string":
                 return items
-            return np.array(items, dtype=of[0] if of[0] not in ("byte", "char", "octet") else "uint8")
+            return np.array(items, dtype=_NUMPY.get(of[0], of[0]))
         if what[0] == "string":
             return "x" * chance.randrange(9)
         if what[0].startswith("float"):
@@ -207,3 +208,21 @@ def random_message(chance: random.Random, store: Any, name: str) -> Any:
         return bool(chance.randrange(2)) if what[0] == "bool" else chance.randrange(100)
 
     return store.types[name](**{field: value(kind, what) for field, (kind, what) in fields_of(store, name)})
+
+
+def message_of(store: Any, name: str, given: Mapping[str, Any]) -> Any:
+    """Returns a message with some fields, of which parts may be left out: they are 0, empty, or of such fields."""
+
+    def value(kind: Any, what: Any, part: Any) -> Any:
+        if kind == _NAME:
+            return message_of(store, what, part or {})
+        if kind in (_ARRAY, _SEQUENCE):
+            (element, of), size = what
+            default = [0] * size if kind == _ARRAY else []
+            items = [value(element, of, each) for each in (default if part is None else part)]
+            return items if element == _NAME or of[0] == "string" else np.array(items, dtype=_NUMPY.get(of[0], of[0]))
+        return ("" if what[0] == "string" else 0) if part is None else part
+
+    return store.types[name](
+        **{field: value(kind, what, given.get(field)) for field, (kind, what) in fields_of(store, name)}
+    )
