@@ -82,6 +82,20 @@ def stamp_of(seconds: Any, nanoseconds: Any) -> Union[Stamp, BadDatum]:
     return Stamp(seconds + nanoseconds / 1e9)
 
 
+def with_ages(value: Any, stamp_s: Callable[[], float]) -> Any:
+    """Returns a value with the age of each stamp in its place; `stamp_s` is that of the middleware."""
+    if type(value) is Stamp:
+        return _age(value, stamp_s())
+    if type(value) is Elements and any(type(each) is Stamp for _, each in value):
+        now_s = stamp_s()
+        return Elements((name, _age(each, now_s) if type(each) is Stamp else each) for name, each in value)
+    return value
+
+
+def _age(stamp: Stamp, now_s: float) -> Union[Age, BadDatum]:
+    return Age(now_s - stamp) if stamp else BadDatum("no time stamp")
+
+
 def numbered(values: Sequence[Any]) -> Union[Elements, BadDatum]:
     """Returns all elements of an array, named by their index."""
     if len(values) > MOST_ELEMENTS:

@@ -13,10 +13,11 @@ from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, T
 
 from .definitions import NUMBERS
 from .dialect import FieldType
+from .elements import TIME_TYPES, stamp_of
 from .errors import MessageError
 
 Getter = Callable[[bytes], Any]
-"""Returns the number in a serialized message; raises MessageError if the message is too short."""
+"""Returns the number or the stamp in a serialized message; raises MessageError if the message is too short."""
 
 FieldTypes = Callable[[Any], Mapping[str, FieldType]]
 """Returns the type of every field of a message class, by name."""
@@ -35,10 +36,15 @@ _DEEPEST = 32
 
 
 def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_cdr: bool) -> Optional[Getter]:
-    """Returns a getter of a number (`orientation.x`) in serialized messages: CDR with its header, or those of ROS 1.
+    """Returns a getter of a number (`orientation.x`) or a time in serialized messages: CDR with its header, or ROS 1's.
 
     None if something of variable size, other than strings, precedes it.
     """
+    parts = _time_parts(field_types, native_class, field)
+    if parts is not None:
+        get_parts = [number_getter(field_types, native_class, f"{field}.{part}", is_cdr=is_cdr) for part in parts]
+        seconds, nanoseconds = get_parts
+        return seconds and nanoseconds and (lambda data: stamp_of(seconds(data), nanoseconds(data)))
     before: List[Place] = []
     for path, place in plain_fields(field_types, native_class):
         if place is None:
@@ -47,6 +53,19 @@ def number_getter(field_types: FieldTypes, native_class: Any, field: str, *, is_
             return None if place[0] == STRING else _getter(before, place[0], is_cdr)
         before.append(place)
     return None
+
+
+def _time_parts(field_types: FieldTypes, native_class: Any, field: str) -> Optional[Sequence[str]]:
+    """Returns the names of the seconds and nanoseconds of a field that is a time; None for other fields."""
+    found: Optional[FieldType] = None
+    for name in field.split("."):
+        types = {} if native_class is None else field_types(native_class)
+        found = types.get(name)
+        if found is None:
+            return None
+        native_class = None if found.is_array else found.message
+    is_time = native_class is not None and found is not None and found.element in TIME_TYPES
+    return tuple(field_types(native_class))[:2] if is_time else None
 
 
 def plain_fields(field_types: FieldTypes, native_class: Any) -> Iterator[Tuple[str, Optional[Place]]]:

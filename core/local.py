@@ -153,7 +153,8 @@ class LocalMiddleware(MappingNode):
         self, bus: LocalBus, name: str, parameters: Mapping[str, Any], remap: Mapping[str, str], use_sim_time: bool
     ) -> None:
         """Use `LocalBus.node`."""
-        super().__init__(name, parameters, remap, clock=lambda: bus.now_s, use_sim_time=use_sim_time)
+        clocks: Dict[str, Callable[[], float]] = {"clock": lambda: bus.now_s, "wall_clock": lambda: bus.wall_time_s()}
+        super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
         self._bus = bus
         self._subscriptions: List[MappingSubscription] = []
         self._services: List[str] = []
@@ -172,8 +173,7 @@ class LocalMiddleware(MappingNode):
 
     def publish(self, topic: str, message: Message) -> None:
         resolved = self.require_advertised(topic)
-        stamp_s = self._bus.wall_time_s() if self._sim_time_s is None else self._sim_time_s
-        transported = _transported(self._advertised[resolved], message, stamp_s)
+        transported = _transported(self._advertised[resolved], message, self.stamp_s())
         if resolved in self._latched:
             self._latched[resolved] = transported
         for deliver in tuple(self._bus._listeners.get(resolved, ())):

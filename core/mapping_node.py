@@ -115,12 +115,14 @@ class MappingNode(abc.ABC):
         remap: Mapping[str, str],
         *,
         clock: Callable[[], float],
+        wall_clock: Callable[[], float],
         use_sim_time: bool = False,
     ) -> None:
         """Creates a node that is not connected to anything, by its fully qualified name.
 
         `remap` maps names as the node uses them (relative or absolute) to the names to use instead. `clock` returns
-        monotonic seconds. With `use_sim_time`, the node's time is what `set_sim_time` sets, and 0 before that.
+        monotonic seconds, `wall_clock` seconds since 1970. With `use_sim_time`, the node's time is what `set_sim_time`
+        sets, and 0 before that.
         """
         self.name = name
         self.faults = Faults()
@@ -128,6 +130,7 @@ class MappingNode(abc.ABC):
         """Whether `close` was called."""
         self._lock = threading.RLock()
         self._clock = clock
+        self._wall_clock = wall_clock
         self._given = parameters
         self._on_change: Optional[OnChange] = None
         self._remap = {resolve_name(old, name): resolve_name(new, name) for old, new in remap.items()}
@@ -157,6 +160,9 @@ class MappingNode(abc.ABC):
 
     def steady_s(self) -> float:
         return self._clock()
+
+    def stamp_s(self) -> float:
+        return self._wall_clock() if self._sim_time_s is None else self._sim_time_s
 
     def given_parameters(self) -> Mapping[str, Any]:
         return self._given

@@ -97,6 +97,12 @@ class Middleware(Protocol):
     def steady_s(self) -> float:
         """Returns monotonic seconds, also under `use_sim_time`."""
 
+    def stamp_s(self) -> float:
+        """Returns the time of the clock that stamps in messages use, in s since 1970; only for the ages of stamps.
+
+        The wall clock of this machine, or ROS time under `use_sim_time`; the log time in a recording.
+        """
+
     def given_parameters(self) -> Mapping[str, Any]:
         """Returns this node's configuration, nested as in its file; ConfigError if the middleware's is no mapping."""
 

@@ -15,7 +15,7 @@ from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
 from .errors import ConfigError, Path, Problems
 from .field_path import every_step, parse_field_path
 from .formatting import bound_text, number_text
-from .middleware import split_type_name
+from .middleware import canonical_type, split_type_name
 from .parameters import Parameter, describe, read_parameters, require_mapping
 from .reduction import REDUCTIONS
 
@@ -44,6 +44,9 @@ _UNIT_RANGES: Mapping[str, Tuple[Optional[float], Optional[float]]] = {
     "Hz": (0.0, None),
 }  # fmt: skip
 """Smallest and largest possible value per unit."""
+
+_TIME_FIELDS = (("std_msgs/Time", "data"), ("sensor_msgs/TimeReference", "time_ref"), ("rosgraph_msgs/Clock", "clock"))
+"""Type and name of fields that are times, whatever their name says."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
@@ -208,6 +211,8 @@ def _fill_in(name: str, values: Dict[str, Any]) -> None:
     """Sets the keys that were left out and whose default follows from others."""
     is_forecast = values["statistic"] == "forecast"
     window_s = values["window_s"] or (600.0 if is_forecast else 60.0)
+    if not values["unit"] and values["reduce"] != "count" and _is_time(values["type"], values["field"]):
+        values["unit"] = "s"
     defaults = {
         "topic": name,
         "window_s": window_s,
@@ -217,6 +222,12 @@ def _fill_in(name: str, values: Dict[str, Any]) -> None:
         "error_keep_firing_for_s": values["keep_firing_for_s"],
     }
     values.update((key, default) for key, default in defaults.items() if values[key] is None)
+
+
+def _is_time(type_name: str, field: str) -> bool:
+    """Returns whether a field is a time by its name: the types of a robot's own messages are not known here."""
+    name = field.rpartition(".")[2]
+    return name == "stamp" or name.endswith("_stamp") or (canonical_type(type_name), name) in _TIME_FIELDS
 
 
 def _read_condition(found: object, path: Path) -> Condition:

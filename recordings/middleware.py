@@ -66,7 +66,8 @@ class RecordedMiddleware(MappingNode):
 
     def __init__(self, player: Player, name: str, parameters: Mapping[str, Any], use_sim_time: bool) -> None:
         """Use `Player.node`."""
-        super().__init__(name, parameters, {}, clock=lambda: player.wall_s, use_sim_time=use_sim_time)
+        clocks: Dict[str, Callable[[], float]] = {"clock": lambda: player.wall_s, "wall_clock": lambda: player.wall_s}
+        super().__init__(name, parameters, {}, **clocks, use_sim_time=use_sim_time)
         self.player = player
         self._subscriptions: List[Subscription] = []
 

@@ -67,6 +67,9 @@ class NativeNode(abc.ABC):
     def steady_s(self) -> float:
         return time.monotonic()
 
+    def stamp_s(self) -> float:
+        return self._clock() if self._simulated else time.time()
+
     def publish(self, topic: str, message: Message) -> None:
         publisher, cls = self._advertised(topic)
         native = self._messages.to_native(cls, message)

@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
 from ..continuity import Continuity, SignalHistory
+from ..elements import with_ages
 from ..errors import ConfigError
 from ..explanation import source_text
 from ..faults import Fault
@@ -245,6 +246,8 @@ class AlertSystem:
         if self._excused_since_s is not None or self.self_monitor.may_have_paused(now_s):
             self._look_for_pause(now_s)
             self._excused_since_s = None
+        if type(value) is not float:
+            value = with_ages(value, self._middleware.stamp_s)
         changes = self.monitor.observe(Sample(name, value, now_s))
         if changes or changes.notices:
             self._announce(changes, now_s)

@@ -44,6 +44,7 @@ class RosbridgeClient:
         largest_message_bytes: int = LARGEST_MESSAGE_BYTES,
         read_only: bool = False,
         clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], float] = time.time,
         on_log: Optional[Callable[[LogLine], None]] = None,
         on_link: Optional[Callable[[bool, Cause], None]] = None,
     ) -> None:
@@ -60,6 +61,7 @@ class RosbridgeClient:
             largest_message_bytes: a message above this size ends the connection.
             read_only: nothing is published or offered on the robot.
             clock: monotonic seconds, for nodes without simulated time.
+            wall_clock: seconds since 1970, for the ages of stamps.
             on_log: called with every log line; None keeps them in `log_lines`.
             on_link: called in the loop when the connection is up (with an empty cause), when it is down, and when the
                 cause changes. None logs each.
@@ -71,6 +73,7 @@ class RosbridgeClient:
         self.on_log: Callable[[LogLine], None] = on_log or self.log_lines.append
         self.read_only = read_only
         self.clock = clock
+        self.wall_clock = wall_clock
         self.connection = ServerConnection(
             url,
             token=token,
@@ -198,7 +201,8 @@ class RosbridgeMiddleware(MappingNode):
         outputs: Optional[Middleware] = None,
     ) -> None:
         """Use `RosbridgeClient.node`."""
-        super().__init__(name, parameters, remap, clock=client.clock, use_sim_time=use_sim_time)
+        clocks = {"clock": client.clock, "wall_clock": client.wall_clock}
+        super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
         self._client = client
         self._connection = client.connection
         self._outputs = outputs

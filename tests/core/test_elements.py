@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from robot_health_monitor.core.elements import (
     MOST_ELEMENTS,
+    Age,
     BadDatum,
     Elements,
     Stamp,
@@ -18,6 +19,7 @@ from robot_health_monitor.core.elements import (
     stamp_of,
     unequal,
     unnamed,
+    with_ages,
 )
 
 
@@ -46,6 +48,27 @@ def test_a_stamp_that_is_no_time_is_a_bad_datum(seconds: object, nanoseconds: ob
     stamp = stamp_of(seconds, nanoseconds)
     assert type(stamp) is BadDatum
     assert stamp == reason
+
+
+def test_a_stamp_becomes_its_age_by_the_clock_of_stamps() -> None:
+    age = with_ages(Stamp(1_700_000_000.0), lambda: 1_700_000_002.5)
+    assert (type(age), age, age.clocks_differ) == (Age, 2.5, False)
+    assert with_ages(Stamp(1_700_000_000.0), lambda: 1_699_999_999.5).clocks_differ
+
+
+def test_a_zero_stamp_is_no_time_stamp() -> None:
+    assert with_ages(stamp_of(0, 0), lambda: 5.0) == "no time stamp"
+
+
+def test_the_stamps_of_elements_become_ages_and_other_elements_stay() -> None:
+    found = with_ages(Elements([("0", Stamp(5.0)), ("1", Stamp(0.0)), ("2", 7.0)]), lambda: 8.0)
+    assert found == [("0", 3.0), ("1", "no time stamp"), ("2", 7.0)]
+    assert [type(value) for _, value in found] == [Age, BadDatum, float]
+
+
+@pytest.mark.parametrize("value", [5.0, 7, "text", None, Elements([("0", 5.0)])])
+def test_other_values_need_no_clock(value: object) -> None:
+    assert with_ages(value, lambda: 1 / 0) is value
 
 
 def test_the_elements_of_an_array_are_named_by_their_index() -> None:

@@ -9,6 +9,7 @@ from typing import Any, Dict, Mapping, Optional
 import pytest
 
 from robot_health_monitor.core.dialect import FieldType
+from robot_health_monitor.core.elements import Stamp
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.fixed_fields import Getter, number_getter
 
@@ -25,6 +26,14 @@ TYPES: Dict[str, Mapping[str, FieldType]] = {
     "Listed": {"values": FieldType("float32", "float32", is_array=True, size=3), "after": plain("float32")},
     "Counted": {"values": FieldType("float32", "float32", is_array=True), "after": plain("float32")},
     "Wide": {"text": plain("wstring"), "after": plain("float32")},
+    "Time": {"sec": plain("int32"), "nanosec": plain("uint32")},
+    "Stamped": {
+        "seq": plain("uint8"),
+        "stamp": FieldType("builtin_interfaces/Time", "builtin_interfaces/Time", "Time"),
+        "frame_id": plain("string"),
+        "late": FieldType("time", "time", "Time"),
+        "span": FieldType("builtin_interfaces/Duration", "builtin_interfaces/Duration", "Time"),
+    },
     "Empty": {},
     "Endless": {"again": FieldType("Endless", "Endless", "Endless")},
 }
@@ -70,6 +79,32 @@ def test_a_number_in_an_inner_message_has_its_path() -> None:
     inner, last = cdr_getter("Nested", "inner.real"), cdr_getter("Nested", "last")
     assert inner is not None and inner(data) == 2.5
     assert last is not None and last(data) == -4
+
+
+@pytest.mark.parametrize(("get", "body"), [(cdr_getter, b"\0\1\0\0\7\0\0\0"), (ros1_getter, b"\7")])
+def test_a_time_is_read_from_the_bytes_also_behind_a_string(get: Any, body: bytes) -> None:
+    body += struct.pack("<iI", 1_700_000_000, 250_000_000) + struct.pack("<I", 4) + b"map\0"
+    body += struct.pack("<iI", 5, 500_000_000)
+    stamp, late = get("Stamped", "stamp"), get("Stamped", "late")
+    assert (type(stamp(body)), stamp(body)) == (Stamp, 1_700_000_000.25)
+    assert late(body) == 5.5
+    assert get("Stamped", "stamp.sec")(body) == 1_700_000_000
+
+
+def test_a_negative_time_in_the_bytes_is_a_bad_datum() -> None:
+    get = cdr_getter("Stamped", "stamp")
+    assert get is not None
+    assert get(b"\0\1\0\0\7\0\0\0" + struct.pack("<iI", -1, 0)) == "not a time stamp: -1 s"
+
+
+@pytest.mark.parametrize("field", ["span", "stamp.none", "none.sec", "frame_id.sec"])
+def test_a_duration_and_an_unknown_field_are_no_times(field: str) -> None:
+    assert cdr_getter("Stamped", field) is None
+
+
+def test_a_time_behind_an_array_cannot_be_read_from_the_bytes() -> None:
+    known = {**TYPES, "Behind": {"values": TYPES["Counted"]["values"], "stamp": TYPES["Stamped"]["stamp"]}}
+    assert number_getter(known.__getitem__, "Behind", "stamp", is_cdr=True) is None
 
 
 def test_ros1_has_no_padding() -> None:

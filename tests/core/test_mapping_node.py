@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping, Tuple, Type
+from typing import Any, Callable, Dict, List, Mapping, Tuple, Type
 
 import pytest
 from harness.parameters import set_parameter
@@ -19,7 +19,8 @@ class Node(MappingNode):
     def __init__(self, *, use_sim_time: bool = False, remap: Mapping[str, str] = {}) -> None:
         self.steady = 10.0
         self.lines: List[Tuple[Severity, str]] = []
-        super().__init__("/robot1/node", {}, remap, clock=lambda: self.steady, use_sim_time=use_sim_time)
+        clocks: Dict[str, Callable[[], float]] = {"clock": lambda: self.steady, "wall_clock": lambda: 1_700_000_000.0}
+        super().__init__("/robot1/node", {}, remap, **clocks, use_sim_time=use_sim_time)
 
     def log(self, severity: Severity, text: str) -> None:
         self.lines.append((severity, text))

@@ -40,6 +40,24 @@ def test_a_reduction_needs_a_field_with_several_elements() -> None:
     assert refusal(field='effort["arm"]', reduce="min") == f"{expected}'effort[\"arm\"]'"
 
 
+@pytest.mark.parametrize(
+    ("settings", "unit"),
+    [
+        ({"field": "header.stamp"}, "s"),
+        ({"field": "transforms[*].header.stamp", "reduce": "max"}, "s"),
+        ({"field": "last_seen_stamp"}, "s"),
+        ({"type": "sensor_msgs/msg/TimeReference", "field": "time_ref"}, "s"),
+        ({"type": "std_msgs/Time"}, "s"),
+        ({"field": "header.stamp", "unit": "ms", "scale": 1000.0}, "ms"),
+        ({"field": "transforms[*].header.stamp", "reduce": "count"}, ""),
+        ({"field": "header.stamp.sec"}, ""),
+        ({"type": "std_msgs/Float32"}, ""),
+    ],
+)
+def test_the_age_of_a_stamp_is_in_seconds_unless_a_unit_is_given(settings: Dict[str, Any], unit: str) -> None:
+    assert signal(**settings).unit == unit
+
+
 def test_an_unknown_reduction_is_refused_with_those_that_exist() -> None:
     assert refusal(field="cell_voltage[*]", reduce="median") == (
         "reduce: expected one of nothing, min, max, mean, spread, sum, count, got 'median'"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, Callable, List, Mapping, Optional, Sequence
 
 from harness.parameters import set_parameter
@@ -16,7 +17,7 @@ class LocalHarness:
     knows_listeners = True
 
     def __init__(self) -> None:
-        self.bus = LocalBus(1.0)
+        self.bus = LocalBus(1.0, wall_time_s=time.time)
         self._outside = self.bus.node("outside")
         self._outside.advertise("/clock", "rosgraph_msgs/Clock")
         self._nodes: List[LocalMiddleware] = []

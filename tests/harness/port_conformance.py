@@ -47,6 +47,14 @@ STATUS = {
     "values": [{"key": "unit", "value": "degrees C"}, {"key": "value", "value": "81.0"}],
 }
 
+JOINTS = {
+    "header": {"stamp": {"secs": 1_700_000_000, "nsecs": 250_000_000}},
+    "name": ["wheel_left", "wheel_right", "arm"],
+    "velocity": [0.5, 1.5],
+    "effort": [1.5, -2.5, 0.25],
+}
+NINE_ONES = [(str(index), 1.0) for index in range(9)]
+
 
 class LogLine(NamedTuple):
     """One line in the middleware's log."""
@@ -360,6 +368,85 @@ class PortConformance:
         harness.publish("/in", type_name, message)
         harness.wait_until(lambda: heard.values == [value])
         assert isinstance(heard.values[0], type(value))
+
+    @pytest.mark.parametrize(
+        ("type_name", "message", "values"),
+        [
+            (
+                "sensor_msgs/JointState",
+                JOINTS,
+                {
+                    'effort["wheel_right"]': -2.5,
+                    'effort["*"]': [("wheel_left", 1.5), ("wheel_right", -2.5), ("arm", 0.25)],
+                    'effort["wheel_*"]': [("wheel_left", 1.5), ("wheel_right", -2.5)],
+                    "effort[*]": [("0", 1.5), ("1", -2.5), ("2", 0.25)],
+                    'velocity["arm"]': "velocity has 2 elements, name has 3",
+                    'velocity["*"]': "velocity has 2 elements, name has 3",
+                    "header.stamp": 1_700_000_000.25,
+                },
+            ),
+            ("sensor_msgs/BatteryState", {"cell_voltage": [3.5, 4.25]}, {"cell_voltage[*]": [("0", 3.5), ("1", 4.25)]}),
+            ("sensor_msgs/BatteryState", {}, {"cell_voltage[*]": []}),
+            ("sensor_msgs/Imu", {"orientation_covariance": [1.0] * 9}, {"orientation_covariance[*]": NINE_ONES}),
+            (
+                "sensor_msgs/Image",
+                {"data": base64.b64encode(b"\x07\xff").decode()},
+                {"data[*]": [("0", 7), ("1", 255)]},
+            ),
+            ("sensor_msgs/TimeReference", {"time_ref": {"secs": 12, "nsecs": 500_000_000}}, {"time_ref": 12.5}),
+            (
+                DIAGNOSTICS,
+                {"status": [STATUS]},
+                {
+                    'status["*"]': [("driver: left motor", (2, "too hot"))],
+                    'status["driver: left motor"]': (2, "too hot"),
+                    "status[*].level": [("0", 2)],
+                    'status["*"].values["value"]': [("driver: left motor", 81.0)],
+                },
+            ),
+        ],
+    )
+    def test_elements_and_times_are_read_alike(
+        self, harness: Harness, type_name: str, message: Mapping[str, Any], values: Mapping[str, Any]
+    ) -> None:
+        heard = {field: Recorder() for field in values}
+        node = harness.node("alert_system", sim_time=False)
+        for field, recorder in heard.items():
+            node.subscribe("in", type_name, recorder, field=field)
+        harness.publish("/in", type_name, message)
+        harness.wait_until(lambda: all(recorder.values for recorder in heard.values()))
+        assert {field: recorder.values for field, recorder in heard.items()} == {
+            field: [value] for field, value in values.items()
+        }
+
+    def test_an_empty_array_beside_its_names_is_no_call(self, harness: Harness) -> None:
+        one, every = Recorder(), Recorder()
+        node = harness.node("alert_system")
+        node.subscribe("in", "sensor_msgs/JointState", one, field='effort["arm"]')
+        node.subscribe("in", "sensor_msgs/JointState", every, field='effort["*"]')
+        harness.publish("/in", "sensor_msgs/JointState", {**JOINTS, "effort": []})
+        harness.publish("/in", "sensor_msgs/JointState", JOINTS)
+        harness.wait_until(lambda: bool(one.values and every.values))
+        assert one.values == [0.25] and len(every.values) == 1
+
+    def test_the_age_of_a_stamp_is_judged_by_the_simulated_clock(self, harness: Harness) -> None:
+        events: List[Any] = []
+        age = {"topic": "in", "type": "sensor_msgs/Imu", "field": "header.stamp", "warn_above": 0.5}
+        node = harness.node("alert_system", parameters={"signals": {"age": age}})
+        AlertSystem(node, {"test": events.append})
+        for stamp_s in (START_S - 2.0, START_S + 1.0, 0.0):
+            stamp = {"secs": int(stamp_s), "nsecs": 0}
+            harness.publish("/in", "sensor_msgs/Imu", {"header": {"stamp": stamp}})
+        harness.wait_until(lambda: len(events) == 3)
+        assert [event.text.rpartition(" (")[0] for event in events] == [
+            "age WARN: 2 s is above 0.5 s",
+            "age OK: -1 s is no longer above 0.5 s, clocks differ",
+            "age ERROR: invalid data: no time stamp",
+        ]
+
+    def test_without_simulated_time_stamps_are_compared_with_the_wall_clock(self, harness: Harness) -> None:
+        node = harness.node("alert_system", sim_time=False)
+        assert abs(node.stamp_s() - time.time()) < 60.0
 
     def test_a_message_without_the_picked_element_is_no_call(self, harness: Harness) -> None:
         heard = Recorder()

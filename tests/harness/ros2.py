@@ -334,6 +334,10 @@ class Ros2Harness:
         self._log.append(LogLine(Severity(level), line.msg))
 
 
+_ROS2_NAMES = {"secs": "sec", "nsecs": "nanosec"}
+"""The parts of a stamp, by their names in ROS 1."""
+
+
 def as_mapping(native: Any) -> Dict[str, Any]:
     """Returns a message's fields, nested; nothing here shares code with the adapter."""
     return {name: _plain(getattr(native, name)) for name in native.get_fields_and_field_types()}
@@ -343,7 +347,8 @@ def fill(native: Any, message: Mapping[str, Any]) -> Any:
     """Sets a message's fields from a mapping, with rclpy's own checks of what is set switched on."""
     native = type(native)(check_fields=True)
     types = dict(zip(native.get_fields_and_field_types(), native.SLOT_TYPES))
-    for name, value in message.items():
+    for given, value in message.items():
+        name = _ROS2_NAMES.get(given, given)
         setattr(native, name, _native(value, types[name], getattr(native, name)))
     return native
 
