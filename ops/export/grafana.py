@@ -6,6 +6,8 @@ import json
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from robot_health_monitor.core.config import MonitorConfig
+from robot_health_monitor.core.explanation import judged_unit
+from robot_health_monitor.core.formatting import duration_text
 from robot_health_monitor.core.signal_config import LINK, SignalConfig
 
 from ..notifications.alertmanager import ALERT
@@ -67,12 +69,18 @@ def _worst_level(which: str) -> str:
 
 
 def _signal_row(signal: SignalConfig) -> List[Dict[str, Any]]:
-    """Returns the plot of a signal's value, with its bounds as lines, and the timeline of its levels."""
-    expression = f'robot_health_value{{{_ROBOT}, signal="{signal.name}"}}'
-    unit = {"rate": f"suffix:{signal.unit}/s", "frequency_hz": "hertz"}.get(
-        signal.statistic, _UNITS.get(signal.unit, f"suffix:{signal.unit}" if signal.unit else "none")
-    )
-    panel = _panel("timeseries", signal.name, expression, "{{robot}}", 16, 8, unit=unit)
+    """Returns the plot of a signal's value, with its bounds as lines, and the timeline of its levels.
+
+    The plot of a forecast has the latest value beside it.
+    """
+    selected = f'{{{_ROBOT}, signal="{signal.name}"}}'
+    unit = judged_unit(signal)
+    unit = _UNITS.get(unit, f"suffix:{unit}" if unit else "none")
+    panel = _panel("timeseries", signal.name, f"robot_health_value{selected}", "{{robot}}", 16, 8, unit=unit)
+    if signal.statistic == "forecast" and signal.forecast_s is not None:
+        (value,) = panel["targets"]
+        latest = {**value, "refId": "B", "expr": f"robot_health_latest{selected}"}
+        panel["targets"] = [latest, {**value, "legendFormat": f"{{{{robot}}}} in {duration_text(signal.forecast_s)}"}]
     defaults = panel["fieldConfig"]["defaults"]
     defaults["thresholds"] = {"mode": "absolute", "steps": _steps(signal)}
     if signal.bounds:

@@ -5,6 +5,7 @@ The rules repeat what docs/rules.md says, as far as PromQL can express it:
 * Prometheus has no hysteresis. A recording rule that reads its own previous result has one: its series exists while
   the value is beyond the bound, and as long as the value is not back by the hysteresis.
 * `for` and `keep_firing_for` are Prometheus's own.
+* A forecast is the most cautious of three `predict_linear` of the latest value, recorded as a series.
 * Staleness, invalid data and the link are the monitor's verdict, which is a metric.
 * A signal has one alert per level: an ERROR of a bound and one of invalid data are the same, as in the monitor.
 
@@ -17,6 +18,8 @@ import json
 from typing import List, Mapping, NamedTuple, Sequence
 
 from robot_health_monitor.core.config import MonitorConfig
+from robot_health_monitor.core.explanation import judged_text, judged_unit
+from robot_health_monitor.core.forecast import LEAST_SAMPLES
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.monitor import LINK_CONFIG
@@ -28,10 +31,13 @@ BEYOND = "robot_health:beyond_bound"
 """Recorded series: the value of a signal while it is beyond a bound, with its hysteresis."""
 _OPERATORS, _COMPARISONS = {"below": "<", "above": ">"}, {"below": "lt", "above": "gt"}
 """Those of PromQL, and those of templates."""
-_UNITS = {"rate": "{}/s", "frequency_hz": "Hz"}
+FORECAST = "robot_health:forecast"
+"""Recorded series: the forecast of a signal, as in step 2 of docs/rules.md."""
 REPORTED, SCRAPED = "robot_health:reported_at", "robot_health:scraped_at"
 """Recorded series: when a monitor last reported a robot, and when it was last scraped."""
 _SINCE = "robot_health:beyond_bound_since"
+_VALUE = "\0"
+"""Stands for the value in a text that is escaped."""
 _MEMORY = "1h"
 """How long Prometheus may have been stopped and still knows which robots a monitor reported that is down."""
 _ROBOT = "{{ $labels.robot }}: "
@@ -48,7 +54,7 @@ _HEADER = """\
 #         equal: [robot, signal]
 # - While a signal is stale or its robot cannot be reached, durations and conditions on other signals go on; its last
 #   value counts.
-# - While a robot cannot be reached, its STALE alerts resolve.
+# - While a robot cannot be reached, its STALE alerts resolve.{forecasts}
 # A monitor that is down is an alert for each robot that it reported last. A robot that a working monitor no longer
 # reports, or whose monitor is no longer a target of Prometheus, is none; alerts of its signals end after their
 # keep_firing_for.
@@ -62,18 +68,29 @@ class Export(NamedTuple):
     problems: Sequence[str]  # what the other system cannot express, one line each
 
 
+_FORECASTS = """
+# - Forecasts are computed from scraped values, at the time of evaluation, not at that of the newest sample. A scrape
+#   repeats the latest value if no sample came since. While there is none, the forecast goes on until half of the window
+#   has fewer than {least} values; after that it does not wait for window_min_s again.
+# - Prometheus 3 leaves the beginning of a range out: there, a value exactly in the middle of a window is in one half.\
+"""
+
+
 def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_s: float = 15.0) -> Export:
     """Returns a rule file for Prometheus, in YAML, for robots of these names (empty: all).
 
     Scrapes and evaluations are `interval_s` apart, in s.
     """
-    lines: List[str] = _HEADER.format(interval=_duration(interval_s), alert=ALERT).splitlines()
+    has_forecasts = any(signal.statistic == "forecast" for signal in config.signals.values())
+    forecasts = _FORECASTS.format(least=LEAST_SAMPLES) if has_forecasts else ""
+    header = _HEADER.format(interval=_duration(interval_s), alert=ALERT, forecasts=forecasts)
+    lines: List[str] = header.splitlines()
     problems: List[str] = []
     name = json.dumps("robot_health" + "".join(f" {name}" for name in robots))
     lines += ["groups:", f"  - name: {name}", f"    interval: {_duration(interval_s)}", "    rules:"]
     for signal in config.signals.values():
         if signal.name != LINK:
-            lines += _Rules(config, signal, robots, problems).lines()
+            lines += _Rules(config, signal, robots, interval_s, problems).lines()
     lines += _link_rule(robots)
     lines += _monitor_rules(robots, interval_s)
     return Export("\n".join(lines) + "\n", problems)
@@ -82,17 +99,29 @@ def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_
 class _Rules:
     """The rules of one signal."""
 
-    def __init__(self, config: MonitorConfig, signal: SignalConfig, robots: Sequence[str], problems: List[str]) -> None:
+    def __init__(
+        self,
+        config: MonitorConfig,
+        signal: SignalConfig,
+        robots: Sequence[str],
+        interval_s: float,
+        problems: List[str],
+    ) -> None:
         self._config = config
         self._signal = signal
         self._robots = robots
         self._problems = problems
-        unit = _UNITS.get(signal.statistic, "{}").format(signal.unit)
-        self._unit = unit.replace("{{", '{{ "{{" }}')  # a template reads `{{` as an action
+        self._unit = _escaped(judged_unit(signal))
+        is_forecast = signal.statistic == "forecast" and bool(signal.bounds)
+        self._has_scrapes = signal.window_s / 2.0 >= LEAST_SAMPLES * interval_s
+        """Whether each half of the window has enough scrapes to forecast from."""
+        self._forecasts = is_forecast and self._has_scrapes
 
     def lines(self) -> List[str]:
         signal = self._signal
         lines = ["", f"      # {signal.name}"]
+        if self._forecasts:
+            lines += self._forecast_rule()
         for level in ("ERROR", "WARN"):
             found = {side: getattr(signal, f"{level.lower()}_{side}") for side in _OPERATORS}
             bounds = {side: bound for side, bound in found.items() if bound is not None}
@@ -114,7 +143,7 @@ class _Rules:
 
     def _beyond_rule(self, level: str, side: str, bound: float) -> List[str]:
         operator = _OPERATORS[side]
-        value = self._metric("value", "min" if side == "below" else "max")
+        value = self._judged(side)
         expression = f"{value} {operator} {_number(bound)}"
         if self._signal.hysteresis:
             clears_at = _number(self._clears_at(side, bound))
@@ -122,12 +151,37 @@ class _Rules:
             expression += f"\nor ({value} {operator} {clears_at} and on (robot, signal) {before})"
         return _record(BEYOND, expression, f"signal: {self._signal.name}, level: {level}, side: {side}")
 
+    def _judged(self, side: str) -> str:
+        """Returns the statistic that the bounds of a side apply to; of several monitors, the worst counts."""
+        if self._forecasts:
+            return FORECAST + _selector(self._robots, f'signal="{self._signal.name}"')
+        return self._metric("value", "min" if side == "below" else "max")
+
+    def _forecast_rule(self) -> List[str]:
+        """Returns the rule that records the forecast. Prometheus predicts from the evaluation, also with `offset`."""
+        signal = self._signal
+        latest = "robot_health_latest" + _selector(self._robots, f'signal="{signal.name}"')
+        half, horizon = _duration(signal.window_s / 2.0), _number(signal.forecast_s or 0.0)
+        newer, older = f"{latest}[{half}]", f"{latest}[{half}] offset {half}"
+        ranges = {"window": f"{latest}[{_duration(signal.window_s)}]", "older half": older, "newer half": newer}
+        lines = "\n    or ".join(
+            f'label_replace(predict_linear({found}, {horizon}), "line", "{name}", "", "")'
+            for name, found in ranges.items()
+        )
+        is_below = any(name.endswith("below") for name in signal.bounds)
+        worst, most_cautious = ("min", "max") if is_below else ("max", "min")
+        expression = f"{worst} by (robot, signal) (\n  {most_cautious} without (line) (\n    {lines}\n  )"
+        expression += "".join(f"\n  and count_over_time({found}) >= {LEAST_SAMPLES}" for found in (older, newer))
+        if signal.window_min_s:
+            expression += f"\n  and {latest} offset {_duration(signal.window_min_s)}"
+        return _record(FORECAST, expression + "\n)")
+
     def _beyond(self, level: str, further: str = "") -> str:
         return BEYOND + _selector(self._robots, f'signal="{self._signal.name}", level="{level}"{further}')
 
     def _comments(self, level: str) -> List[str]:
         """Reports what the rule of a level cannot express."""
-        signal, condition = self._signal, self._signal.only_if
+        signal = self._signal
         lost = []
         if signal.latch:
             lost.append("latch: the alert ends when the rule no longer fires")
@@ -137,21 +191,17 @@ class _Rules:
             lost.append("repeat_s: set repeat_interval in Alertmanager")
         if signal.statistic != "last":
             lost.append(f"an undefined {signal.statistic}: the alert ends when the window has too few samples")
-        if condition is not None and self._follows_statistic(condition):
-            lost.append(f"only_if: the metric of {condition.signal} is a statistic, not its latest value")
+        if signal.statistic == "forecast" and not self._has_scrapes:
+            lost.append(f"a forecast from fewer than {LEAST_SAMPLES} scrapes in half of window_s: the monitor's counts")
         self._problems += [f"{signal.name} {level}: not expressed: {each}" for each in lost]
         return [f"      # Not expressed: {each}." for each in lost]
-
-    def _follows_statistic(self, condition: Condition) -> bool:
-        followed = self._config.signals.get(condition.signal)
-        return followed is not None and followed.statistic != "last"
 
     def _crossed(self, level: str, bounds: Mapping[str, float]) -> str:
         """Returns an expression for: a bound of a level is crossed, and the condition holds."""
         condition = self._signal.only_if
         aggregation = "min" if [*bounds] == ["below"] else "max"
         expression = f"{aggregation} by (robot, signal) ({self._beyond(level)})"
-        if condition is not None and not self._follows_statistic(condition):
+        if condition is not None:
             expression += f"\nunless on (robot) ({self._contradiction(condition)})"
         return expression
 
@@ -182,7 +232,8 @@ class _Rules:
     def _contradiction(self, condition: Condition) -> str:
         """Returns an expression for: the other signal is known, and the condition on it does not hold."""
         other, number = condition.signal, _number(condition.number)
-        value = self._metric("value", signal=other)
+        followed = self._config.signals.get(other)
+        value = self._metric("value" if followed is None or followed.statistic == "last" else "latest", signal=other)
         if condition.comparison in _OPERATORS:
             fails = f"{value} {'>=' if condition.comparison == 'below' else '<='} {number}"
         else:
@@ -194,9 +245,7 @@ class _Rules:
     def _reason(self, bounds: Mapping[str, float]) -> str:
         """Returns the template of the reason, worded as in the line of the monitor's alert."""
         signal = self._signal
-        value = with_unit('{{ $value | printf "%.4g" }}', self._unit)
-        if signal.statistic != "last":
-            value = f"{'rate' if signal.statistic == 'frequency_hz' else signal.statistic} {value}"
+        value = _escaped(judged_text(signal, _VALUE)).replace(_VALUE, '{{ $value | printf "%.4g" }}')
         named = {side: f"{side} {with_unit(bound_text(bound), self._unit)}" for side, bound in bounds.items()}
         if len(bounds) == 1 and not signal.hysteresis:
             return f"{value} is {''.join(named.values())}"
@@ -275,6 +324,10 @@ def _alert(
         f"        labels: {{signal: {signal}, level: {level}, severity: {SEVERITIES[Level[level]]}}}",
         f"        annotations: {{summary: {summary}}}",
     ]  # fmt: skip
+
+
+def _escaped(text: str) -> str:
+    return text.replace("{{", '{{ "{{" }}')  # a template reads `{{` as an action
 
 
 def _expr(expression: str) -> List[str]:

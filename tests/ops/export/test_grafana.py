@@ -19,11 +19,15 @@ SIGNALS = {
     "battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0, "stale_after_s": 0.0},
     "temperature": {"unit": "degC", "warn_above": 80.0},
     "motor": {"unit": "rpm", "statistic": "rate"},
+    "charge_soon": {"unit": "%", "statistic": "forecast", "forecast_s": 1800.0, "warn_below": 20.0},
+    "scan_gap": {"unit": "m", "statistic": "largest_gap_s"},
 }
 METRICS = """\
 robot_health_level{robot="r1",signal="battery_level"} 1
 robot_health_level{robot="r1",signal="temperature"} 0
 robot_health_level{robot="r1",signal="motor"} 0
+robot_health_level{robot="r1",signal="charge_soon"} 0
+robot_health_level{robot="r1",signal="scan_gap"} 0
 robot_health_level{robot="r2",signal="battery_level"} 2
 robot_health_level{robot="r2",signal="temperature"} 3
 robot_health_level{robot="r3",signal="battery_level"} 0
@@ -31,6 +35,9 @@ robot_health_value{robot="r1",signal="battery_level"} 15
 robot_health_value{robot="r1",signal="temperature"} 50
 robot_health_value{robot="r1",signal="motor"} 7
 robot_health_value{robot="r2",signal="battery_level"} 5
+robot_health_value{robot="r1",signal="charge_soon"} 40
+robot_health_value{robot="r1",signal="scan_gap"} 0.5
+robot_health_latest{robot="r1",signal="charge_soon"} 70
 robot_health_data_valid{robot="r1",signal="battery_level"} 1
 robot_health_link_up{robot="r1"} 1
 robot_health_link_up{robot="r2"} 0
@@ -81,9 +88,11 @@ def dashboard() -> Dict[str, Any]:
 
 
 def queries() -> Dict[str, str]:
-    """The query of each panel, by its title, with all robots selected."""
+    """The query of each panel, by its title, and that of a second line by its letter, with all robots selected."""
     return {
-        panel["title"]: target["expr"].replace("$robot", ".*").replace("$__rate_interval", "10s")
+        panel["title"] + target["refId"].replace("A", ""): target["expr"]
+        .replace("$robot", ".*")
+        .replace("$__rate_interval", "10s")
         for panel in dashboard()["panels"]
         for target in panel["targets"]
     }
@@ -107,6 +116,11 @@ def test_every_query_returns_the_data_that_was_put_in(prometheus: PrometheusServ
         "temperature: level": (["robot"], {("r1", 0.0), ("r2", 3.0)}),
         "motor": (["robot"], {("r1", 7.0)}),
         "motor: level": (["robot"], {("r1", 0.0)}),
+        "charge_soon": (["robot"], {("r1", 40.0)}),
+        "charge_soonB": (["robot"], {("r1", 70.0)}),
+        "charge_soon: level": (["robot"], {("r1", 0.0)}),
+        "scan_gap": (["robot"], {("r1", 0.5)}),
+        "scan_gap: level": (["robot"], {("r1", 0.0)}),
         "Notifications waiting": ((), {(4.0,)}),
         "Samples per second": (["robot", "quality"], {("r1", "good", 0.0), ("r1", "bad", 0.0)}),
         "Alerts per hour": (["robot", "signal", "to"], {("r1", "battery_level", "WARN", 0.0)}),
@@ -141,7 +155,15 @@ def test_bounds_are_the_thresholds_of_their_plot() -> None:
         {"color": "transparent", "value": None},
         {"color": "orange", "value": 80.0},
     ]
-    assert [panels[name]["unit"] for name in SIGNALS] == ["percent", "celsius", "suffix:rpm/s"]
+    assert [panels[name]["unit"] for name in SIGNALS] == ["percent", "celsius", "suffix:rpm/s", "percent", "s"]
+
+
+def test_the_plot_of_a_forecast_has_the_latest_value_and_the_time_ahead_in_its_legend() -> None:
+    (panel,) = [panel for panel in dashboard()["panels"] if panel["title"] == "charge_soon"]
+    assert [(target["refId"], target["legendFormat"]) for target in panel["targets"]] == [
+        ("B", "{{robot}}"),
+        ("A", "{{robot}} in 30 min"),
+    ]
 
 
 def test_panels_have_numbers_and_do_not_overlap() -> None:

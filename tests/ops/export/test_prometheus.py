@@ -58,6 +58,10 @@ def test_promtool_accepts_the_rules_of_every_shipped_configuration(tmp_path: Pat
         pytest.param({"a": {"warn_below": 1e300, "unit": '"{{ x }}" µ\\'}}, id="unit"),
         pytest.param({"a": {"warn_below": -1e-300, "warn_above": 5e-324, "for_s": 0.0005}}, id="tiny numbers"),
         pytest.param({"a": {"stale_after_s": 0.0}}, id="no rule but invalid data"),
+        pytest.param(
+            {"a": {"statistic": "forecast", "window_s": 600.001, "forecast_s": 0.001, "error_above": -1e-9}},
+            id="forecast",
+        ),
     ],
 )
 def test_promtool_accepts_the_rules_of_odd_configurations(tmp_path: Path, signals: Mapping[str, Any]) -> None:
@@ -70,7 +74,6 @@ def test_promtool_accepts_the_rules_of_odd_configurations(tmp_path: Path, signal
 def test_labels_and_summary_are_those_of_the_monitors_alert(tmp_path: Path) -> None:
     text = exported({"battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0, "for_s": 2.0}}).text
     series = {'robot_health_value{robot="r1", signal="battery_level", instance="a:9090"}': "25 19.5 19.5 19.5 9 9 9"}
-    (tmp_path / "rules.yaml").write_text(text)
     labels = {"robot": "r1", "signal": "battery_level"}
     warn = {
         "exp_labels": {**labels, "level": "WARN", "severity": "warning"},
@@ -82,6 +85,13 @@ def test_labels_and_summary_are_those_of_the_monitors_alert(tmp_path: Path) -> N
     }
     still_warn = {**warn, "exp_annotations": {"summary": "r1: battery_level WARN: 9 % is below 20 %"}}
     expected = [("2s", []), ("3s", [warn]), ("6s", [still_warn, error])]
+
+    assert run_series(tmp_path, text, series, expected) == ""
+
+
+def run_series(folder: Path, text: str, series: Mapping[str, str], expected: Sequence[Tuple[str, List[Any]]]) -> str:
+    """Returns promtool's findings; empty if the alerts at these times are as expected."""
+    (folder / "rules.yaml").write_text(text)
     test = {
         "rule_files": ["rules.yaml"],
         "evaluation_interval": "1s",
@@ -95,9 +105,26 @@ def test_labels_and_summary_are_those_of_the_monitors_alert(tmp_path: Path) -> N
             }
         ],
     }
-    (tmp_path / "test.yaml").write_text(json.dumps(test))
+    (folder / "test.yaml").write_text(json.dumps(test))
+    return promtool(folder, "test", "rules", "test.yaml")
 
-    assert promtool(tmp_path, "test", "rules", "test.yaml") == ""
+
+@needs_promtool
+def test_a_forecast_needs_its_window_and_of_two_monitors_the_worse_one_counts(tmp_path: Path) -> None:
+    """By hand: 100 % and 1 % less per second is 80 % at 20 s, and 20 s later 60 %."""
+    soon = {"statistic": "forecast", "window_s": 20.0, "forecast_s": 20.0, "unit": "%", "warn_below": 65.0}
+    series = {
+        'robot_health_latest{robot="r1", signal="soon", instance="a:9090"}': "100-1x30",
+        'robot_health_latest{robot="r1", signal="soon", instance="b:9090"}': "100x30",
+    }
+    alert = {
+        "exp_labels": {"robot": "r1", "signal": "soon", "level": "WARN", "severity": "warning"},
+        "exp_annotations": {"summary": "r1: soon WARN: forecast 60 % in 20 s is below 65 %"},
+    }
+    text = exported({"soon": soon}, interval_s=1.0).text
+    assert run_series(tmp_path, text, series, [("19s", []), ("20s", [alert])]) == ""
+    text = exported({"soon": {**soon, "window_min_s": 0.0}}, interval_s=1.0).text
+    assert run_series(tmp_path, text, series, [("19s", [])]) != ""
 
 
 class Robot:
@@ -262,6 +289,37 @@ def test_silence_invalid_data_conditions_and_links_alert_when_the_monitor_does(t
     assert seen == set(Level)
 
     findings = promtool_test(tmp_path, robots, expected)
+
+    assert not findings, findings[:3000]
+
+
+@pytest.mark.newest_python
+@needs_promtool
+def test_forecasts_gaps_and_conditions_on_statistics_alert_when_the_monitor_does(tmp_path: Path) -> None:
+    """Through /metrics. The mean of the switch differs from its latest value, on which the condition is."""
+    chance = random.Random(fixed_seed())
+    ahead = {"statistic": "forecast", "window_s": 10.0, "forecast_s": 10.0, "warn_below": 20.0, "for_s": 2.0}
+    only_if = {"signal": "switch", "is": 1.0}
+    robot = Robot(
+        "r1",
+        {
+            "switch": {"statistic": "mean", "window_min_s": 0.0, "stale_after_s": 0.0},
+            "soon": {**ahead, "stale_after_s": 0.0},
+            "soon_if": {**ahead, "only_if": only_if},
+            "scan_gap": {"statistic": "largest_gap_s", "window_s": 10.0, "warn_above": 2.5, "window_min_s": 3.0},
+        },
+    )
+    for step in range(STEPS):
+        charge = 20.0 + abs(25.0 - step) + chance.gauss(0.0, 0.1)
+        values = {"switch": float(step // 5 % 2), "soon": charge, "soon_if": charge}
+        if chance.random() < 0.5:
+            values["scan_gap"] = 1.0
+        robot.play(step, values)
+    expected = list(levels_of([robot]))
+    for name in ("soon", "soon_if", "scan_gap"):
+        assert {of_step["r1", name] for of_step in expected} >= {Level.OK, Level.WARN}
+
+    findings = promtool_test(tmp_path, [robot], expected)
 
     assert not findings, findings[:3000]
 
@@ -455,6 +513,7 @@ def test_what_promql_cannot_express_is_a_comment_at_its_rule_and_a_problem() -> 
                 "only_if": {"signal": "c", "is": 1.0},
             },
             "c": {"statistic": "max"},
+            "d": {"statistic": "forecast", "window_s": 149.0, "forecast_s": 60.0, "error_below": 3.0},
         }
     )
 
@@ -463,7 +522,8 @@ def test_what_promql_cannot_express_is_a_comment_at_its_rule_and_a_problem() -> 
         "a WARN: not expressed: repeat_s: set repeat_interval in Alertmanager",
         "b WARN: not expressed: flap_detection: every change is an alert",
         "b WARN: not expressed: an undefined mean: the alert ends when the window has too few samples",
-        "b WARN: not expressed: only_if: the metric of c is a statistic, not its latest value",
+        "d ERROR: not expressed: an undefined forecast: the alert ends when the window has too few samples",
+        "d ERROR: not expressed: a forecast from fewer than 5 scrapes in half of window_s: the monitor's counts",
     ]
     for problem in export.problems:
         assert f"      # Not expressed: {problem.partition(': not expressed: ')[2]}.\n" in export.text
