@@ -121,7 +121,16 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     values["fingerprint"] = judgement.fingerprint
     text = reason(judgement) if message is None else message
     return Status(
-        config.name, judgement.level, text, judgement.robot, values, hint(judgement), judgement.state, lasts_s, forecast
+        config.name,
+        judgement.level,
+        text,
+        judgement.robot,
+        values,
+        hint(judgement),
+        judgement.state,
+        lasts_s,
+        forecast,
+        outlook(judgement),
     )
 
 
@@ -158,7 +167,8 @@ def reason(judgement: Judgement) -> str:
     if judgement.state == "unreachable":
         if not judgement.seen:
             return "link down, no sample yet"
-        value = shown_text(judgement) or "undefined"
+        value = _latest_with_unit(judgement) if config.statistic == "forecast" else shown_text(judgement)
+        value = value or "undefined"
         return f"link down, last value {value} {duration_text(judgement.now_s - judgement.last_seen_s)} ago"
     if config.name == LINK:
         return _link_reason(judgement)
@@ -218,12 +228,25 @@ def shown_text(judgement: Judgement) -> str:
 
     A signal leads with its statistic: `29.9 Hz`, not the latest datum. The latest one may be invalid.
     """
-    config = judgement.config
+    config, judged = judgement.config, judgement.judged
     if config.statistic == "last":
-        text = latest_text(judgement)
-    else:
-        text = "" if judgement.judged is None else number_text(judgement.judged)
-    return with_unit(text, judged_unit(config)) if text else ""
+        return _latest_with_unit(judgement)
+    return "" if judged is None else _statistic_text(config, number_text(judged))
+
+
+def outlook(judgement: Judgement) -> str:
+    """Returns when a forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`.
+
+    Empty without a forecast or such a bound, and while the latest value is not known.
+    """
+    forecast = judgement.forecast
+    if forecast is None or judgement.latest_good is None or forecast.time_to_bound_s is None or forecast.bound is None:
+        return ""
+    time_s = forecast.time_to_bound_s
+    # From 10 min on, seconds would only flicker.
+    time_s = round(time_s / 60.0) * 60.0 if time_s >= 599.5 else max(1.0, round(time_s))
+    bound = with_unit(bound_text(forecast.bound), judged_unit(judgement.config))
+    return f"reaches {bound} in {duration_text(time_s)}"
 
 
 def latest_text(judgement: Judgement) -> str:
@@ -266,6 +289,16 @@ def _reduction_values(judgement: Judgement) -> Dict[str, str]:
     return values
 
 
+def _latest_with_unit(judgement: Judgement) -> str:
+    text = latest_text(judgement)
+    return with_unit(text, judgement.config.unit) if text else ""
+
+
+def _statistic_text(config: SignalConfig, value: str) -> str:
+    """Returns a value of a statistic; a forecast says so, since it has the unit of the latest value."""
+    return judged_text(config, value) if config.statistic == "forecast" else with_unit(value, judged_unit(config))
+
+
 def _last_announced(judgement: Judgement) -> str:
     return "" if judgement.announced is Level.OK else f", last announced {judgement.announced.name}"
 
@@ -305,7 +338,7 @@ def _value_reason(judgement: Judgement) -> str:
     bound = None if rule is None else rule.bound
     decided = decided_text(judgement)
     if rule is None or bound is None:
-        return with_unit(number_text(judged), unit) + decided
+        return _statistic_text(config, number_text(judged)) + decided
     value = judged_text(config, number_text(judged, bound)) + decided
     side = f"{'below' if rule.is_below else 'above'} {with_unit(bound_text(bound), unit)}"
     if judged < bound if rule.is_below else judged > bound:

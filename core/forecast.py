@@ -177,10 +177,11 @@ class ForecastWindow(Window):
         if lines is None:
             return None
         value, slope_per_s = self._choose(lines)
-        times_s = [self.forecast_s + (bound - value) / slope_per_s for bound in self._bounds if slope_per_s]
+        times_s = [(self.forecast_s + (bound - value) / slope_per_s, bound) for bound in self._bounds if slope_per_s]
         longest_s = _LONGEST * self.forecast_s
-        time_to_bound_s = min((time_s for time_s in times_s if 0.0 < time_s <= longest_s), default=None)
-        return Forecast(value, slope_per_s, self.forecast_s, time_to_bound_s)
+        ahead = (each for each in times_s if 0.0 < each[0] <= longest_s)
+        time_to_bound_s, bound = min(ahead, default=(None, None))
+        return Forecast(value, slope_per_s, self.forecast_s, time_to_bound_s, bound)
 
     def lines(self) -> Optional[_Lines]:
         """Returns prediction and slope through all samples, the older half and the newer half; None: undefined.

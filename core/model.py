@@ -76,6 +76,8 @@ class Forecast(NamedTuple):
     time_to_bound_s: Optional[float]
     """Time from the newest sample until the line reaches the nearest bound that lies ahead, in s; None: not in 10 times
     `forecast_s`."""
+    bound: Optional[float]
+    """That bound; None: there is none."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ class Status:
     """How long the level has lasted, in seconds."""
     forecast: Optional[Forecast] = field(default=None, compare=False)
     """None: the statistic is not `forecast`, or undefined."""
+    outlook: str = field(default="", compare=False)
+    """When the forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`; empty: none, or not known now."""
     silence: Optional[str] = field(default=None, compare=False)
     """Reason and end of the silence of the signal; None: it is not silenced."""
 

@@ -253,6 +253,7 @@ API: Mapping[str, Mapping[str, str]] = {
         "window": "at most 300 samples of the window, extremes kept, oldest first. If the statistic is not `last`, its "
         "values, in `judged_unit`",
         "text": "the value to show, with unit: that of the statistic, else the latest datum; if invalid, as received",
+        "outlook": "when a forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`; or empty",
         "statistic": "what the bounds apply to: `last`, `mean`, ...",
         "judged": "value of the statistic; `null` while undefined",
         "judged_unit": "its unit",

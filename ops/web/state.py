@@ -189,6 +189,7 @@ class RobotReader:
             "bounds": known.bounds,
             "window": [[round(t + self._offset_s, 3), value] for t, value in samples],
             "text": explanation.shown_text(judgement),
+            "outlook": explanation.outlook(judgement),
             "statistic": config.statistic,
             "judged": judgement.judged,
             "judged_unit": explanation.judged_unit(config),

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from robot_health_monitor.core.formatting import bound_text, count_text, with_hint
 from robot_health_monitor.core.model import Level, Status
-from robot_health_monitor.core.signal_config import LINK, SignalConfig
+from robot_health_monitor.core.signal_config import LINK, OF_ARRIVALS, SignalConfig
 from robot_health_monitor.runtime.times import local_time
 
 from .lines import Shown
@@ -98,7 +98,8 @@ def wrapped(text: str, width: int) -> List[str]:
 
 
 def _reason(status: Status, shown: Escape) -> str:
-    return shown(with_hint(status.message, status.hint))
+    outlook = f", {status.outlook}" if status.outlook else ""
+    return shown(with_hint(f"{status.message}{outlook}", status.hint))
 
 
 def _fitting(blocks: Iterable[Sequence[Text]], room: int) -> int:
@@ -186,7 +187,7 @@ class _SignalColumns:
             self._value = min(reasons, self._reason)
         if bars and any(row.trend for row in rows) and spare >= TREND_SAMPLES:
             self._trend, spare = TREND_SAMPLES, spare - TREND_SAMPLES - _GAP
-            widths = [_widest(name, (row.status.values.get(name, "") for row in rows)) for name in _STATISTICS]
+            widths = [_widest(name, (_statistic(row.status, name) for row in rows)) for name in _STATISTICS]
             if spare >= sum(widths) + _GAP * (len(widths) - 1):
                 self._statistics = widths
 
@@ -213,11 +214,16 @@ class _SignalColumns:
             parts = wrapped(reason, width)
             cells.append((Text(parts[0]), width))
         for name, width in zip(_STATISTICS, self._statistics):
-            cells.append((Text(self._shown(row.status.values.get(name, "-"))), width))
+            cells.append((Text(self._shown(_statistic(row.status, name) or "-")), width))
         if self._trend:
             cells.append((Text(_bars(row.trend)), self._trend))
         indent = " " * (self._name + self._level + 2 * _GAP)
         return [cells_line(cells, self._width), *(Text(indent + part) for part in parts[1:])]
+
+
+def _statistic(status: Status, name: str) -> str:
+    """Returns a statistic of the values; empty if there is none, or the values mean nothing."""
+    return "" if status.values.get("statistic") in OF_ARRIVALS else status.values.get(name, "")
 
 
 def _widest(header: str, texts: Iterable[str]) -> int:

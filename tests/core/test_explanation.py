@@ -219,6 +219,82 @@ def test_a_status_of_an_unreachable_signal_has_its_last_value_and_age() -> None:
     assert status(signal, 10.0).level is Level.STALE
 
 
+FORECAST: Dict[str, Any] = {"statistic": "forecast", "unit": "%", "window_s": 40.0, "forecast_s": 60.0}
+
+
+def falling(to_s: int, per_s: float = 0.5, **settings: Any) -> SignalMonitor:
+    """A signal at 100 % at 0 s, which then loses `per_s` per second."""
+    signal = watch(**{**FORECAST, **settings})
+    for second in range(to_s + 1):
+        signal.observe(100.0 - per_s * second, float(second))
+    return signal
+
+
+@pytest.mark.parametrize(
+    ("settings", "now_s", "text"),
+    [
+        ({"warn_below": 20.0}, 100, "reaches 20 % in 60 s"),
+        ({"warn_below": 20.0}, 30, ""),  # undefined until 40 s
+        ({"warn_below": 70.0, "error_below": 20.0}, 100, "reaches 20 % in 60 s"),  # the other one is crossed
+        ({"warn_below": 70.0}, 100, ""),
+        ({"warn_below": -280.0, "unit": "m"}, 100, ""),  # 660 s ahead: more than 10 times the horizon
+        ({"warn_below": -246.2, "unit": "m"}, 100, "reaches -246.2 m in 592 s"),
+        ({}, 100, ""),
+    ],
+)
+def test_a_forecast_says_when_its_line_reaches_the_nearest_bound_ahead(
+    settings: Dict[str, Any], now_s: int, text: str
+) -> None:
+    assert status(falling(now_s, **settings), float(now_s)).outlook == text
+
+
+def test_the_outlook_of_a_forecast_has_no_seconds_from_ten_minutes_on() -> None:
+    """100 % - 0.05 %/s: 98 % at 40 s, 93 % 100 s later, 68 % 599.6 s later."""
+    assert status(falling(40, 0.05, warn_below=93.0), 40.0).outlook == "reaches 93 % in 100 s"
+    assert status(falling(40, 0.05, warn_below=68.6), 40.0).outlook == "reaches 68.6 % in 588 s"
+    signal = watch(**{**FORECAST, "forecast_s": 120.0}, warn_below=54.7)
+    for second in range(41):
+        signal.observe(100.0 - 0.05 * second, float(second))
+    assert status(signal, 40.0).outlook == "reaches 54.7 % in 14 min"  # 866 s
+
+
+def test_what_is_not_known_now_has_no_outlook() -> None:
+    signal = falling(100, warn_below=20.0, stale_after_s=5.0, invalid_for_s=60.0)
+    signal.observe(math.nan, 100.5)
+    assert status(signal, 100.5).outlook == ""
+    signal.observe(49.5, 101.0)
+    assert status(signal, 101.0).outlook == "reaches 20 % in 59 s"
+    signal.tick(107.0)
+    assert status(signal, 107.0).outlook == ""
+    linked = falling(100, warn_below=20.0)
+    linked.inhibit(101.0)
+    assert status(linked, 103.0).outlook == ""
+    assert message(linked, 103.0) == "link down, last value 50 % 3 s ago"
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"statistic": "mean"}, "2 m"),
+        ({"statistic": "rate"}, "1 m/s"),
+        ({"statistic": "frequency_hz"}, "2 Hz"),
+        ({"statistic": "largest_gap_s"}, "0.5 s"),
+        ({"statistic": "forecast", "forecast_s": 6.0}, "forecast 9 m in 6 s"),
+        ({"statistic": "last"}, "3 m"),
+    ],
+)
+def test_a_signal_leads_with_its_statistic(settings: Dict[str, Any], text: str) -> None:
+    """1 m at 0 s and half a metre more every half second: 3 m at 2 s."""
+    signal = watch(unit="m", window_s=2.0, window_min_s=0.0, **settings)
+    samples = 10 if settings["statistic"] == "forecast" else 4
+    for number in range(samples + 1):
+        at_s = 2.0 * number / samples
+        signal.observe(1.0 + at_s, at_s)
+    found = status(signal, 2.0)
+    assert (found.level, found.message, found.values["value"]) == (Level.OK, text, "3")
+    assert explanation.shown_text(signal.judgement(2.0)) == text
+
+
 def test_long_durations_are_in_hours() -> None:
     signal = watch(warn_below=20.0, stale_after_s=0.0)
     signal.observe(50.0, 0.0)

@@ -28,11 +28,11 @@ def forecast_of(
 
 def test_a_straight_line_goes_on() -> None:
     discharge = [(float(second), 80.0 - 0.5 * second) for second in range(21)]
-    assert forecast_of(discharge, 20.0, 40.0) == Forecast(pytest.approx(50.0), pytest.approx(-0.5), 40.0, None)
+    assert forecast_of(discharge, 20.0, 40.0) == Forecast(pytest.approx(50.0), pytest.approx(-0.5), 40.0, None, None)
 
 
 def test_a_constant_stays_exactly_what_it_is() -> None:
-    assert forecast_of([(0.1 * step, 12.6) for step in range(300)], 20.0, 60.0) == Forecast(12.6, 0.0, 60.0, None)
+    assert forecast_of([(0.1 * step, 12.6) for step in range(300)], 20.0, 60.0) == Forecast(12.6, 0.0, 60.0, None, None)
 
 
 def test_the_most_cautious_of_three_lines_counts() -> None:
@@ -66,7 +66,7 @@ def test_a_sample_that_has_left_counts_no_more() -> None:
     window = ForecastWindow(20.0, 6000, 0.0, 10.0, NONE)
     for second in range(100):
         window.add(1e300 if second in (0, 50) else 5.0, float(second))
-    assert window.forecast() == Forecast(5.0, 0.0, 10.0, None)
+    assert window.forecast() == Forecast(5.0, 0.0, 10.0, None, None)
 
 
 def test_an_overflow_is_no_forecast() -> None:
@@ -81,7 +81,7 @@ def test_the_most_samples_limit_both_halves() -> None:
     assert (len(window), window.forecast()) == (10, None)  # all ten are of the newer half
     shorter = ForecastWindow(8.0, 100, 0.0, 10.0, NONE)
     shorter.take_over(window)
-    assert shorter.forecast() == Forecast(pytest.approx(59.0), pytest.approx(1.0), 10.0, None)
+    assert shorter.forecast() == Forecast(pytest.approx(59.0), pytest.approx(1.0), 10.0, None, None)
 
 
 @pytest.mark.parametrize(
@@ -102,11 +102,13 @@ def test_the_time_to_a_bound_is_that_of_the_line(bounds: Dict[str, float], expec
     found = forecast_of([(float(second), 55.0 - 0.5 * second) for second in range(21)], 20.0, 30.0, bounds)
     assert found is not None
     assert found.time_to_bound_s == (expected and pytest.approx(expected))
+    assert (found.bound is None) is (expected is None)
+    assert found.bound is None or found.bound == pytest.approx(45.0 - 0.5 * found.time_to_bound_s)
 
 
 def test_a_flat_line_reaches_no_bound() -> None:
     found = forecast_of([(float(second), 30.0) for second in range(21)], 20.0, 30.0, BELOW)
-    assert found == Forecast(30.0, 0.0, 30.0, None)
+    assert found == Forecast(30.0, 0.0, 30.0, None, None)
 
 
 @pytest.mark.newest_python

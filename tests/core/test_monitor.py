@@ -1428,7 +1428,7 @@ def test_a_forecast_warns_before_the_bound_is_reached() -> None:
     assert (status.values["forecast"], status.values["trend_per_min"]) == ("18", "-30")
     assert status.values["value"] == "48"
     assert status.values["time_to_bound_s"] == "56"  # 28 % at 0.5 % per s
-    assert status.forecast == Forecast(pytest.approx(18.0), pytest.approx(-0.5), 60.0, pytest.approx(56.0))
+    assert status.forecast == Forecast(pytest.approx(18.0), pytest.approx(-0.5), 60.0, pytest.approx(56.0), 20.0)
 
 
 def test_a_forecast_is_undefined_until_the_window_is_full() -> None:

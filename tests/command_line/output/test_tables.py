@@ -118,6 +118,30 @@ def test_the_reason_ends_with_the_hint_why_there_are_no_samples() -> None:
     assert shown[1] == "battery  STALE  no sample for 6 s [no publisher on /battery]"
 
 
+def test_a_forecast_says_when_it_reaches_a_bound_before_any_hint() -> None:
+    status = Status(
+        "soon", Level.OK, "forecast 26 % in 30 min", "atlas", {}, "a voltage", outlook="reaches 20 % in 45 min"
+    )
+    assert lines([SignalRow(status, "WARN < 20", ())], 90) == [
+        "signal  level  value                                                        bounds",
+        "soon    OK     forecast 26 % in 30 min, reaches 20 % in 45 min [a voltage]  WARN < 20",
+    ]
+
+
+def test_a_rate_of_arrivals_has_no_statistics_of_its_values() -> None:
+    values = {"mean": "1", "min": "1", "max": "1"}
+    rows = [
+        row("scan", 0, "9.9 Hz", trend=[9.9], statistic="frequency_hz", **values),
+        row("gap", 0, "0.1 s", trend=[0.1], statistic="largest_gap_s", **values),
+        row("load", 0, "1 %", trend=[1.0], statistic="mean", **values),
+    ]
+    assert [line.split()[2:-1] for line in lines(rows, 120)[1:]] == [
+        ["9.9", "Hz", "-", "-", "-"],
+        ["0.1", "s", "-", "-", "-"],
+        ["1", "%", "1", "1", "1"],
+    ]
+
+
 def test_statistics_and_trend_are_shown_where_there_is_room() -> None:
     trend = [1.0, float("nan"), 3.0, 5.0]
     rows = [row("battery_level", 0, "77 %", BATTERY, trend, mean="76.5", min="75", max="78")]

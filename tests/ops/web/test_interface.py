@@ -44,6 +44,7 @@ EXPECTED = {
             "bounds": [{"level": "WARN", "side": "below", "value": 20.0, "clears": 22.0}],
             "window": [[1_795_324_000.0, 50.0], [1_795_324_001.0, 19.0]],
             "text": "19 %",
+            "outlook": "",
             "statistic": "last",
             "judged": 19.0,
             "judged_unit": "%",

@@ -91,6 +91,7 @@ def test_a_forecast_has_its_horizon_trend_and_time_to_the_bound() -> None:
         robots.observe(80.0 - 0.5 * second, "battery_soon")
     signal = state.state(window=False)["signals"]["battery_soon"]
     assert [signal[key] for key in keys] == [70.0] + [pytest.approx(each) for each in (40.0, 40.0, 60.0, -30.0, 100.0)]
+    assert (signal["text"], signal["outlook"]) == ("forecast 40 % in 60 s", "reaches 20 % in 100 s")
 
 
 def test_bounds_are_numbers_that_json_has() -> None:
