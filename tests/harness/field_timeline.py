@@ -6,11 +6,13 @@ the same values at the same instants. `tests/core/test_local.py` has the alerts,
 
 from __future__ import annotations
 
+import math
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple
 
 from harness.port_conformance import FLOAT32, START_S
 
 BATTERY = "sensor_msgs/BatteryState"
+JOINTS = "sensor_msgs/JointState"
 END_S = START_S + 16.0
 
 
@@ -34,12 +36,32 @@ SIGNALS: Dict[str, Any] = {
         "topic": "scan", "type": FLOAT32, "field": "",
         "statistic": "largest_gap_s", "window_s": 4.0, "window_min_s": 2.0, "warn_above": 1.0, "stale_after_s": 0.0,
     },
+    **{
+        f"cells_{reduce}": {
+            "topic": "battery", "type": BATTERY, "field": "cell_voltage[*]", "reduce": reduce, **bounds,
+        }
+        for reduce, bounds in {
+            "min": {"unit": "V", "warn_below": 3.25},
+            "max": {"warn_above": 4.125},
+            "mean": {"warn_below": 3.5, "hysteresis": 0.125},
+            "spread": {"warn_above": 0.5},
+            "sum": {"warn_below": 10.0},
+            "count": {"error_below": 4.0},
+        }.items()
+    },
+    "left_effort": {
+        "topic": "joints", "type": JOINTS, "field": 'effort["wheel_left"]', "unit": "Nm", "warn_above": 8.0,
+        "stale_after_s": 4.0,
+    },
+    "wheels": {
+        "topic": "joints", "type": JOINTS, "field": 'effort["wheel_*"]', "reduce": "max", "warn_above": 9.0,
+    },
 }  # fmt: skip
 
 
 def timeline() -> List[Published]:
     """Returns all messages in the order of their times."""
-    return sorted((*_battery(), *_scan()), key=lambda published: published.time_s)
+    return sorted((*_battery(), *_scan(), *_joints()), key=lambda published: published.time_s)
 
 
 def _battery() -> Iterator[Published]:
@@ -48,7 +70,43 @@ def _battery() -> Iterator[Published]:
         elapsed_s = 0.25 * step + (0.125 if step else 0.0)
         if elapsed_s < 16.0:
             charge = 60.0625 - elapsed_s if elapsed_s < 10.0 else 40.0625 + elapsed_s
-            yield Published(START_S + elapsed_s, "/battery", BATTERY, {"charge": charge})
+            message = {"charge": charge, "cell_voltage": _cells(elapsed_s)}
+            yield Published(START_S + elapsed_s, "/battery", BATTERY, message)
+
+
+def _cells(elapsed_s: float) -> List[float]:
+    """Four cells of 3.75 V: one drops at 2 s, one is not measured from 4 s on, one is high at 6 s, none from 8 s on."""
+    cells = [3.75, 3.75, 3.75, 3.75]
+    if 2.0 < elapsed_s < 3.0:
+        cells[2] = 3.125
+    if 4.0 < elapsed_s < 5.0:
+        cells[1] = math.nan
+    if 6.0 < elapsed_s < 7.0:
+        cells[3] = 4.25
+    if 8.0 < elapsed_s < 9.0:
+        cells = [math.nan] * 4
+    if 10.0 < elapsed_s < 11.0:
+        cells = cells[:2]
+    if 12.0 < elapsed_s < 13.0:
+        cells = []
+    return cells
+
+
+def _joints() -> Iterator[Published]:
+    """Three joints at 1 Hz."""
+    for step in range(16):
+        elapsed_s = 0.25 + step
+        names, effort = ["wheel_left", "wheel_right", "arm"], [2.0, 3.0, 20.0]
+        if 2 <= step < 4:
+            effort[0] = 8.5
+        if 4 <= step < 6:
+            effort[1] = 9.5
+        if step == 6:
+            effort = effort[:2]
+        if 8 <= step < 14:
+            effort = []
+        message = {"name": names, "effort": effort}
+        yield Published(START_S + elapsed_s, "/joints", JOINTS, message)
 
 
 def _scan() -> Iterator[Published]:
