@@ -6,7 +6,6 @@ means the same on every middleware.
 
 from __future__ import annotations
 
-import re
 from typing import Any, Callable, List, NamedTuple, Sequence, Tuple, Union
 
 from .formatting import datum_text, number_text
@@ -116,25 +115,6 @@ def unequal(array: str, names_field: str, elements: int, names: int) -> BadDatum
 def unnamed(place: str, name: Any) -> BadDatum:
     """Returns the datum for an element whose name is not a text."""
     return BadDatum(f"{place} is not a text: {datum_text(name)}")
-
-
-def matcher(pattern: str) -> Callable[[str], bool]:
-    """Returns whether a name matches a pattern, in which `*` is any text and `?` any character.
-
-    >>> matcher("wheel_*")("wheel_left")
-    True
-    """
-    if pattern and not pattern.strip("*"):
-        return lambda name: True
-    parts = [re.escape(part).replace(r"\?", ".") for part in pattern.split("*")]
-    if len(parts) == 1:
-        compiled = re.compile(parts[0], re.DOTALL)
-    else:
-        # Each part matches as early as it can, and is not tried again: the work is bounded for any name.
-        middle = "".join(f"(?=(?P<p{n}>.*?{part}))(?P=p{n})" for n, part in enumerate(parts[1:-1]))
-        compiled = re.compile(f"{parts[0]}{middle}.*{parts[-1]}", re.DOTALL)
-    fullmatch = compiled.fullmatch
-    return lambda name: fullmatch(name) is not None
 
 
 _index_texts: List[str] = []

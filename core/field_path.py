@@ -21,7 +21,6 @@ from .elements import (
     BadDatum,
     DriverStatus,
     Elements,
-    matcher,
     numbered,
     stamp_of,
     too_many,
@@ -30,6 +29,7 @@ from .elements import (
 )
 from .errors import ConfigError
 from .parameters import describe
+from .patterns import matches_pattern
 
 
 class Keyed(NamedTuple):
@@ -187,16 +187,17 @@ def named_element(elements: Sequence[Any], names: Sequence[str], key: str, array
         return ABSENT
 
 
-def named_elements(
-    elements: Sequence[Any], names: Sequence[Any], place: str, matches: Callable[[str], bool], read: Getter
-) -> Any:
+def named_elements(elements: Sequence[Any], names: Sequence[Any], place: str, pattern: str, read: Getter) -> Any:
     """Returns the values of the elements whose names match; ABSENT if there are none. `place` is that of the names."""
     if len(elements) > MOST_ELEMENTS:
         return too_many(len(elements))
     for at, name in enumerate(names):
         if type(name) is not str:
             return unnamed(f"{place}[{at}]", name)
-    return _read_all(((name, element) for name, element in zip(names, elements) if matches(name)), read) or ABSENT
+    return (
+        _read_all(((name, element) for name, element in zip(names, elements) if matches_pattern(name, pattern)), read)
+        or ABSENT
+    )
 
 
 def numbered_elements(elements: Sequence[Any], read: Optional[Getter]) -> Any:
@@ -222,7 +223,6 @@ def _bind(steps: Sequence[Step]) -> Getter:
     at = next((number for number, step in enumerate(steps) if isinstance(step, Every)), len(steps))
     before, after = steps[:at], steps[at + 1 :]
     every: Any = steps[at] if at < len(steps) else None
-    matches = None if every is None or every.pattern is None else matcher(every.pattern)
     read_rest = _bind(after) if after else _element_value
 
     def read(element: Any) -> Any:
@@ -248,17 +248,17 @@ def _bind(steps: Sequence[Step]) -> Getter:
         if every is None:
             return _whole(message) if isinstance(steps[-1], str) else _element_value(message)
         elements = _listed(message)
-        if matches is None:
+        if every.pattern is None:
             is_plain = not after and elements and type(elements[0]) is not dict
             return numbered_elements(elements, None if is_plain else read)
         beside = _names_beside(elements, above, array)
         if beside is None:
             names = [element[key_field(element)] for element in elements]
-            return named_elements(elements, names, array, matches, read)
+            return named_elements(elements, names, array, every.pattern, read)
         names = above[beside]
         if len(names) != len(elements):
             return unequal(array, beside, len(elements), len(names)) if elements else ABSENT
-        return named_elements(elements, names, beside, matches, read)
+        return named_elements(elements, names, beside, every.pattern, read)
 
     return get
 

@@ -14,7 +14,6 @@ from .elements import (
     TIME_TYPES,
     BadDatum,
     DriverStatus,
-    matcher,
     stamp_of,
     unequal,
 )
@@ -130,13 +129,13 @@ class _Binder:
         plain: Getter = as_it_is if found.message else self._dialect.plain
         if every.pattern is None:
             return [*steps, lambda elements: numbered_elements(plain(elements), read)]
-        matches, read_one = matcher(every.pattern), read or as_it_is
+        pattern, read_one = every.pattern, read or as_it_is
         own = self._own_name(found)
         if own is not None:
             name_of = operator.attrgetter(own)
             return [
                 *steps,
-                lambda elements: named_elements(elements, list(map(name_of, elements)), above, matches, read_one),
+                lambda elements: named_elements(elements, list(map(name_of, elements)), above, pattern, read_one),
             ]
         beside = self._names_beside(above, siblings)
         both = operator.attrgetter(above, beside)
@@ -145,7 +144,7 @@ class _Binder:
             elements, names = both(message)
             if len(elements) != len(names):
                 return unequal(above, beside, len(elements), len(names)) if len(elements) else ABSENT
-            return named_elements(plain(elements), names, beside, matches, read_one)
+            return named_elements(plain(elements), names, beside, pattern, read_one)
 
         return [*steps[:-1], get]
 

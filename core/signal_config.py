@@ -58,9 +58,11 @@ class Condition:
     signal: str
     """The other signal's name."""
     comparison: str
-    """`is`, `is_not`, `below` or `above`."""
+    """`is`, `is_not`, `below`, `above` or `between`."""
     number: float
-    """Number with which its value is compared, in its unit."""
+    """Number with which its value is compared, in its unit; of `between` the lower one."""
+    upper: float = math.inf
+    """Upper number of `between`."""
 
     def __str__(self) -> str:
         return self.text(holds=True)
@@ -69,14 +71,21 @@ class Condition:
         """Returns the condition in words, or its opposite."""
         verb = "is" if holds is (self.comparison != "is_not") else "is not"
         side = "" if self.comparison in ("is", "is_not") else f" {self.comparison}"
-        return f"{self.signal} {verb}{side} {bound_text(self.number)}"
+        upper = f" and {bound_text(self.upper)}" if self.comparison == "between" else ""
+        return f"{self.signal} {verb}{side} {bound_text(self.number)}{upper}"
 
     def holds(self, value: float) -> bool:
         """Returns whether the condition is true for this value of the other signal."""
         if self.comparison in ("is", "is_not"):
-            # 0.1 as a Float32 is 0.1000000015
-            return math.isclose(value, self.number, rel_tol=1e-6) is (self.comparison == "is")
+            return _is_equal(value, self.number) is (self.comparison == "is")
+        if self.comparison == "between":
+            ends = _is_equal(value, self.number) or _is_equal(value, self.upper)
+            return self.number <= value <= self.upper or ends
         return value < self.number if self.comparison == "below" else value > self.number
+
+
+def _is_equal(value: float, number: float) -> bool:
+    return math.isclose(value, number, rel_tol=1e-6)  # 0.1 as a Float32 is 0.1000000015
 
 
 _KINDS: Mapping[str, type] = {
@@ -180,6 +189,7 @@ CONDITION_PARAMETERS = (
     Parameter("is_not", float, None, "true while the other signal differs from this value, in its unit"),
     Parameter("below", float, None, "true while the other signal is below this value, in its unit"),
     Parameter("above", float, None, "true while the other signal is above this value, in its unit"),
+    Parameter("between", list, None, "true while the other signal lies between these two values or equals one"),
 )
 """Keys of a condition on another signal: the signal and one comparison."""
 
@@ -240,7 +250,13 @@ def _read_condition(found: object, path: Path) -> Condition:
         found_text = " and ".join(comparisons) or "none"
         raise ConfigError(f"expected one of {', '.join(values)}, got {found_text}", path)
     ((comparison, number),) = comparisons.items()
-    return Condition(signal, comparison, number)
+    if comparison != "between":
+        return Condition(signal, comparison, number)
+    if len(number) != 2 or number[0] > number[1]:
+        got = ", ".join(map(bound_text, number[:5])) + (", ..." if len(number) > 5 else "")
+        problem = f"expected two numbers, the smaller one first, got [{got}]"
+        raise ConfigError(problem, (*path, "between"))
+    return Condition(signal, comparison, *number)
 
 
 def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:

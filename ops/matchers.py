@@ -6,6 +6,7 @@ import re
 from typing import List, NamedTuple, Sequence, Tuple
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.patterns import matches_pattern
 
 MOST_MATCHERS = 20
 
@@ -75,25 +76,3 @@ def matchers_text(matchers: Sequence[Matcher]) -> str:
         return f'"{pattern}"' if needs_quotes else pattern
 
     return ",".join(f"{each.label}{'=' if each.equal else '!='}{quoted(each.pattern)}" for each in matchers)
-
-
-def matches_pattern(text: str, pattern: str) -> bool:
-    """Returns whether a text matches a pattern, in time proportional to the product of their lengths.
-
-    fnmatch needs exponential time for some patterns on Python 3.8, and clients may send patterns.
-    """
-    position = place = 0
-    star, retry = -1, 0
-    while position < len(text):
-        if place < len(pattern) and pattern[place] == "*":
-            star, retry = place, position
-            place += 1
-        elif place < len(pattern) and pattern[place] in ("?", text[position]):
-            place += 1
-            position += 1
-        elif star >= 0:
-            retry += 1
-            position, place = retry, star + 1
-        else:
-            return False
-    return pattern[place:].strip("*") == ""

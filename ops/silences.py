@@ -16,11 +16,12 @@ from typing import Callable, Dict, FrozenSet, List, NamedTuple, Optional, Sequen
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import duration_text, printable
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.patterns import matches_pattern
 from robot_health_monitor.runtime.times import local_time
 
 from .history.queries import number_range
 from .history.rows import checked, is_count, is_text, is_time, optional, skip
-from .matchers import Matcher, matchers_text, matches_pattern, parse_matchers
+from .matchers import Matcher, matchers_text, parse_matchers
 
 MOST_ACTIVE = 1000
 """Largest number of active silences."""

@@ -236,6 +236,11 @@ class _Rules:
         value = self._metric("value" if followed is None or followed.statistic == "last" else "latest", signal=other)
         if condition.comparison in _OPERATORS:
             fails = f"{value} {'>=' if condition.comparison == 'below' else '<='} {number}"
+        elif condition.comparison == "between":
+            low, high = (
+                _number(end - side * abs(end) * 1e-6) for end, side in ((condition.number, 1), (condition.upper, -1))
+            )
+            fails = f"({value} < {low} or {value} > {high})"
         else:
             close = _number(abs(condition.number) * 1e-6)
             fails = f"abs({value} - {number}) {'>' if condition.comparison == 'is' else '<='} {close}"

@@ -9,8 +9,8 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tu
 
 from robot_health_monitor.core.continuity import MAX_EVIDENCE
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.patterns import matches_pattern
 
-from ..matchers import matches_pattern
 from .rows import (
     TRANSITION_CHECKS,
     TRANSITION_COLUMNS,

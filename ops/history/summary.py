@@ -17,10 +17,10 @@ from itertools import accumulate
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.patterns import matches_pattern
 from robot_health_monitor.core.signal_config import LINK
 from robot_health_monitor.core.state_reader import Saved
 
-from ..matchers import matches_pattern
 from .queries import pattern_condition
 from .rows import checked, is_count, is_level, is_number, is_text, is_time
 

@@ -22,9 +22,9 @@ from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Nam
 
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.outlets import json_line
+from robot_health_monitor.core.patterns import matches_pattern
 
 from ..configuration import TargetSettings
-from ..matchers import matches_pattern
 from .database import delete_odd_rows, is_transition
 from .sender import Notification, Notified, alert_line
 

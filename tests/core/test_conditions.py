@@ -128,6 +128,30 @@ def test_each_comparison_is_strict(comparison: Dict[str, float], counts: List[fl
         assert (robot.battery != []) == (value in counts), value
 
 
+def test_between_includes_both_ends_also_as_float32() -> None:
+    inside = {0.3999: False, 0.4: True, 0.4000000059604645: True, 0.5: True, 0.6000000238418579: True, 0.6001: False}
+    for value, counts in inside.items():
+        robot = Robot({"only_if": {"signal": "charging", "between": [0.4, 0.6]}})
+        robot.see(0.0, charging=value, battery=15.0)
+        assert (robot.battery != []) is counts, value
+
+
+def test_between_is_said_in_both_directions() -> None:
+    robot = Robot({"only_if": {"signal": "charging", "between": [40, 60.5]}})
+    robot.see(0.0, charging=70.0, battery=15.0)
+    assert robot.message(0.0) == "15 % is below 20 % (ignored: charging is not between 40 and 60.5)"
+    assert robot.monitor.report(0.0).statuses["battery"].values["only_if"] == "charging is between 40 and 60.5"
+
+
+def test_a_latch_is_released_while_the_other_signal_is_between_two_values() -> None:
+    robot = Robot({"latch": True, "latch_release_if": {"signal": "charging", "between": [1.0, 2.0]}})
+    robot.see(0.0, charging=0.0, battery=15.0)
+    robot.see(1.0, battery=50.0)
+    assert robot.message(1.0) == ("50 % is no longer below 20 %, latched until reset or charging is between 1 and 2")
+    robot.see(2.0, charging=1.5)
+    assert robot.battery == [(0.0, "WARN"), (2.0, "OK")]
+
+
 def test_a_float32_compares_as_equal_to_the_number_that_it_was_made_of() -> None:
     robot = Robot({"only_if": {"signal": "charging", "is": 0.1}})
     robot.see(0.0, charging=0.10000000149011612, battery=15.0)
@@ -269,16 +293,29 @@ def test_the_status_names_the_conditions() -> None:
     [
         ({}, "signal: is missing; expected the name of another signal"),
         ({"is": 1.0}, "signal: is missing; expected the name of another signal"),
-        ({"signal": "charging"}, "expected one of is, is_not, below, above, got none"),
+        ({"signal": "charging"}, "expected one of is, is_not, below, above, between, got none"),
         (
             {"signal": "charging", "is": 1.0, "below": 2.0},
-            "expected one of is, is_not, below, above, got is and below",
+            "expected one of is, is_not, below, above, between, got is and below",
+        ),
+        ({"signal": "charging", "between": 1.0}, "between: expected a list of numbers, got 1.0"),
+        (
+            {"signal": "charging", "between": [60.0, 40.0]},
+            "between: expected two numbers, the smaller one first, got [60, 40]",
+        ),
+        ({"signal": "charging", "between": [40.0]}, "between: expected two numbers, the smaller one first, got [40]"),
+        ({"signal": "charging", "between": []}, "between: expected two numbers, the smaller one first, got []"),
+        ({"signal": "charging", "between": [0.0, float("nan")]}, "between: expected a list of numbers, got [0.0, nan]"),
+        ({"signal": "charging", "between": [0.0, True]}, "between: expected a list of numbers, got [0.0, True]"),
+        (
+            {"signal": "charging", "between": [1, 2], "is": 1.0},
+            "expected one of is, is_not, below, above, between, got is and between",
         ),
         ({"signal": "charging", "is": "yes"}, "is: expected a number, got 'yes'"),
         ({"signal": "charging", "is": True}, "is: expected a number, got true"),
         (
             {"signal": "charging", "equals": 1.0},
-            "equals: unknown key; expected one of signal, is, is_not, below, above",
+            "equals: unknown key; expected one of signal, is, is_not, below, above, between",
         ),
         (
             {"signal": "battery", "is": 1.0},

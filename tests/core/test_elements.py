@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robot_health_monitor.core.elements import (
     MOST_ELEMENTS,
@@ -14,7 +12,6 @@ from robot_health_monitor.core.elements import (
     BadDatum,
     Elements,
     Stamp,
-    matcher,
     numbered,
     stamp_of,
     unequal,
@@ -87,46 +84,3 @@ def test_ten_thousand_elements_are_read_and_more_are_a_bad_datum_with_their_numb
 def test_the_bad_data_of_arrays_name_what_is_wrong() -> None:
     assert unequal("effort", "name", 3, 5) == "effort has 3 elements, name has 5"
     assert unnamed("name[1]", 7) == "name[1] is not a text: 7"
-
-
-@pytest.mark.parametrize(
-    ("pattern", "name", "matches"),
-    [
-        ("*", "", True),
-        ("*", "motor: left", True),
-        ("wheel_*", "wheel_left", True),
-        ("wheel_*", "wheel_", True),
-        ("wheel_*", "arm_wheel_left", False),
-        ("*left", "wheel_left", True),
-        ("*left", "left wheel", False),
-        ("*wheel*left", "a wheel on the left", True),
-        ("a*b*b", "ab", False),
-        ("a*b*b", "abb", True),
-        ("wheel_?", "wheel_1", True),
-        ("wheel_?", "wheel_", False),
-        ("wheel_?", "wheel_12", False),
-        ("wheel[1]*", "wheel[1] left", True),
-        ("wheel[1]*", "wheel1", False),
-        ("a.b*", "axb", False),
-        ("Motor*", "motor", False),
-        ("a*b", "a\nb", True),
-    ],
-)
-def test_a_pattern_matches_as_in_file_names(pattern: str, name: str, matches: bool) -> None:
-    assert matcher(pattern)(name) is matches
-
-
-@given(st.text("ab*?", max_size=8), st.text("ab", max_size=8))
-def test_a_pattern_matches_what_one_without_shortcuts_matches(pattern: str, name: str) -> None:
-    def plain(rest: str, text: str) -> bool:
-        if not rest:
-            return not text
-        if rest[0] == "*":
-            return plain(rest[1:], text) or (text != "" and plain(rest, text[1:]))
-        return text != "" and rest[0] in ("?", text[0]) and plain(rest[1:], text[1:])
-
-    assert matcher(pattern)(name) is plain(pattern, name)
-
-
-def test_a_pattern_with_many_stars_is_matched_in_bounded_time() -> None:
-    assert not matcher("*a" * 30 + "b")("a" * 5_000)

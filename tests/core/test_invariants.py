@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_health_monitor.core import ConfigError, Level, Monitor, MonitorConfig, Sample, Transition, load_config
+from robot_health_monitor.core.elements import Age, BadDatum, DriverStatus, Elements
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.signal_config import CONDITIONS, SIGNAL_PARAMETERS, STATISTICS
 
@@ -80,6 +81,11 @@ FOREIGN: Sequence[Any] = (
     float,
     Mute(),
     Dice(3.0),
+    Elements([("0", 19.5), ("wheel_left", -3.0), ("2", None), ("3", Dice(3.0))]),
+    Elements(),
+    Age(-0.5),
+    BadDatum("no time stamp"),
+    DriverStatus(2, "stalled"),
 )
 
 # --- configurations -------------------------------------------------------------------------------------------------
@@ -105,6 +111,8 @@ def of_parameter(parameter: Parameter) -> st.SearchStrategy[Any]:
         return st.lists(numbers, max_size=2)
     if parameter.kind is int:
         return st.sampled_from((1, 2, 3, 50))  # window_samples
+    if parameter.name == "field":
+        return st.sampled_from(("data", "cells[0]", "cells[*]", 'effort["*"]', "header.stamp"))
     if parameter.kind is str:
         return st.one_of(st.sampled_from(("%", "degC", "K", "V", "Hz", "°C", "", "rad/s")), any_text)
     if parameter.name in ("flap_high", "flap_low"):
@@ -126,6 +134,10 @@ conditions = st.builds(
     st.sampled_from(CALLED),
     st.sampled_from(("is", "is_not", "below", "above")),
     numbers,
+) | st.builds(
+    lambda signal, ends: {"signal": signal, "between": sorted(ends)},
+    st.sampled_from(CALLED),
+    st.tuples(numbers, numbers),
 )
 signal_trees = st.fixed_dictionaries(
     {},

@@ -24,11 +24,12 @@ from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
 from robot_health_monitor.core.outlets import json_line
+from robot_health_monitor.core.patterns import matches_pattern
 from robot_health_monitor.core.signal_config import SIGNAL_PARAMETERS
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.fleet_configuration import read_addresses
 from robot_health_monitor.ops.configuration import check_url, read_ops
-from robot_health_monitor.ops.matchers import matches_pattern, parse_matchers
+from robot_health_monitor.ops.matchers import parse_matchers
 from robot_health_monitor.ops.silences import parse_duration_s
 from robot_health_monitor.rosbridge.address import host_and_port, shown_address
 from robot_health_monitor.rosbridge.client.connection import ServerConnection

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.ops.matchers import Matcher, matchers_text, matches_pattern, parse_matchers
+from robot_health_monitor.ops.matchers import Matcher, matchers_text, parse_matchers
 
 
 @pytest.mark.parametrize(
@@ -59,27 +59,3 @@ def test_any_text_is_read_or_refused_and_what_is_read_can_be_written(text: str) 
     except ConfigError:
         return
     assert parse_matchers(matchers_text(matchers)) == matchers
-
-
-@pytest.mark.parametrize(
-    ("text", "pattern", "matches"),
-    [
-        ("battery_level", "battery*", True),
-        ("battery", "battery*", True),
-        ("my_battery", "battery*", False),
-        ("my_battery", "*battery", True),
-        ("r3", "r?", True),
-        ("r33", "r?", False),
-        ("", "*", True),
-        ("", "?", False),
-        ("a.b", "a[.]b", False),  # brackets are ordinary characters
-        ("a[1]", "a[1]", True),
-        ("abcbcd", "a*bcd", True),
-    ],
-)
-def test_patterns(text: str, pattern: str, matches: bool) -> None:
-    assert matches_pattern(text, pattern) is matches
-
-
-def test_a_pattern_of_many_stars_is_not_slow() -> None:
-    assert matches_pattern("a" * 200, "*a" * 60 + "b") is False  # takes centuries with fnmatch of Python 3.8

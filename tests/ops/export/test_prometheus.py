@@ -249,7 +249,8 @@ def random_faults(chance: random.Random, name: str) -> Tuple[Dict[str, Any], Lis
         "error_above": chance.choice((80.0, 81.0)),
         "hysteresis": chance.choice((0.0, 2.0)),
     }
-    condition = chance.choice((None, {"is": 1.0}, {"is_not": 1.0}, {"below": 0.5}, {"above": 0.5}))
+    conditions = {"is": 1.0}, {"is_not": 1.0}, {"below": 0.5}, {"above": 0.5}, {"between": [0.0, 0.5]}
+    condition = chance.choice((None, *conditions))
     if condition is not None:
         signal["only_if"] = {"signal": "switch", **condition}
     values: List[object] = []
