@@ -16,7 +16,16 @@ from .errors import ConfigError, Path, Problems
 from .formatting import list_text
 from .middleware import split_type_name
 from .parameters import Parameter, describe, read_parameters, require_mapping
-from .signal_config import CONDITION_PARAMETERS, CONDITIONS, LINK, SIGNAL_PARAMETERS, SignalConfig, read_signal
+from .signal_config import (
+    CONDITION_PARAMETERS,
+    CONDITIONS,
+    LINK,
+    SIGNAL_PARAMETERS,
+    SignalConfig,
+    is_element_name,
+    read_signal,
+    template_name,
+)
 from .standard_messages import check_field
 from .yaml_file import PathLike, read_yaml
 
@@ -241,12 +250,19 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
     for name, signal in read.items():
         for key in CONDITIONS:
             condition = getattr(signal, key)
-            if condition is not None and (condition.signal == name or condition.signal not in (*signals, LINK)):
+            if condition is not None and not _may_refer_to(condition.signal, name, read, signals):
                 others = list_text([other for other in signals if other not in (name, LINK)] + [LINK], 20)
                 problem = f"expected the name of another signal ({others}), got {describe(condition.signal)}"
                 problems.add(ConfigError(problem, (*path, name, key, "signal")))
     problems.raise_if_any()
     return read
+
+
+def _may_refer_to(other: str, name: str, read: Mapping[str, SignalConfig], given: Mapping[str, Any]) -> bool:
+    """Returns whether a condition of the signal `name` may be on `other`: a signal, or an element of a template."""
+    template = read.get(template_name(other))
+    is_element = template is not None and template.is_template and is_element_name(other)
+    return template_name(other) != name and (is_element or other in given or other == LINK)
 
 
 def _share_types(found: Mapping[str, Any], signals: Dict[str, SignalConfig], path: Path, problems: Problems) -> None:

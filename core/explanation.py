@@ -10,7 +10,7 @@ from typing import Dict, Mapping, NamedTuple, Optional
 
 from .elements import Age, BadDatum
 from .field_path import element_path
-from .formatting import bound_text, datum_text, duration_text, number_text, printable, with_unit
+from .formatting import bound_text, count_text, datum_text, duration_text, number_text, printable, with_unit
 from .model import Forecast, Level, Status
 from .quality import as_float, converted
 from .reduction import Element, Reduced
@@ -229,6 +229,8 @@ def shown_text(judgement: Judgement) -> str:
     A signal leads with its statistic: `29.9 Hz`, not the latest datum. The latest one may be invalid.
     """
     config, judged = judgement.config, judgement.judged
+    if config.is_template and judged is not None:
+        return count_text(int(judged), "element")
     if config.statistic == "last":
         return _latest_with_unit(judgement)
     return "" if judged is None else _statistic_text(config, number_text(judged))
@@ -336,6 +338,8 @@ def _value_reason(judgement: Judgement) -> str:
     if judged is None:
         return _undefined_reason(judgement)
     bound = None if rule is None else rule.bound
+    if config.is_template:
+        return shown_text(judgement)
     decided = decided_text(judgement)
     if rule is None or bound is None:
         return _statistic_text(config, number_text(judged)) + decided

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import base64
 import re
+from functools import lru_cache
 from operator import itemgetter
 from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -108,6 +109,7 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
     return tuple(steps)
 
 
+@lru_cache(maxsize=1000)  # asked for each signal of each report
 def every_step(path: str) -> Optional[Every]:
     """Returns the step that selects several elements; None: there is none, or the text is no path."""
     try:

@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Dict, KeysView, List, Mapping, Optional, Tuple
+from functools import partial
+from typing import Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
 
 from . import explanation
 from .config import MonitorConfig
+from .element_signals import ElementSignals, config_of, element_of, own_config, unconfigured
+from .elements import Elements
 from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status
-from .signal_config import CONDITIONS, LINK, SignalConfig, read_signal
+from .signal_config import CONDITIONS, LINK, SignalConfig, is_element_name, read_signal, template_name
 from .signal_monitor import SignalMonitor
 from .state_reader import Downtime, SavedSignal, UnusableStateError, without_latch
 from .window import Samples
@@ -49,7 +52,13 @@ class Monitor:
         """Creates a monitor that has seen nothing; `robot` replaces the configuration's `robot_name`."""
         self.robot = robot or config.robot_name
         self.config = config
-        self._signals: Dict[str, SignalMonitor] = {}
+        self._signals: Mapping[str, SignalMonitor] = {}
+        """All signals by name, in the order of the configuration; replaced, not changed, when elements come or go."""
+        self._single: Mapping[str, SignalMonitor] = {}
+        """All but templates and their elements."""
+        self._templates: Dict[str, ElementSignals] = {}
+        self._receivers: Mapping[str, SignalMonitor] = {}
+        """Those that samples go to: all but templates, whose samples go to their elements."""
         # NaN is not smaller than any time, so that the first call goes through _unusual_time.
         self._now_s = float("nan")
         self._followers: Dict[str, List[SignalMonitor]] = {}
@@ -70,12 +79,14 @@ class Monitor:
         if not self._now_s <= now_s <= _LARGEST:
             now_s = self._unusual_time(now_s, changes)
         self._now_s = now_s
-        signal = self._signals.get(name)
+        signal = self._receivers.get(name)
         if signal is None:
             if name != LINK:
+                self._observe_elements(name, value, now_s, changes)
                 return changes
-            signal = self._signals[LINK] = SignalMonitor(LINK_CONFIG, self.robot, now_s)
+            signal = SignalMonitor(LINK_CONFIG, self.robot, now_s)
             signal.cause = self._link_cause
+            self._arrange({**self._single, LINK: signal})
         transition = signal.observe(value, now_s)
         if transition is not None:
             changes.append(transition)
@@ -99,6 +110,8 @@ class Monitor:
         if not self._now_s <= now_s <= _LARGEST:
             now_s = self._unusual_time(now_s, changes)
         self._now_s = now_s
+        if self._templates:
+            self._tick_templates(now_s, changes)
         for signal in self._signals.values():
             transition = signal.tick(now_s)
             if transition is not None:
@@ -106,7 +119,8 @@ class Monitor:
         self._follow(self._all_followers, now_s, changes)
         if now_s - self._link_restored_s > _LINK_GRACE_S:
             self._link_restored_s = math.inf
-            changes.add(self._signals.pop(LINK).end(now_s))
+            changes.add(self._signals[LINK].end(now_s))
+            self._arrange({name: signal for name, signal in self._single.items() if name != LINK})
         return changes
 
     def skip(self, since_s: float, until_s: float) -> Changes:
@@ -131,6 +145,10 @@ class Monitor:
         statuses = {name: explanation.status(signal.judgement(now_s)) for name, signal in signals.items()}
         overall = Level.worst(status.level for status in statuses.values())
         return Report(overall, statuses, now_s, self.robot)
+
+    def excess_elements(self) -> Mapping[str, int]:
+        """Returns how many elements beyond `max_elements` came lately, by signal; counted up to 1,000."""
+        return {name: template.excess for name, template in self._templates.items() if template.excess}
 
     def judgements(self, now_s: float) -> Mapping[str, Judgement]:
         """Returns the state of every signal, without the texts and statistics of `report`. Reads only."""
@@ -230,8 +248,8 @@ class Monitor:
     def end(self) -> Changes:
         """Ends every alert, that of the link included: the robot is no longer watched."""
         changes = Changes(filter(None, [signal.end(self._now_s) for signal in self._signals.values()]))
-        self._signals = {}
-        self._find_followers()
+        self._templates = {}
+        self._arrange({})
         return changes
 
     def configure(self, config: MonitorConfig) -> Changes:
@@ -240,33 +258,39 @@ class Monitor:
         changes = Changes()
         if math.isnan(self._now_s):  # before the first call
             return changes
+        now_s, known, templates = self._now_s, self._signals, self._templates
         signals: Dict[str, SignalMonitor] = {}
+        self._templates = {}
         for name, signal_config in config.signals.items():
-            known = self._signals.get(name)
-            if known is None:
-                known = SignalMonitor(signal_config, self.robot, self._now_s)
-            elif known.config != signal_config:
-                changes.add(known.configure(signal_config, self._now_s))
-            signals[name] = known
-        for name, known in self._signals.items():
+            if signal_config.is_template:
+                template = templates.pop(name, None) or ElementSignals(signal_config, self.robot, now_s)
+                template.configure(signal_config, now_s, changes)
+                self._templates[name] = template
+                continue
+            signal = None if name in templates else known.get(name)
+            if signal is None:
+                signal = SignalMonitor(signal_config, self.robot, now_s)
+            elif signal.config != signal_config:
+                changes.add(signal.configure(signal_config, now_s))
+            signals[name] = signal
+        for name, signal in known.items():
             if name == LINK:
-                signals[LINK] = known
-            elif name not in signals:
-                changes.add(known.end(self._now_s))
-        self._signals = signals
-        self._inhibit_all(self._now_s)
-        self._find_followers()
-        self._follow(self._all_followers, self._now_s, changes)
+                signals[LINK] = signal
+            elif name not in signals and name in self._single:
+                changes.add(signal.end(now_s))
+        for template in templates.values():
+            template.end(now_s, changes)
+        self._arrange(signals)
+        self._inhibit_all(now_s)
+        self._follow(self._all_followers, now_s, changes)
         return changes
 
-    def _new_signals(self, now_s: float) -> Dict[str, SignalMonitor]:
-        return {name: SignalMonitor(signal, self.robot, now_s) for name, signal in self.config.signals.items()}
-
-    def _to_show(self, now_s: float) -> Tuple[float, Dict[str, SignalMonitor]]:
+    def _to_show(self, now_s: float) -> Tuple[float, Mapping[str, SignalMonitor]]:
         """Returns the time for ages, which is not before the last call, and the signals."""
         if not self._signals:
             now_s = now_s if -_LARGEST <= now_s <= _LARGEST else 0.0
-            return now_s, self._new_signals(now_s)
+            configs = map(own_config, self.config.signals.values())
+            return now_s, {config.name: SignalMonitor(config, self.robot, now_s) for config in configs}
         return now_s if self._now_s <= now_s <= _LARGEST else self._now_s, self._signals
 
     def _unusual_time(self, now_s: float, changes: Changes) -> float:
@@ -280,37 +304,96 @@ class Monitor:
             changes.notices = (f"time went back by {back_s:.3f} s: windows, pending timers and staleness restart",)
             for signal in self._signals.values():
                 signal.restart_time(now_s, back_s)
+            for template in self._templates.values():
+                template.restart_time(now_s)
         return float(now_s)
 
     def _start(self, now_s: float, changes: Changes) -> None:
         """Handles the first call: every signal begins to be watched."""
         self._now_s = now_s
-        self._signals = self._new_signals(now_s)
+        signals: Dict[str, SignalMonitor] = {}
+        for name, config in self.config.signals.items():
+            if config.is_template:
+                self._templates[name] = ElementSignals(config, self.robot, now_s)
+            else:
+                signals[name] = SignalMonitor(config, self.robot, now_s)
         if self._to_restore is not None:
             states, downtime = self._to_restore
             self._to_restore = None
-            unusable = [text for text in (self._restore(*state, downtime, changes) for state in states.items()) if text]
+            restored = (self._restore(name, saved, downtime, signals, changes) for name, saved in states.items())
+            unusable = [text for text in restored if text]
             if len(unusable) > _MOST_NOTICES:
                 unusable[_MOST_NOTICES:] = [f"... and {len(unusable) - _MOST_NOTICES} more saved states"]
             changes.notices = tuple(unusable)
-            if LINK in self._signals:
+            if LINK in signals:
                 self._link_restored_s = now_s
-        self._find_followers()
+        self._arrange(signals)
 
-    def _restore(self, name: str, saved: SavedSignal, downtime: Downtime, changes: Changes) -> str:
-        """Restores one signal; returns a notice if its saved state cannot be used."""
+    def _restore(
+        self, name: str, saved: SavedSignal, downtime: Downtime, signals: Dict[str, SignalMonitor], changes: Changes
+    ) -> str:
+        """Restores one signal into `signals` or its template; returns a notice if its saved state cannot be used."""
         now_s = self._now_s
         try:
-            config = LINK_CONFIG if name == LINK else self.config.signals.get(name)
-            signal = SignalMonitor(config or read_signal(name, {}), self.robot, now_s)
+            config = LINK_CONFIG if name == LINK else config_of(name, self.config.signals)
+            signal = SignalMonitor(config or unconfigured(name), self.robot, now_s)
             signal.restore(saved, now_s, downtime)
         except (UnusableStateError, ConfigError) as error:
             return f"{printable(str(name))[:80]}: starts without its saved state: {printable(str(error))}"
-        if config is None:
+        template = self._templates.get(template_name(name))
+        if config is None or (template is not None and not template.restore(name, signal)):
             changes.add(signal.end(now_s))
-        else:
-            self._signals[name] = signal
+        elif template is None:
+            signals[name] = signal
         return ""
+
+    def _arrange(self, single: Mapping[str, SignalMonitor]) -> None:
+        """Puts the signals in the order of the configuration; `single` are all but templates and their elements."""
+        self._single = single
+        self._signals = self._receivers = single
+        if self._templates:
+            self._signals, self._receivers = {}, dict(single)
+            for name in (*self.config.signals, LINK):
+                if name in self._templates:
+                    template = self._templates[name]
+                    self._signals[name] = template.own
+                    self._signals.update(template.signals)
+                    self._receivers.update(template.signals)
+                elif name in single:
+                    self._signals[name] = single[name]
+        self._find_followers()
+
+    def _observe_elements(self, name: str, value: object, now_s: float, changes: Changes) -> None:
+        """Judges the elements that a template received, or the first sample of one under its full name."""
+        template = self._templates.get(name)
+        if template is None:
+            template = self._templates.get(template_name(name))
+            if template is None or not is_element_name(name):
+                return
+            value = Elements([(element_of(name), value)])
+        number = len(template.signals)
+        observed = template.observe(value, now_s, partial(self._begin, now_s=now_s, changes=changes), changes)
+        if len(template.signals) > number:
+            self._arrange(self._single)
+            template.count(now_s, changes)
+        if self._followers:
+            for signal in observed:
+                self._follow(self._followers.get(signal.config.name, ()), now_s, changes)
+
+    def _begin(self, signal: SignalMonitor, now_s: float, changes: Changes) -> None:
+        """Brings a new signal to the state of the others: the link, and its conditions on other signals."""
+        if self._link_down:
+            signal.inhibit(now_s)
+        changes.add(signal.follow(self.fresh_value, now_s))
+
+    def _tick_templates(self, now_s: float, changes: Changes) -> None:
+        """Ends silent elements and counts the others."""
+        ended = [template.forget_silent(now_s, changes) for template in self._templates.values()]
+        if not self._link_down:
+            for template in self._templates.values():
+                template.count(now_s, changes)
+        if any(ended):
+            self._arrange(self._single)
 
     def _find_followers(self) -> None:
         """Collects the signals that have a condition on another one."""
@@ -323,7 +406,7 @@ class Monitor:
             for name in followed:
                 self._followers.setdefault(name, []).append(signal)
 
-    def _follow(self, followers: List[SignalMonitor], now_s: float, changes: Changes) -> None:
+    def _follow(self, followers: Sequence[SignalMonitor], now_s: float, changes: Changes) -> None:
         for follower in followers:
             changes.add(follower.follow(self.fresh_value, now_s))
 

@@ -36,6 +36,12 @@ BOUNDS = ("warn_below", "warn_above", "error_below", "error_above")
 MOST_FORECAST_WINDOWS = 3
 """Largest `forecast_s`, in lengths of the window."""
 
+LONGEST_NAME = 120
+"""Most characters of the name of an element's signal, `drivers[motor_driver: left]`."""
+
+LONGEST_TEMPLATE_NAME = 60
+"""Most characters of the name of a signal whose elements are signals: theirs begin with it."""
+
 LONGEST_S = 365.0 * 86_400.0
 """Longest duration in a configuration, in s: a year. Prometheus refuses much longer ones."""
 
@@ -152,6 +158,10 @@ class SignalConfig:
     flap_low: float = _key(25.0, "state change below which flapping ends, in %", 0.0, 100.0)
     stale_after_s: float = _key(5.0, "time without a sample after which it is STALE, in s; 0: never", 0.0)
     startup_grace_s: float = _key(10.0, "stale_after_s before the first sample, in s", 0.0)
+    max_elements: int = _key(200, "maximum number of elements that are signals of their own", 1, 10_000)
+    forget_after_s: float = _key(
+        0.0, "time without a sample after which an element is no longer watched, in s; 0: never", 0.0
+    )
     repeat_s: float = _key(0.0, "interval of repeated announcements while not OK, in s; 0: none", 0.0)
     only_if: Optional[Condition] = dataclasses.field(
         default=None, metadata={"condition": "the bounds apply only while this holds or the other signal is unknown"}
@@ -159,6 +169,11 @@ class SignalConfig:
     latch_release_if: Optional[Condition] = dataclasses.field(
         default=None, metadata={"condition": "a latch is released while this holds, as by `reset`"}
     )
+
+    @property
+    def is_template(self) -> bool:
+        """Whether every element of its field is a signal of its own, with this configuration."""
+        return not self.reduce and self.name == template_name(self.name) and every_step(self.field) is not None
 
     @property
     def bounds(self) -> Mapping[str, float]:
@@ -192,6 +207,16 @@ CONDITION_PARAMETERS = (
     Parameter("between", list, None, "true while the other signal lies between these two values or equals one"),
 )
 """Keys of a condition on another signal: the signal and one comparison."""
+
+
+def template_name(signal: str) -> str:
+    """Returns the name under which a signal is configured: `drivers` for the element `drivers[motor: left]`."""
+    return signal.partition("[")[0]
+
+
+def is_element_name(name: str) -> bool:
+    """Returns whether a text has the form of an element's name; any text may come from a file or a client."""
+    return "[" in name and name.endswith("]") and len(name) <= LONGEST_NAME and name.isprintable()
 
 
 def read_signal(name: str, found: object, path: Path = ()) -> SignalConfig:
@@ -282,9 +307,30 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
     if signal.window_min_s > signal.window_s:
         most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
         yield "window_min_s", f"expected at most window_s ({most}), got {got}"
+    yield from _mistakes_of_elements(signal, given)
     yield from _mistakes_of_forecast(signal)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
+
+
+def _mistakes_of_elements(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    if not signal.is_template:
+        for key in ("max_elements", "forget_after_s"):
+            if key in given:
+                yield (
+                    key,
+                    f'expected a field such as cell_voltage[*] or status["*"] with it, got {describe(signal.field)}',
+                )
+        return
+    if len(signal.name) > LONGEST_TEMPLATE_NAME:
+        yield (
+            "field",
+            f"expected a signal name of at most {LONGEST_TEMPLATE_NAME} characters with it, got {len(signal.name)}",
+        )
+    if 0.0 < signal.forget_after_s <= signal.stale_after_s:
+        expected = f"expected more than stale_after_s ({bound_text(signal.stale_after_s)})"
+        why = "an element would end before its silence is announced"
+        yield "forget_after_s", f"{expected}, got {bound_text(signal.forget_after_s)}: {why}"
 
 
 def _mistakes_of_forecast(signal: SignalConfig) -> Iterator[Tuple[str, str]]:

@@ -199,6 +199,10 @@ class SignalMonitor:
             self._rules.advance(now_s)
         return self._settle(now_s)
 
+    def note_unknown_since(self, since_s: float) -> None:
+        """Notes since when the level was unknown before the first sample, if that is longer than it was watched."""
+        self._announcer.since_s = since_s
+
     def judgement(self, now_s: float, *, with_statistics: bool = True) -> Judgement:
         """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
         level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer

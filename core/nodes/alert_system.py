@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
 from ..continuity import Continuity, SignalHistory
+from ..element_signals import MOST_REFUSED
 from ..elements import with_ages
 from ..errors import ConfigError
 from ..explanation import source_text
@@ -82,6 +83,7 @@ class AlertSystem:
         self._watches_defaults = "signals" not in given and not is_whole_file(given)
         self._config = config = self._read_config(given)
         self._unavailable: Set[str] = set()
+        self._excess: Set[str] = set()
         self._simulated_topics = ""
         self._simulated: FrozenSet[str] = frozenset()
         self.robot = config.robot_name or node.host_name()
@@ -304,8 +306,21 @@ class AlertSystem:
         self.self_monitor.note_tick(now_s)
         self._middleware.faults.guard("hints", self._look_up_hints, now_s)
         self._announce(self.monitor.tick(now_s), now_s)
+        self._report_excess()
         if self._continuity is not None:
             self._middleware.faults.guard("storing the state", self._continuity.save, now_s)
+
+    def _report_excess(self) -> None:
+        """Reports as faults which signals have more elements than `max_elements`."""
+        faults, excess = self._middleware.faults, self.monitor.excess_elements()
+        for name in self._excess - excess.keys():
+            faults.clear(f"elements of {name}")
+        self._excess = set(excess)
+        for name, number in excess.items():
+            most = self.monitor.config.signals[name].max_elements
+            more = "" if number < MOST_REFUSED else "at least "
+            text = f"{more}{most + number} elements, the first {most} are watched (max_elements)"
+            faults.report(f"elements of {name}", text, Level.WARN)
 
     def _look_up_hints(self, now_s: float) -> None:
         """Looks up why signals have no samples, before they are announced as STALE."""

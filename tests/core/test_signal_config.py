@@ -103,6 +103,8 @@ def test_a_signal_needs_nothing() -> None:
         flap_low=25.0,
         stale_after_s=5.0,
         startup_grace_s=10.0,
+        max_elements=200,
+        forget_after_s=0.0,
         repeat_s=0.0,
         only_if=None,
         latch_release_if=None,
