@@ -107,6 +107,8 @@ def rows(rounds: int = ROUNDS) -> Iterator[Row]:
     for window in WINDOWS:
         contestants[f"observe {window}"] = monitor(window)
         contestants[f"all {window}"] = monitor(window, **ALL_FEATURES)
+        contestants[f"mean {window}"] = monitor(window, statistic="mean")
+        contestants[f"forecast {window}"] = monitor(window, statistic="forecast", forecast_s=60.0)
         contestants[f"deque {window}"] = bare_deque(window)
     missing = ""
     try:
@@ -132,5 +134,8 @@ def rows(rounds: int = ROUNDS) -> Iterator[Row]:
         plain = median_ratio(found[f"all {window}"], found[f"observe {window}"])
         remark = f"to river, which is twice what plain observe may cost; {plain:.1f} times plain observe here"
         yield row("Monitor.observe, every feature", f"all {window}", f"river {window}", 1.0, remark)
-    for name, key in (("Monitor.observe", "observe"), ("Monitor.observe, every feature", "all")):
+        yield row("Monitor.observe, mean", f"mean {window}")
+        yield row("Monitor.observe, forecast", f"forecast {window}", f"mean {window}", 1.5, "to mean")
+    names = {"observe": "", "all": ", every feature", "forecast": ", forecast"}
+    for name, key in ((f"Monitor.observe{added}", key) for key, added in names.items()):
         yield row(name, f"{key} 6000", f"{key} 60", 1.3, "to window 60")

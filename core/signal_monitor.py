@@ -287,7 +287,7 @@ class SignalMonitor:
             window.begin_anew()
             if config.statistic != "last":
                 self.judged = None
-        if isinstance(window, GapWindow):
+        if config.statistic == "largest_gap_s":
             window.arrive(staleness.silence_s(now_s), now_s)
         staleness.arrive(now_s)
         if not self._quality.seen:

@@ -139,6 +139,9 @@ class Window:
             return None
         return STATISTIC_OF_WINDOW[name](self)
 
+    def arrive(self, silence_s: float, now_s: float) -> None:
+        """Notes the arrival of a sample, good or bad, after a silence; only a `GapWindow` keeps it."""
+
     def statistics(self) -> Dict[str, float]:
         """Returns every statistic that can be computed, to show, by its name in the configuration."""
         found = {name: statistic(self) for name, statistic in STATISTIC_OF_WINDOW.items()}
@@ -344,7 +347,7 @@ class GapWindow(Window):
         self._arrived = False
 
     def arrive(self, silence_s: float, now_s: float) -> None:
-        """Notes the arrival of a sample, good or bad, after a silence; that before the first one is no gap."""
+        """Notes an arrival; the silence before the first one is no gap."""
         if self._arrived:
             self._gaps.add(silence_s, now_s)
         self._arrived = True
