@@ -28,6 +28,7 @@ from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.nodes.battery_sensor import SENSOR_PARAMETERS
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors import configuration as sensing
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, SIGNAL_PARAMETERS
 from robot_health_monitor.exit_codes import exit_codes_text
 from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
@@ -76,6 +77,7 @@ def _blocks() -> Mapping[str, Callable[[], str]]:
         "exit codes": _exit_codes,
         "launch arguments": _launch_arguments,
         "metrics": _metrics,
+        "sources": _sources,
         "states": lambda: _table(("state", "meaning"), ((f"`{word}`", meaning) for word, meaning in STATES.items())),
         "causes": _causes,
     }
@@ -98,6 +100,13 @@ def _parameters(parameters: Iterable[Parameter]) -> str:
         for parameter in parameters
     )
     return _table(("key", "value", "default", "meaning"), rows)
+
+
+def _sources() -> str:
+    rows = (
+        (f"`{name}`", source.options_text, source.unit, source.description) for name, source in HOST_SOURCES.items()
+    )
+    return _table(("`source`", "options", "unit", "description"), rows)
 
 
 def _own(parameters: Iterable[Parameter]) -> Iterator[Parameter]:

@@ -16,9 +16,10 @@ from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySens
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS, has_inputs
 from robot_health_monitor.core.outlets import Outlet
 from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.sensors.computer import Computer
 from robot_health_monitor.core.sensors.configuration import METRICS
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.runtime.threads import run_in_daemon_thread
+from robot_health_monitor.runtime.threads import DetachedCalls, run_in_daemon_thread
 
 NODES = ("alert_system", "aggregator", "battery_sensor")
 """The nodes that run here, by their names in a configuration file."""
@@ -66,7 +67,9 @@ class EmbeddedMonitor:
         if has_inputs({**self._section("aggregator").tree, "sensors": source}):
             self._start("aggregator", Aggregator)
         if source != "none":
-            self._start("battery_sensor", BatterySensor)  # last: its first values have subscribers
+            computer = Computer(background=DetachedCalls("sources"))
+            # last: its first values have subscribers
+            self._start("battery_sensor", lambda node: BatterySensor(node, computer))
         self._health: Optional[Tuple[float, float]] = None
         listener = self.bus.node("output")
         listener.subscribe("system_health", "std_msgs/Float32", self._note_health, field="data")

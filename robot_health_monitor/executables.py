@@ -176,12 +176,14 @@ class _Running:
         from robot_health_monitor.core.middleware import Severity
         from robot_health_monitor.core.nodes import Aggregator, BatterySensor
         from robot_health_monitor.core.nodes.aggregator import has_inputs
+        from robot_health_monitor.core.sensors.computer import Computer
+        from robot_health_monitor.runtime.threads import DetachedCalls
 
         try:
             if name == "alert_system":
                 return self._start_alert_system(middleware)
             if name == "battery_sensor":
-                BatterySensor(middleware)
+                BatterySensor(middleware, Computer(background=DetachedCalls("sources")))
             elif has_inputs(middleware.given_parameters()):
                 Aggregator(middleware)
             else:

@@ -10,10 +10,11 @@ import time
 from typing import Any, Dict, List, NamedTuple, Optional, TextIO
 
 from robot_health_monitor.core.formatting import number_text, printable, with_unit
-from robot_health_monitor.core.sensors.configuration import HOST_SOURCES, HostSource
-from robot_health_monitor.core.sensors.host import HOST_PATHS, HostPaths
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostSource
+from robot_health_monitor.core.sensors.computer import Computer
 from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError, Source
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.threads import DetachedCalls
 
 from .arguments import Parser
 from .exit_codes import ExitCode
@@ -21,6 +22,8 @@ from .output.lines import readable
 
 _BETWEEN_READS_S = 0.5
 """Loads and rates are measured between two reads."""
+_PATIENCE_S = 1.0
+"""For a disk or a daemon that does not answer."""
 
 
 class SourceReading(NamedTuple):
@@ -62,10 +65,10 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     return ExitCode.SUCCESS
 
 
-def show_sources(as_json: bool, stream: Optional[TextIO] = None, paths: HostPaths = HOST_PATHS) -> None:
+def show_sources(as_json: bool, stream: Optional[TextIO] = None, computer: Optional[Computer] = None) -> None:
     """Lists every source of this machine: a table on a terminal, plain lines in a pipe, or JSON."""
     stream = stream or sys.stdout
-    readings = read_sources(paths)
+    readings = read_sources(computer or Computer(background=DetachedCalls("sources", patience_s=_PATIENCE_S)))
     values = [readable(reading.value_text, stream) for reading in readings]
     if as_json:
         lines = [_json_line(reading) for reading in readings]
@@ -77,33 +80,34 @@ def show_sources(as_json: bool, stream: Optional[TextIO] = None, paths: HostPath
     stream.flush()
 
 
-def read_sources(paths: HostPaths) -> List[SourceReading]:
-    """Reads every source of this machine; takes half a second."""
+def read_sources(computer: Computer) -> List[SourceReading]:
+    """Reads every source of this machine; takes half a second, and one more for each disk that does not answer."""
     made = [
-        (kind, options, host_source.make(**options, paths=paths))
+        (kind, options, host_source.make(computer, **options))
         for kind, host_source in HOST_SOURCES.items()
-        for options in _options(host_source, paths)
+        for options in _options(host_source, computer)
     ]
-    if [kind for kind, _, source in made if _needs_second_read(source)]:  # reads all of them
+    now_s = time.monotonic()
+    if [kind for kind, _, source in made if _needs_second_read(source, now_s)]:  # reads all of them
         time.sleep(_BETWEEN_READS_S)
-    return [_read(kind, options, source) for kind, options, source in made]
+    now_s = time.monotonic()
+    return [_read(kind, options, source, now_s) for kind, options, source in made]
 
 
-def _options(host_source: HostSource, paths: HostPaths) -> List[Dict[str, Any]]:
+def _options(host_source: HostSource, computer: Computer) -> List[Dict[str, Any]]:
     """Returns the options available here; without any, the default, whose error gives the reason."""
-    option = host_source.option
-    if option is None:
+    if not host_source.options:
         return [{}]
     try:
-        available = list(host_source.available(paths))
+        available = list(host_source.available(computer.paths))
     except SensorError:
         available = []
-    return [{option.name: value} for value in available or [option.default]]
+    return available or [{option.name: option.default for option in host_source.options[:1]}]
 
 
-def _needs_second_read(source: Source) -> bool:
+def _needs_second_read(source: Source, now_s: float) -> bool:
     try:
-        source.read(time.monotonic())
+        source.read(now_s)
     except NotMeasuredYet:
         return True
     except SensorError:
@@ -111,10 +115,10 @@ def _needs_second_read(source: Source) -> bool:
     return False
 
 
-def _read(kind: str, options: Dict[str, Any], source: Source) -> SourceReading:
+def _read(kind: str, options: Dict[str, Any], source: Source, now_s: float) -> SourceReading:
     shown = {name: value for name, value in options.items() if value not in (None, "")}
     try:
-        return SourceReading(kind, shown, source.read(time.monotonic()), "")
+        return SourceReading(kind, shown, source.read(now_s), "")
     except SensorError as error:
         problem, _, _ = str(error).partition("; ")  # without the advice for battery_sensor
         return SourceReading(kind, shown, None, problem)

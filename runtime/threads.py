@@ -12,11 +12,12 @@ import select
 import socket
 import threading
 from contextlib import closing
-from typing import Any, Callable, Coroutine, Optional, TypeVar
+from typing import Any, Callable, Coroutine, List, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.sensors.source import SensorError
 
-__all__ = ["LoopThread", "MonotonicEvent", "StepThread", "ThreadPool", "run_in_daemon_thread"]
+__all__ = ["DetachedCalls", "LoopThread", "MonotonicEvent", "StepThread", "ThreadPool", "run_in_daemon_thread"]
 
 Result = TypeVar("Result")
 _CLOSE_TIMEOUT_S = 5.0
@@ -80,6 +81,63 @@ async def run_in_daemon_thread(function: Callable[[], Result]) -> Result:
         return await pool.run(function)
     finally:
         pool.close()
+
+
+class DetachedCalls:
+    """Runs functions that may hang, such as reads of a disk on a network, each in a thread; nothing waits for them.
+
+    Threads are kept for the next functions. Called from one thread at a time.
+    """
+
+    def __init__(self, name: str, most_threads: int = 32, patience_s: float = 0.02) -> None:
+        """Starts no thread. `patience_s` is the time that a call waits for its function."""
+        self._name = name
+        self._most_threads = most_threads
+        self._patience_s = patience_s
+        self._idle: List[_DetachedThread] = []
+        self._busy: List[_DetachedThread] = []
+
+    def __call__(self, function: Callable[[], None]) -> bool:
+        """Starts a function, which must not raise; returns whether it has finished.
+
+        Raises SensorError if too many functions are running already.
+        """
+        self._idle += [thread for thread in self._busy if thread.finished.is_set()]
+        self._busy = [thread for thread in self._busy if not thread.finished.is_set()]
+        if not self._idle and len(self._busy) >= self._most_threads:
+            raise SensorError(f"{len(self._busy)} sources do not answer: no thread is left")
+        thread = self._idle.pop() if self._idle else _DetachedThread(self._name)
+        self._busy.append(thread)
+        thread.finished.clear()
+        thread.jobs.put(function)
+        return thread.finished.wait(self._patience_s)
+
+    def close(self) -> None:
+        """Ends the threads, each after its function. Nothing may be called afterwards."""
+        for thread in self._idle + self._busy:
+            thread.jobs.put(None)
+        self._idle, self._busy = [], []
+
+    __del__ = close
+
+
+class _DetachedThread:
+    """A daemon thread that runs one function after the other."""
+
+    def __init__(self, name: str) -> None:
+        self.jobs: queue.SimpleQueue[Optional[Callable[[], None]]] = queue.SimpleQueue()
+        self.finished = MonotonicEvent()
+        threading.Thread(target=self._work, args=(self.jobs, self.finished), name=name, daemon=True).start()
+
+    @staticmethod
+    def _work(jobs: queue.SimpleQueue[Optional[Callable[[], None]]], finished: MonotonicEvent) -> None:
+        while True:
+            job = jobs.get()
+            if job is None:
+                return
+            job()
+            del job  # what it belongs to may have to be freed before the next one comes
+            finished.set()
 
 
 class ThreadPool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Set, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 from ..config import NODE_PARAMETERS
 from ..errors import Problems
@@ -12,7 +12,7 @@ from ..model import Level, Status
 from ..outlets import ARRAY_TYPE, array_message
 from ..parameters import Parameter, read_parameters
 from ..sensors import configuration
-from ..sensors.host import HOST_PATHS, HostPaths
+from ..sensors.computer import Computer
 from ..sensors.source import NoSuchSensor, NotMeasuredYet, SensorError, Source
 from . import node
 
@@ -21,6 +21,7 @@ SENSOR_PARAMETERS = (
     Parameter("sensor_name", str, "robot", "name of the sensor, for the log"),
     Parameter("publish_rate", float, 1.0, "rate of every metric in Hz", 0.01, 1000.0),
     configuration.SEED,
+    configuration.HOST_PRESET,
 )
 """Parameters of battery_sensor besides those of its metrics (`configuration.METRIC_PARAMETERS`)."""
 
@@ -33,14 +34,14 @@ class BatterySensor:
     A metric that cannot be read is not published; the log reports it once, and once when it can be read again.
     """
 
-    def __init__(self, middleware: Middleware, paths: HostPaths = HOST_PATHS) -> None:
-        """Starts publishing, the host's sensors from the files at `paths`; raises ConfigError."""
+    def __init__(self, middleware: Middleware, computer: Optional[Computer] = None) -> None:
+        """Starts publishing; the sources of the host read `computer`, else this one. Raises ConfigError."""
         self._middleware = middleware
-        self._paths = paths
+        self._computer = computer or Computer()
         self._failed: Dict[str, SensorError] = {}
         self._seen: Set[str] = set()
         tree = middleware.given_parameters()
-        self._values, sources = _read_sensor(tree, paths)
+        self._values, sources = _read_sensor(tree, self._computer)
         self._robot = self._values["robot_name"] or node.host_name()
         middleware.declare_parameters(SENSOR_PARAMETERS + configuration.declared_parameters(tree), self._reconfigure)
         middleware.advertise(node.DIAGNOSTICS, ARRAY_TYPE)
@@ -117,7 +118,7 @@ class BatterySensor:
         return Status("sensors", level, message, self._robot, values)
 
     def _reconfigure(self, tree: Mapping[str, Any]) -> str:
-        values, sources = _read_sensor(tree, self._paths)
+        values, sources = _read_sensor(tree, self._computer)
         old, old_settings = self._values, self._settings
         node.refuse_changes(old, values, except_for=("sensors",))
         for metric in sources.keys() & self._sources.keys():
@@ -133,7 +134,7 @@ class BatterySensor:
         return node.describe_changes({"": old, **old_settings}, {"": values, **self._settings})
 
 
-def _read_sensor(tree: Mapping[str, Any], paths: HostPaths) -> Tuple[Dict[str, Any], Dict[str, Source]]:
+def _read_sensor(tree: Mapping[str, Any], computer: Computer) -> Tuple[Dict[str, Any], Dict[str, Source]]:
     """Returns the values of the node's own parameters, and the source of each metric; raises all mistakes at once."""
     problems = Problems()
     values: Dict[str, Any] = {}
@@ -143,6 +144,6 @@ def _read_sensor(tree: Mapping[str, Any], paths: HostPaths) -> Tuple[Dict[str, A
     if problems.errors:  # those of these keys are known; they would be found again with every metric
         tree = {key: value for key, value in tree.items() if key in configuration.SECTION_NAMES}
     with problems:
-        sources = configuration.read_sources(tree, paths=paths)
+        sources = configuration.read_sources(tree, computer=computer)
     problems.raise_if_any()
     return values, sources

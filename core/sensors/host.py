@@ -7,25 +7,13 @@ when it is first needed. What cannot be read raises SensorError.
 
 from __future__ import annotations
 
-import glob
 import os
-import re
 from dataclasses import dataclass
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from ..formatting import list_text
+from .computer import HOST_PATHS, HostPaths, call_psutil, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
-
-
-class HostPaths(NamedTuple):
-    """Where the kernel's files are. Tests pass folders with the files of other machines."""
-
-    proc: str = "/proc"
-    sys: str = "/sys"
-
-
-HOST_PATHS = HostPaths()
-"""The files of this machine."""
 
 _CPU_CHIPS = ("coretemp", "k10temp", "zenpower", "cpu", "soc_thermal", "soc-thermal", "x86_pkg_temp", "via_cputemp")
 """Prefixes of the names of CPU temperature chips: Intel, AMD, ARM boards, thermal zones, VIA."""
@@ -128,17 +116,18 @@ class Temperature(NamedTuple):
 def read_temperatures(paths: HostPaths = HOST_PATHS) -> Dict[str, List[Temperature]]:
     """Returns the temperature sensors of this machine by the name of their chip, or of their thermal zone."""
     chips: Dict[str, List[Temperature]] = {}
-    for folder in _sorted(f"{paths.sys}/class/hwmon/hwmon*"):
+    for folder in sorted_paths(f"{paths.sys}/class/hwmon/hwmon*"):
         for chip in (folder, os.path.join(folder, "device")):
             temperatures = _chip_temperatures(chip)
             if temperatures:
-                chips.setdefault(_text(chip, "name") or "unknown", []).extend(temperatures)
+                chips.setdefault(read_text(chip, "name") or "unknown", []).extend(temperatures)
                 break
     if not chips:  # boards such as Jetson have thermal zones only
-        for zone in _sorted(f"{paths.sys}/class/thermal/thermal_zone*"):
-            celsius = _thousandths(zone, "temp")
-            if celsius is not None:
-                chips.setdefault(_text(zone, "type") or "unknown", []).append(Temperature("", celsius))
+        for zone in sorted_paths(f"{paths.sys}/class/thermal/thermal_zone*"):
+            number = read_float(zone, "temp")
+            if number is not None:
+                name = read_text(zone, "type") or "unknown"
+                chips.setdefault(name, []).append(Temperature("", number / 1000.0))
     return chips
 
 
@@ -152,6 +141,39 @@ def temperature_sensors(paths: HostPaths = HOST_PATHS) -> List[str]:
     return names
 
 
+def read_chips(paths: HostPaths, kind: str) -> Dict[str, float]:
+    """Returns the readings of all sensors of a kind (fan, in) by chip/label, or by chip/name without a unique label."""
+    found: Dict[str, float] = {}
+    for folder in sorted_paths(f"{paths.sys}/class/hwmon/hwmon*"):
+        chip = read_text(folder, "name") or "unknown"
+        for file in sorted_paths(f"{folder}/{kind}[0-9]*_input"):
+            number = read_float(file)
+            if number is not None:
+                sensor = os.path.basename(file)[: -len("_input")]
+                name = f"{chip}/{read_text(folder, f'{sensor}_label') or sensor}"
+                found[name if name not in found else f"{chip}{len(found)}/{sensor}"] = number
+    return found
+
+
+def fan_rpm(readings: Mapping[str, float], sensor: str) -> float:
+    """Returns the speed of a fan, without a name that of the fastest: a connector without a fan reads 0."""
+    return max(readings.values()) if readings and not sensor else _reading_of("fan", readings, sensor)
+
+
+def rail_volts(readings: Mapping[str, float], sensor: str) -> float:
+    """Returns a voltage, without a name the first, in V."""
+    first = next(iter(readings), "")
+    return _reading_of("voltage sensor", readings, sensor or first) / 1000.0
+
+
+def _reading_of(noun: str, readings: Mapping[str, float], sensor: str) -> float:
+    if not readings:
+        raise NoSuchSensor(f"this machine has no {noun}, or no driver for it")
+    if sensor not in readings:
+        raise SensorError(f"this machine has no {noun} {sensor}; available: {', '.join(readings)}")
+    return readings[sensor]
+
+
 class Battery:
     """The battery of this machine: the first by name that does not power a device such as a gamepad.
 
@@ -161,11 +183,11 @@ class Battery:
     def __init__(self, paths: HostPaths = HOST_PATHS) -> None:
         """Finds the battery; raises NoSuchSensor if there is none."""
         supplies = os.path.join(paths.sys, "class", "power_supply")
-        self._supplies = _sorted(f"{supplies}/*")
+        self._supplies = sorted_paths(f"{supplies}/*")
         for folder in self._supplies:
             name = os.path.basename(folder)
             is_battery = name.startswith("BAT") or "battery" in name.lower()
-            if is_battery and _text(folder, "scope") != "Device":
+            if is_battery and read_text(folder, "scope") != "Device":
                 self._folder = folder
                 return
         remedy = "set the source to simulated or none, or publish the battery of the robot from its driver"
@@ -182,10 +204,10 @@ class Battery:
     def is_plugged(self) -> bool:
         """Returns whether a charger is connected."""
         for supply in self._supplies:
-            online = _text(supply, "online")
-            if online in ("0", "1") and _text(supply, "type") in ("Mains", None):
+            online = read_text(supply, "online")
+            if online in ("0", "1") and read_text(supply, "type") in ("Mains", None):
                 return online == "1"
-        status = (_text(self._folder, "status") or "").lower()
+        status = (read_text(self._folder, "status") or "").lower()
         if status not in ("charging", "discharging", "full"):
             raise SensorError("this machine does not report whether its charger is connected")
         return status != "discharging"
@@ -204,10 +226,10 @@ class Battery:
             if not volts:
                 raise SensorError("the battery of this machine has no current_now, and its voltage is 0")
             amperes = abs(self._number("power_now")) / 1e6 / volts
-        return -amperes if _text(self._folder, "status") == "Discharging" else amperes
+        return -amperes if read_text(self._folder, "status") == "Discharging" else amperes
 
     def _number(self, file: str) -> int:
-        text = _text(self._folder, file)
+        text = read_text(self._folder, file)
         if text is None:
             raise SensorError(f"the battery of this machine has no {file}")
         try:
@@ -220,21 +242,6 @@ class Battery:
             return self._number(file)
         except SensorError:
             return None
-
-
-def call_psutil(function: str, subject: str, paths: HostPaths, *arguments: Any, **options: Any) -> Any:
-    """Calls a function of psutil, which reads a `subject`; raises SensorError if that is not possible."""
-    try:
-        import psutil
-    except ImportError:
-        raise SensorError("psutil is not installed: install python3-psutil with apt or psutil with pip") from None
-    if not hasattr(psutil, function):
-        raise SensorError(f"psutil cannot read {subject} on this system; set the source to simulated or none")
-    psutil.PROCFS_PATH = paths.proc
-    try:
-        return getattr(psutil, function)(*arguments, **options)
-    except Exception as error:  # psutil raises anything when a driver's file is odd
-        raise SensorError(f"psutil cannot read {subject}: {type(error).__name__}: {error}") from error
 
 
 def _is_plausible(celsius: float) -> bool:
@@ -257,32 +264,6 @@ def _by_name(chips: Mapping[str, Sequence[Temperature]]) -> Dict[str, float]:
 
 
 def _chip_temperatures(chip: str) -> List[Temperature]:
-    names = [os.path.basename(file)[: -len("_input")] for file in _sorted(f"{chip}/temp*_input")]
-    readings = [(_text(chip, f"{name}_label") or "", _thousandths(chip, f"{name}_input")) for name in names]
-    return [Temperature(label, celsius) for label, celsius in readings if celsius is not None]
-
-
-def _sorted(pattern: str) -> List[str]:
-    """Returns the paths that match, hwmon2 before hwmon10."""
-
-    def key(path: str) -> Tuple[object, ...]:
-        parts = re.split(r"(\d+)", os.path.basename(path))
-        return tuple(int(part) if part.isdigit() else part for part in parts)
-
-    return sorted(glob.glob(pattern), key=key)
-
-
-def _thousandths(folder: str, file: str) -> Optional[float]:
-    try:
-        return float(_text(folder, file) or "") / 1000.0
-    except ValueError:
-        return None  # a sensor that is switched off has an empty or unreadable file
-
-
-def _text(folder: str, file: str) -> Optional[str]:
-    """Returns the content of a file, None if it cannot be read."""
-    try:
-        with open(os.path.join(folder, file), encoding="utf-8", errors="replace") as stream:
-            return stream.read(4096).strip()
-    except OSError:
-        return None
+    names = [os.path.basename(file)[: -len("_input")] for file in sorted_paths(f"{chip}/temp*_input")]
+    readings = [(read_text(chip, f"{name}_label") or "", read_float(chip, f"{name}_input")) for name in names]
+    return [Temperature(label, number / 1000.0) for label, number in readings if number is not None]

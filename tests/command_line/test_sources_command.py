@@ -13,7 +13,7 @@ import pytest
 from harness.machine import Machine
 
 from robot_health_monitor.core.sensors import configuration as sensing
-from robot_health_monitor.core.sensors.configuration import HOST_SOURCES
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.sources_command import SourceReading, show_sources
 
 yaml = pytest.importorskip("yaml")
@@ -39,7 +39,7 @@ class Terminal(io.StringIO):
 
 
 def lines_of(stream: io.StringIO, machine: Machine, as_json: bool = False) -> List[str]:
-    show_sources(as_json, stream, machine.paths)
+    show_sources(as_json, stream, machine.computer)
     return stream.getvalue().splitlines()
 
 
@@ -57,7 +57,7 @@ def test_a_pipe_gets_a_line_per_source_with_its_value_or_what_is_missing(machine
 def test_utf_8_shows_the_degree_sign(machine: Machine) -> None:
     machine(MACHINE)
     stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
-    show_sources(False, stream, machine.paths)
+    show_sources(False, stream, machine.computer)
     stream.seek(0)
     assert '{source: temperature, sensor: "coretemp/Package id 0"}: 52 °C' in stream.read().splitlines()
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Mapping, Optional
 
-from robot_health_monitor.core.sensors.host import HostPaths
+from robot_health_monitor.core.sensors.computer import Computer, HostPaths
 
 
 class Machine:
-    """Files below `/proc` and `/sys` of a machine, as trees of path to text."""
+    """Files below `/proc`, `/sys` and `/run` of a machine, as trees of path to text."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self.paths = HostPaths(proc=str(root / "proc"), sys=str(root / "sys"))
+        self.paths = HostPaths(proc=str(root / "proc"), sys=str(root / "sys"), run=str(root / "run"))
+        self.computer = Computer(self.paths)
         for folder in self.paths:
             Path(folder).mkdir()
 

@@ -17,7 +17,9 @@ from typing import List, Optional
 import pytest
 
 from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.sensors.source import SensorError
 from robot_health_monitor.runtime.threads import (
+    DetachedCalls,
     LoopThread,
     MonotonicEvent,
     StepThread,
@@ -35,6 +37,32 @@ def test_the_result_and_the_exception_arrive() -> None:
             await run_in_daemon_thread(lambda: 1 // 0)
 
     asyncio.run(run())
+
+
+def test_a_detached_call_that_hangs_keeps_its_thread_and_others_share_one() -> None:
+    calls = DetachedCalls("test", most_threads=2, patience_s=30.0)
+    names: List[int] = []
+    for _ in range(3):
+        assert calls(lambda: names.append(threading.get_ident()))
+    assert len(set(names)) == 1
+    hangs, patient = threading.Event(), calls._patience_s
+    calls._patience_s = 0.0
+    assert not calls(lambda: assert_set(hangs))
+    calls._patience_s = patient
+    assert calls(lambda: names.append(threading.get_ident()))
+    assert len(set(names)) == 2
+    calls._patience_s = 0.0
+    other = threading.Event()
+    assert not calls(lambda: assert_set(other))
+    with pytest.raises(SensorError, match=r"^2 sources do not answer: no thread is left$"):
+        calls(lambda: None)
+    hangs.set()
+    other.set()
+    calls.close()
+
+
+def assert_set(event: threading.Event) -> None:
+    assert event.wait(30.0)
 
 
 def test_a_cancelled_wait_ignores_the_result() -> None:

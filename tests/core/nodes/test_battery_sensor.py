@@ -16,7 +16,7 @@ from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
 from robot_health_monitor.core.parameters import flatten, unflatten
 from robot_health_monitor.core.sensors import configuration
-from robot_health_monitor.core.sensors.host import HOST_PATHS, HostPaths
+from robot_health_monitor.core.sensors.computer import HOST_PATHS, Computer, HostPaths
 
 BATTERY = {
     "/sys/class/power_supply/BAT0/capacity": "62",
@@ -38,7 +38,7 @@ def stage() -> Stage:
 
 def start(stage: Stage, parameters: Mapping[str, Any], paths: HostPaths = HOST_PATHS) -> LocalMiddleware:
     middleware = stage.bus.node("battery_sensor", parameters=parameters)
-    BatterySensor(middleware, paths)
+    BatterySensor(middleware, Computer(paths))
     return middleware
 
 

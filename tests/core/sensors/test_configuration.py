@@ -11,7 +11,7 @@ from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import BatterySensor
 from robot_health_monitor.core.sensors import configuration as sensing
-from robot_health_monitor.core.sensors.configuration import HOST_SOURCES, HostReading
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES, HostReading
 from robot_health_monitor.core.sensors.host import HostCpuUsage, HostTemperature
 from robot_health_monitor.core.sensors.simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 
@@ -124,7 +124,12 @@ def test_further_metrics_of_this_machine_come_after_the_three() -> None:
 
 
 def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
-    tree = {"host": {f"metric_{kind}": {"source": kind} for kind in HOST_SOURCES}}
+    tree = {
+        "host": {
+            f"metric_{kind}": {"source": kind, **({"node": "amcl"} if made.required else {})}
+            for kind, made in HOST_SOURCES.items()
+        }
+    }
     assert len(sensing.read_sources(tree)) == 3 + len(HOST_SOURCES)
 
 

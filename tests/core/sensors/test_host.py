@@ -14,7 +14,8 @@ from typing import Any, List
 import pytest
 from harness.machine import Machine
 
-from robot_health_monitor.core.sensors.host import HOST_PATHS, Battery, HostCpuUsage, HostTemperature, call_psutil
+from robot_health_monitor.core.sensors.computer import HOST_PATHS, call_psutil
+from robot_health_monitor.core.sensors.host import Battery, HostCpuUsage, HostTemperature
 from robot_health_monitor.core.sensors.source import SensorError
 
 psutil = pytest.importorskip("psutil")

@@ -1,4 +1,4 @@
-"""The kernel's files of several machines; test_host.py and test_host_sources.py have the sources that read them."""
+"""The kernel's files of several machines; test_host.py and test_catalogue.py have the sources that read them."""
 
 from __future__ import annotations
 

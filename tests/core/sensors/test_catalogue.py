@@ -17,8 +17,8 @@ from harness.port_conformance import levels_to
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
-from robot_health_monitor.core.sensors.configuration import HOST_SOURCES
-from robot_health_monitor.core.sensors.host import HOST_PATHS
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
+from robot_health_monitor.core.sensors.computer import HOST_PATHS, Computer
 from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError
 
 psutil = pytest.importorskip("psutil")
@@ -93,9 +93,8 @@ def machine(tmp_path: Path) -> Machine:
 
 def source(kind: str, machine: Optional[Machine] = None, **option: Any) -> Any:
     made = HOST_SOURCES[kind]
-    if made.option is not None:
-        option.setdefault(made.option.name, made.option.default)
-    return made.make(**option, **({} if machine is None else {"paths": machine.paths}))
+    options = {**{each.name: each.default for each in made.options}, **option}
+    return made.make(Computer() if machine is None else Computer(machine.paths), **options)
 
 
 def read(kind: str, machine: Optional[Machine] = None, **option: Any) -> float:
@@ -351,24 +350,37 @@ def test_the_options_that_a_machine_has(machine: Machine) -> None:
     offered: Dict[str, List[Any]] = {
         kind: list(made.available(machine.paths))
         for kind, made in HOST_SOURCES.items()
-        if made.option and "disk" not in kind
+        if kind in ("cpu_percent", "temperature", "network_errors", "network_drops")
     }
     assert offered == {
-        "cpu_percent": [None, 0, 1],
+        "cpu_percent": [{"core": None}, {"core": 0}, {"core": 1}],
         "temperature": [
-            "", "coretemp/Package id 0", "coretemp/Core 0", "coretemp/Core 1", "nvme/0", "nvme/1", "acpitz/0",
+            {"sensor": name}
+            for name in (
+                "", "coretemp/Package id 0", "coretemp/Core 0", "coretemp/Core 1", "nvme/0", "nvme/1", "acpitz/0",
+            )
         ],
-        "network_errors": ["can0", "eth0"],
-        "network_drops": ["can0", "eth0"],
+        "network_errors": [{"interface": "can0"}, {"interface": "eth0"}],
+        "network_drops": [{"interface": "can0"}, {"interface": "eth0"}],
     }  # fmt: skip
 
 
 def test_this_machine_has_a_root_disk() -> None:
-    assert "/" in list(HOST_SOURCES["disk_percent"].available(HOST_PATHS))
+    assert {"path": "/"} in list(HOST_SOURCES["disk_percent"].available(HOST_PATHS))
 
 
 @pytest.mark.parametrize(
-    "kind", [kind for kind in HOST_SOURCES if not kind.startswith(("load", "battery", "temperature"))]
+    "kind",
+    [
+        "cpu_percent",
+        "memory_percent",
+        "memory_available",
+        "swap_percent",
+        "network_receive",
+        "network_send",
+        "network_errors",
+        "network_drops",
+    ],
 )
 def test_without_psutil_the_sources_that_need_it_say_what_to_install(
     kind: str, monkeypatch: pytest.MonkeyPatch
@@ -390,7 +402,7 @@ def test_a_metric_that_vanishes_turns_stale_and_comes_back_while_the_others_go_o
         "nothing": {"source": "swap_percent"},
     }
     machine(NO_SWAP)
-    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}), machine.paths)
+    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}), machine.computer)
     bus.run_until(10.0)
     assert alerts == []
     machine({path: None for path in WORKSTATION if "hwmon3" in path})
@@ -418,7 +430,7 @@ def test_a_rate_that_is_not_measured_yet_is_no_failure(machine: Machine) -> None
     host = {"errors": {"source": "network_errors", "interface": "eth0"}}
     heard: List[float] = []
     bus.node("listener").subscribe("errors", "std_msgs/Float32", lambda value, now_s: heard.append(value), field="data")
-    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}), machine.paths)
+    BatterySensor(bus.node("battery_sensor", parameters={**off, "host": host}), machine.computer)
     bus.run_until(1.0)
     machine(interfaces(eth0="5 0"))
     bus.run_until(3.0)

@@ -1,0 +1,84 @@
+"""The operating system of this computer, as sources: load, memory, pressure, killed processes, throttling.
+
+Formats: the kernel's Documentation/accounting/psi.rst, proc(5), and the firmware of the Raspberry Pi (get_throttled).
+"""
+
+from __future__ import annotations
+
+import os
+
+from .computer import HostPaths, call_psutil, read_bytes, read_text
+from .source import NoSuchSensor, SensorError
+
+__all__ = ["load", "memory", "oom_kills", "pressure_percent", "swap_percent", "throttled"]
+
+
+def load(paths: HostPaths, index: int) -> float:
+    """Returns the load average over 1, 5 or 15 minutes, by its index."""
+    try:
+        return os.getloadavg()[index]
+    except (AttributeError, OSError) as error:
+        raise SensorError(f"this machine has no load average: {error}") from None
+
+
+def memory(paths: HostPaths) -> object:
+    """Returns psutil's figures of the memory."""
+    return call_psutil("virtual_memory", "memory", paths)
+
+
+def swap_percent(paths: HostPaths) -> float:
+    """Returns the swap in use, in %."""
+    swap = call_psutil("swap_memory", "swap", paths)
+    if not swap.total:
+        raise NoSuchSensor("this machine has no swap")
+    return float(swap.percent)
+
+
+def pressure_percent(paths: HostPaths, resource: str) -> float:
+    """Returns the share of the last 10 s in which some process waited for a resource: cpu, memory or io."""
+    file = os.path.join(paths.proc, "pressure", resource)
+    text = read_text(file)
+    if text is None:  # there is a file, but it cannot be read, where the kernel was started with psi=0
+        raise NoSuchSensor(f"this kernel does not measure pressure: {file} cannot be read")
+    for line in text.splitlines():
+        words = line.split()
+        if words[:1] == ["some"]:
+            for word in words[1:]:
+                name, _, value = word.partition("=")
+                if name == "avg10":
+                    return _number(value, file)
+    raise SensorError(f"{file} has no avg10")
+
+
+def oom_kills(paths: HostPaths) -> float:
+    """Returns how many processes the kernel has killed since it started because memory was used up."""
+    file = os.path.join(paths.proc, "vmstat")
+    try:
+        content = read_bytes(file)
+    except OSError:
+        content = b""
+    _, found, rest = content.partition(b"\noom_kill ")  # since Linux 4.13
+    if not found:
+        raise NoSuchSensor(f"this kernel does not count processes that it kills: {file} has no oom_kill")
+    return _number(rest.split(b"\n", 1)[0].decode("ascii", "replace"), file)
+
+
+def throttled(paths: HostPaths) -> float:
+    """Returns 1 while a Raspberry Pi runs slower because of its supply or its temperature, else 0."""
+    file = os.path.join(paths.sys, "devices", "platform", "soc", "soc:firmware", "get_throttled")
+    text = read_text(file)
+    if text is None:
+        raise NoSuchSensor(f"no Raspberry Pi: there is no {file}")
+    try:
+        bits = int(text, 16)
+    except ValueError:
+        raise SensorError(f"{file}: expected a hexadecimal number, got {text[:40]!r}") from None
+    # Bits 0 to 3: under-voltage, frequency capped, throttled, soft temperature limit, now; 16 to 19: since the start.
+    return float(bits & 0xF != 0)
+
+
+def _number(text: str, file: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise SensorError(f"{file}: expected a number, got {text[:40]!r}") from None
