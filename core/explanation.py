@@ -76,7 +76,7 @@ class Judgement(NamedTuple):
     statistics: Mapping[str, float]
     """The statistics of the window that can be computed, and the judged one where it is defined."""
     forecast: Optional[Forecast]
-    """None: the statistic is not `forecast`, or undefined."""
+    """None: the statistic is not `forecast`, it is undefined, or the latest value is not known (`latest_good`)."""
     window_samples: int
     window_is_long_enough: bool
     """Whether samples have come for `window_min_s`."""
@@ -242,7 +242,7 @@ def outlook(judgement: Judgement) -> str:
     Empty without a forecast or such a bound, and while the latest value is not known.
     """
     forecast = judgement.forecast
-    if forecast is None or judgement.latest_good is None or forecast.time_to_bound_s is None or forecast.bound is None:
+    if forecast is None or forecast.time_to_bound_s is None or forecast.bound is None:
         return ""
     time_s = forecast.time_to_bound_s
     # From 10 min on, seconds would only flicker.

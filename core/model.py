@@ -102,7 +102,7 @@ class Status:
     lasts_s: float = field(default=0.0, compare=False)
     """How long the level has lasted, in seconds."""
     forecast: Optional[Forecast] = field(default=None, compare=False)
-    """None: the statistic is not `forecast`, or undefined."""
+    """None: the statistic is not `forecast`, it is undefined, or the latest value is not known."""
     outlook: str = field(default="", compare=False)
     """When the forecast reaches the nearest bound ahead: `reaches 20 % in 24 min`; empty: none, or not known now."""
     silence: Optional[str] = field(default=None, compare=False)

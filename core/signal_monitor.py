@@ -208,7 +208,8 @@ class SignalMonitor:
         level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer
         is_invalid = level is _ERROR and self._rules.invalid.fires
         announced = announcer.rule if announcer.level is not _OK else None
-        statistics = self.window.statistics() if with_statistics else {}
+        window, latest_good = self.window, self.latest_good
+        statistics = window.statistics() if with_statistics else {}
         if self.judged is None:
             statistics.pop(self.config.statistic, None)
         elif with_statistics:
@@ -223,7 +224,7 @@ class SignalMonitor:
             announced=announcer.level,
             since_s=self._shown_since_s,
             latest=quality.latest,
-            latest_good=self.latest_good,
+            latest_good=latest_good,
             judged=self.judged,
             rule=None if level is _STALE or is_invalid else self._rules.explaining(level, announced),
             is_invalid=is_invalid,
@@ -234,7 +235,7 @@ class SignalMonitor:
             last_seen_s=staleness.last_seen_s,
             silence_s=staleness.silence_s(now_s),
             statistics=statistics,
-            forecast=self.window.forecast() if isinstance(self.window, ForecastWindow) else None,
+            forecast=window.forecast() if latest_good is not None and isinstance(window, ForecastWindow) else None,
             window_samples=len(self.window),
             window_is_long_enough=self.window.is_long_enough,
             suspicion=quality.suspicion.text,

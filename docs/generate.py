@@ -266,8 +266,8 @@ API: Mapping[str, Mapping[str, str]] = {
         "statistic": "what the bounds apply to: `last`, `mean`, ...",
         "judged": "value of the statistic; `null` while undefined",
         "judged_unit": "its unit",
-        "forecast": "value at the horizon, in the unit; `null` unless the statistic is `forecast` and defined, as the "
-        "next three",
+        "forecast": "value at the horizon, in the unit; `null` unless the statistic is `forecast`, defined, and the "
+        "latest value known, as the next three",
         "forecast_s": "the horizon: seconds from the newest sample",
         "trend_per_min": "slope of the line that gave the forecast, in the unit per minute",
         "time_to_bound_s": "seconds from the newest sample until that line reaches the nearest bound ahead; `null` "

@@ -156,7 +156,7 @@ def _latest(signal: Judgement) -> Optional[float]:
 
 
 def _time_to_bound_s(signal: Judgement) -> Optional[float]:
-    return None if signal.forecast is None or signal.latest_good is None else signal.forecast.time_to_bound_s
+    return None if signal.forecast is None else signal.forecast.time_to_bound_s
 
 
 def _transitions(robot: RobotMetrics) -> _Series:

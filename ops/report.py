@@ -13,7 +13,7 @@ import math
 from datetime import timedelta, timezone
 from html import escape
 from itertools import islice
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from robot_health_monitor.core.formatting import (
     with_hint,
     with_unit,
 )
-from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.model import Level, Status, Transition
 from robot_health_monitor.core.signal_config import SignalConfig
 from robot_health_monitor.runtime.times import local_time
 
@@ -115,13 +115,16 @@ class PlottedSignal(Envelope):
         self.config = config
         self.file = file
         self.levels: List[Tuple[float, str]] = []  # begin of each announced level, since 1970; empty: unknown
+        self.status: Optional[Status] = None  # at the end of the recordings
         self._first_s = math.inf
+        self._last_s = -math.inf
 
     def add_samples(self, times_s: Any, values: Any, bad_times_s: Any) -> None:
         """Adds samples: `add` for those with a value, `add_bad` for bad ones."""
         for times in (times_s, bad_times_s):
             if len(times):
                 self._first_s = min(self._first_s, float(times[0]))
+                self._last_s = max(self._last_s, float(times[-1]))
         self.add(times_s, values)
         self.add_bad(bad_times_s)
 
@@ -140,12 +143,40 @@ class PlottedSignal(Envelope):
             self.levels.append((wall_s, ""))
 
     @property
+    def last_line(self) -> Optional[Mapping[str, Any]]:
+        """The line of the forecast at the end of the recordings; None without one."""
+        return None if self.status is None else line_ahead("", self._last_s, self.status)
+
+    @property
     def shown_levels(self) -> List[Tuple[float, str]]:
         """The levels, with OK from the first sample until the first of them."""
         first_s = self._first_s
         if first_s == math.inf or (self.levels and self.levels[0][0] <= first_s):
             return self.levels
         return [(first_s, Level.OK.name), *self.levels]
+
+
+def line_ahead(alert: str, wall_s: float, status: Status) -> Optional[Mapping[str, Any]]:
+    """Returns the line of a forecast as the plot takes it; None without a forecast.
+
+    `alert` is the id of the alert that it gave, `wall_s` the time of its newest sample, in s since 1970.
+    """
+    if status.forecast is None:
+        return None
+    value, slope_per_s, horizon_s, meets_s, _ = status.forecast
+
+    def at(after_s: float) -> List[float]:
+        return [round(wall_s + after_s, 3), value + slope_per_s * (after_s - horizon_s)]
+
+    if not math.isfinite(at(0.0)[1]):  # JSON has no infinity
+        return None
+    return {
+        "id": alert,
+        "from": at(0.0),
+        "to": at(horizon_s),
+        "meets": None if meets_s is None or meets_s > horizon_s else at(meets_s),
+        "text": printable(with_degree_sign(status.outlook)),
+    }
 
 
 class ReportedAlert(NamedTuple):
@@ -298,6 +329,8 @@ def _plots(report: Report) -> Iterable[str]:
 def _plot_title(signal: PlottedSignal) -> str:
     config = signal.config
     statistic = "" if config.statistic == "last" else f", {config.statistic} over {duration_text(config.window_s)}"
+    if config.forecast_s is not None:
+        statistic = f", with its forecast for the next {duration_text(config.forecast_s)}"
     return f"{config.name}{statistic}" + (f" ({signal.file})" if signal.file else "")
 
 
@@ -316,29 +349,26 @@ def _rules(config: SignalConfig) -> str:
 
 
 def _data(report: Report) -> Mapping[str, Any]:
-    alerts: Dict[Tuple[str, str], List[Mapping[str, Any]]] = {}
+    alerts: Dict[Tuple[str, str], List[Tuple[str, ReportedAlert]]] = {}
     for number, alert in enumerate(report.alerts):
-        shown = {
-            "id": f"alert-{number}",
-            "t": round(alert.wall_s, 3),
-            "level": alert.transition.to_level.name,
-            "text": printable(_line(alert.transition)),
-        }
-        alerts.setdefault((alert.transition.signal, alert.file), []).append(shown)
+        alerts.setdefault((alert.transition.signal, alert.file), []).append((f"alert-{number}", alert))
+    signals: List[Dict[str, Any]] = []
+    for place, signal in enumerate(report.signals):
+        of_signal = alerts.get((signal.config.name, signal.file), [])
+        signals.append({"id": f"signal-{place}", **_signal_data(signal, of_signal), "until": report.end_s})
     return {
         "from": report.start_s,
-        "to": report.end_s,
+        "to": max([report.end_s, *(line["to"][0] for signal in signals for line in signal["ahead"])]),
         "utcOffset": report.utc_offset_s,
-        "signals": [
-            {"id": f"signal-{place}", **_signal_data(signal, alerts.get((signal.config.name, signal.file), []))}
-            for place, signal in enumerate(report.signals)
-        ],
+        "signals": signals,
     }
 
 
-def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+def _signal_data(signal: PlottedSignal, alerts: Sequence[Tuple[str, ReportedAlert]]) -> Mapping[str, Any]:
     config = signal.config
     places, low, high = signal.columns
+    warned = [(name, alert) for name, alert in alerts if alert.transition.to_level is not Level.OK]
+    lines = [line_ahead(name, alert.wall_s, alert.transition.status) for name, alert in warned]
     return {
         "name": _plot_title(signal),
         "unit": printable(with_degree_sign(judged_unit(config))),
@@ -351,7 +381,16 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Mapping[str, Any]]) -> 
         "gap": config.stale_after_s,
         "bounds": plot_bounds(config),
         "levels": [[round(time_s, 3), level] for time_s, level in signal.shown_levels],
-        "alerts": alerts,
+        "alerts": [
+            {
+                "id": name,
+                "t": round(alert.wall_s, 3),
+                "level": alert.transition.to_level.name,
+                "text": printable(_line(alert.transition)),
+            }
+            for name, alert in alerts
+        ],
+        "ahead": [line for line in (*lines, signal.last_line) if line is not None],
     }
 
 

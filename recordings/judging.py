@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, read_monitor
 from robot_health_monitor.core.middleware import resolve_name
-from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.model import Level, Status, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.quality import as_float
@@ -114,6 +114,8 @@ class SignalSummary:
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
+    status: Optional[Status] = None
+    """At the end of the recordings; None before."""
     alerts: int = 0  # transitions to a level other than OK, without repetitions
 
 
@@ -121,7 +123,8 @@ OnEvent = Callable[[JudgedEvent], None]
 OnSamples = Callable[[str, SignalConfig, Any, Any, Any], None]
 """Receives the configuration's name, the signal, log times (s since 1970) with values, and times of bad samples.
 
-Arrays of doubles. The values are those that the bounds apply to, NaN while the statistic is undefined.
+Arrays of doubles. The values are those that the bounds apply to, NaN while the statistic is undefined; for a forecast,
+which is shown by its line, those that it follows from.
 """
 
 
@@ -135,6 +138,7 @@ class Judge:
         self._on_samples = on_samples
         self._tapes: Dict[Tuple[str, str, Optional[str]], _Tape] = {}
         self._signals: Dict[Tuple[str, str], _JudgedSignal] = {}
+        self._systems: Dict[str, AlertSystem] = {}
         player.on_gap.append(self._skip)
 
     def add(self, file: str, parameters: Mapping[str, Any]) -> None:
@@ -156,6 +160,7 @@ class Judge:
         }
         node = self._player.node("alert_system", {**tree, "signals": signals})
         system = AlertSystem(node, {"replay": lambda event: self._note(file, event)}, log_alerts=False)
+        self._systems[file] = system
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
             reason = missing[name]
@@ -171,8 +176,9 @@ class Judge:
         self._player.play(on_progress)
         for tape in self._tapes.values():
             tape.flush()
-        for signal in self._signals.values():
+        for (file, name), signal in self._signals.items():
             signal.finish(self._player.wall_s)
+            signal.summary.status = self._systems[file].status(name)
 
     @property
     def summaries(self) -> List[SignalSummary]:
@@ -194,17 +200,17 @@ class Judge:
     def _collect(self, node: RecordedMiddleware, summary: SignalSummary, system: AlertSystem) -> None:
         """Collects the samples of a signal; after alert_system's subscription, so that they have been judged."""
         config, on_samples, statistics = summary.config, self._on_samples, summary.statistics
-        is_last = config.statistic == "last"
+        shows_values = config.statistic in ("last", "forecast")
 
         def take(times_s: Any, values: Any) -> None:
             numbers = statistics.add(times_s, values)
             if on_samples is not None:
-                good = len(times_s) if is_last else 0
+                good = len(times_s) if shows_values else 0
                 on_samples(summary.file, config, times_s[:good], numbers[:good], times_s[np.isnan(numbers)])
 
         def take_judged(times_s: Any, values: Any) -> None:
             statistics.add_values(values)
-            if on_samples is not None:
+            if on_samples is not None and not shows_values:
                 on_samples(summary.file, config, times_s, values, np.empty(0))
 
         def subscribe(collect: Callable[[Any, float], None]) -> None:
@@ -215,7 +221,7 @@ class Judge:
             self._tapes[source] = _Tape()
             subscribe(self._tapes[source].collect)
         self._tapes[source].consumers.append(take)
-        if not is_last:
+        if config.statistic != "last":
             judged = self._tapes[summary.file, config.name, ""] = _Tape()
             judged.consumers.append(take_judged)
             subscribe(lambda _, wall_s: judged.collect(system.monitor.judged_value(config.name), wall_s))

@@ -276,6 +276,9 @@ class _Replay:
     def _page(self, summaries: List[SignalSummary], verdict: str, problems: List[str]) -> str:
         end_s = self._player.wall_s
         summaries = worst_first(summaries)
+        for summary in summaries:
+            if (summary.file, summary.config.name) in self._plots:
+                self._plots[summary.file, summary.config.name].status = summary.status
         plots = [self._plots.get((summary.file, summary.config.name)) for summary in summaries]
         names = list_text([os.path.basename(os.path.abspath(name)) for name in self._arguments.recordings])
         period = f"{local_time(self._start_s)} to {local_time(end_s)} ({duration_text(end_s - self._start_s)})"

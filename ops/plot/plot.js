@@ -14,7 +14,9 @@
      gap,  // the line breaks where there is no bucket for this long, in s
      bounds: [{level: "WARN", side: "below", value: 20, clears: 22}, ...],
      levels: [[t, "OK"], [t, ""], ...],  // level from t on; "": unknown
-     alerts: [{id, t, level, text}, ...]  // id: of the element that shows its text
+     alerts: [{id, t, level, text}, ...],  // id: of the element that shows its text
+     until,  // end of what is known; left out: that of the view
+     ahead: [...]  // lines of forecasts: see ahead.js; may be left out
    }
 
    All texts become text nodes: none is parsed as HTML. */
@@ -126,6 +128,16 @@ class Plot extends HealthPlotViews.Gestures {
     return button;
   }
 
+  /** End of what is known, in s since 1970. */
+  get until() { return this.signal.until ?? this.view.last; }
+
+  /** Edges of the plot, in pixels. */
+  get left() { return LEFT; }
+
+  get top() { return HEIGHT.top; }
+
+  get bottom() { return HEIGHT.top + HEIGHT.plot; }
+
   x(t) { return LEFT + (t - this.view.from) / (this.view.to - this.view.from) * (this.right - LEFT); }
 
   t(x) { return this.view.from + (x - LEFT) / (this.right - LEFT) * (this.view.to - this.view.from); }
@@ -156,9 +168,14 @@ class Plot extends HealthPlotViews.Gestures {
     this.end = Math.min(this.times.length, firstAtLeast(this.times, view.to) + 1);
     this.setRange();
     this.drawAxes(bottom);
+    if (this.until < view.to) {
+      const x = Math.max(this.x(this.until), LEFT);
+      add(svg, "rect", {class: "beyond", x: pixel(x), y: HEIGHT.top, width: pixel(this.right - x), height: HEIGHT.plot});
+    }
     const inside = add(svg, "g", {"clip-path": `url(#${this.id}-clip)`});
     this.drawBounds(inside);
     this.drawValue(inside, bottom);
+    HealthPlotAhead.draw(this, inside, add);
     this.drawBoundNames();
     this.drawStrip(bottom + HEIGHT.gap);
     this.drawAlerts(bottom);
@@ -174,7 +191,8 @@ class Plot extends HealthPlotViews.Gestures {
     const alerts = count ? `, ${count} ${count === 1 ? "alert" : "alerts"}` : "";
     const range = this.times.length ? `${withUnit(numberText(this.dataLow), signal.unit)} to ` +
       `${withUnit(numberText(this.dataHigh), signal.unit)}` : "no samples";
-    return `${signal.name}: ${range}${alerts}. ` +
+    const line = HealthPlotAhead.chosen(this), outlook = line && line.text ? `, ${line.text}` : "";
+    return `${signal.name}: ${range}${alerts}${outlook}. ` +
       "Keys: plus and minus zoom, arrows move, 0 shows all.";
   }
 
@@ -191,6 +209,7 @@ class Plot extends HealthPlotViews.Gestures {
       low = Math.min(low, bound.value, bound.clears);
       high = Math.max(high, bound.value, bound.clears);
     }
+    [low, high] = HealthPlotAhead.widened(this, low, high);
     if (low > high) [low, high] = [0, 1];
     const room = (high - low) * 0.12 || Math.max(Math.abs(high), 1) * 0.1;
     this.lowest = low - room;
@@ -308,7 +327,7 @@ class Plot extends HealthPlotViews.Gestures {
 
   drawStrip(top) {
     const {svg, view, signal, right} = this;
-    const levels = signal.levels.concat([[view.last, ""]]);
+    const levels = signal.levels.concat([[this.until, ""]]);
     let drawnTo = LEFT, worst = "", began = LEFT;
     const bar = (from, to, level) => {
       if (!level || to <= from) return;
@@ -380,7 +399,7 @@ class Plot extends HealthPlotViews.Gestures {
     }
     let at = firstAtLeast(this.times, this.at);
     if (at > 0 && (at === this.times.length || this.at - this.times[at - 1] < this.times[at] - this.at)) at--;
-    const near = at < this.times.length &&
+    const near = at < this.times.length && this.at <= Math.max(this.until, this.times[at]) &&
       Math.abs(this.times[at] - this.at) <= Math.max(signal.gap || Infinity, signal.width * 2);
     const t = near && Math.abs(this.x(this.times[at]) - this.x(this.at)) < 12 ? this.times[at] : this.at;
     const x = pixel(this.x(t));
@@ -393,10 +412,13 @@ class Plot extends HealthPlotViews.Gestures {
       for (const value of new Set([low, high])) add(this.overlay, "circle", {class: "dot", cx: x, cy: this.y(value), r: 3.5});
       parts.push(low === high ? withUnit(numberText(low), signal.unit)
         : `${numberText(low)} to ${withUnit(numberText(high), signal.unit)}`);
+      parts.push(this.levelAt(t) || "unknown");
     } else {
-      parts.push("no sample");
+      const ahead = HealthPlotAhead.valueAt(this, t);
+      if (ahead !== null) add(this.overlay, "circle", {class: "dot", cx: x, cy: this.y(ahead), r: 3.5});
+      parts.push(ahead === null ? "no sample" : `forecast ${withUnit(numberText(ahead), signal.unit)}`);
+      if (t <= this.until) parts.push(this.levelAt(t) || "unknown");
     }
-    parts.push(this.levelAt(t) || "unknown");
     this.say(parts.join(" · "));
   }
 

@@ -100,6 +100,36 @@ result.gapBroken = (() => {
 })();
 plot.update({...signal, steps: [], low: [], high: [], levels: [], alerts: [], bad: []});
 result.empty = svg.getAttribute("aria-label");
+const line = (id, t, value, slope, meets, text) => ({id, from: [t, value], to: [t + 40, value + 40 * slope],
+  meets: meets && [t + meets, value + meets * slope], text});
+const ahead = [line("alert-0", 60, 50, -1, 30, "reaches 20 %, first"), line("", 100, 50, -2, 15, "reaches 20 %")];
+plot.pick("");
+plot.update({...signal, low: Array(100).fill(50), high: Array(100).fill(50), until: 100, ahead});
+result.withoutRoom = [count(".ahead"), count(".beyond")];  // the axis ends at 100 s
+view.extend(0, 140);
+view.showAll();
+plot.draw();
+result.ahead = [...svg.querySelectorAll(".ahead")].map((path) => path.getAttribute("class"));
+const ring = svg.querySelector(".meets");
+result.ring = [ring.getAttribute("class"), Math.abs(ring.getAttribute("cx") - plot.x(115)) < 0.1,
+  Math.abs(ring.getAttribute("cy") - plot.y(20)) < 0.1];
+result.aheadText = svg.querySelector(".ahead-text").textContent;
+result.inside = (() => {
+  const text = svg.querySelector(".ahead-text").getBBox();
+  return text.x >= plot.left && text.x + text.width <= plot.right && text.y >= 0 && text.y + text.height <= plot.bottom;
+})();
+result.rangeAhead = [plot.lowest < -10, plot.highest > 50];  // to -30, but at most by the height of the rest
+result.stripEnds = Math.abs(Math.max(...[...svg.querySelectorAll(".strip")].map(
+  (strip) => +strip.getAttribute("x") + +strip.getAttribute("width"))) - plot.x(100)) < 0.2;
+result.aheadLabel = svg.getAttribute("aria-label");
+point("pointermove", 110);
+result.readOutAhead = box.querySelector("output").textContent;
+plot.pick("alert-0");
+result.pickedAhead = [svg.querySelector(".ahead-text").textContent, svg.querySelector("a.picked") !== null];
+plot.pick("");
+plot.update({...signal, until: 100, ahead: [line("", 100, 50, -1000, null, "")]});
+result.steep = [plot.lowest > -600, count(".meets"), count(".ahead-text")];
+view.extend(0, 100);
 result.time = [HealthPlot.timeText(1700000000, 3600, 60, true), HealthPlot.timeText(1700000000.25, 0, 0.1, false)];
 const text = document.createElement("pre");
 text.id = "result";
@@ -183,6 +213,32 @@ def test_times_are_local(found: Dict[str, Any]) -> None:
 
 def test_its_description_is_for_screen_readers(found: Dict[str, Any]) -> None:
     assert found["label"].startswith("battery: -7 % to 99.5 %, 1 alert.")
+
+
+def test_the_lines_of_forecasts_are_dotted_ahead_and_the_latest_stands_out(found: Dict[str, Any]) -> None:
+    assert found["ahead"] == ["ahead", "ahead chosen"]
+    assert found["aheadText"] == "reaches 20 %"
+    assert found["aheadLabel"].startswith("battery: 50 % to 50 %, 1 alert, reaches 20 %.")
+    assert found["withoutRoom"] == [2, 0]
+
+
+def test_a_mark_is_where_the_line_meets_its_bound(found: Dict[str, Any]) -> None:
+    assert found["ring"] == ["meets warn", True, True]
+    assert found["inside"]
+    assert found["rangeAhead"] == [True, True]
+
+
+def test_levels_end_where_the_future_begins_and_the_read_out_goes_on(found: Dict[str, Any]) -> None:
+    assert found["stripEnds"]
+    assert found["readOutAhead"] == "1970-01-01 01:01:50 \u00b7 forecast 30 %"
+
+
+def test_the_line_of_the_picked_alert_stands_out(found: Dict[str, Any]) -> None:
+    assert found["pickedAhead"] == ["reaches 20 %, first", True]
+
+
+def test_a_steep_line_leaves_room_for_the_values(found: Dict[str, Any]) -> None:
+    assert found["steep"] == [True, 0, 0]
 
 
 @pytest.mark.parametrize("width", [1280, 500])

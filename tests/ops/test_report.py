@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
 import json
 import math
 import re
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_health_monitor.core.model import Level, Status, Transition
+from robot_health_monitor.core.model import Forecast, Level, Status, Transition
 from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.ops.report import (
     MOST_ALERTS,
@@ -98,6 +99,50 @@ def test_the_level_of_a_time_that_is_not_recorded_is_unknown() -> None:
     plotted.add_gap(START_S + 30.0, START_S + 40.0)
     levels = [(0.0, "OK"), (10.0, ""), (20.0, "OK"), (25.0, "WARN"), (30.0, ""), (40.0, "WARN")]
     assert plotted.shown_levels == [(START_S + at_s, level) for at_s, level in levels]
+
+
+def forecast(at_s: float, value: float, meets_s: Optional[float], text: str = "") -> Status:
+    """A forecast 60 s ahead that falls by 30 per minute; `at_s` only names it."""
+    line = Forecast(value, -0.5, 60.0, meets_s, None if meets_s is None else 20.0)
+    return Status("battery", Level.WARN, f"at {at_s}", "robot", {}, forecast=line, outlook=text)
+
+
+def test_a_forecast_has_its_lines_from_each_alert_and_from_the_end() -> None:
+    """At 2 s: 45 now and 15 in 60 s, so 20 in 50 s. At 9 s: 60 now and 30 in 60 s, so 20 in 80 s."""
+    plotted = battery(statistic="forecast", window_s=40.0, forecast_s=60.0)
+    plotted.status = forecast(9.0, 30.0, 80.0, "reaches 20 degC in 80 s")
+    first = dataclasses.replace(transition(), status=forecast(2.0, 15.0, 50.0, "reaches 20 % in 50 s"))
+    over = dataclasses.replace(transition(Level.OK), status=forecast(5.0, 40.0, None))
+    undefined = transition(Level.ERROR)
+    alerts = [ReportedAlert(START_S + at_s, "", each) for at_s, each in ((2.0, first), (5.0, over), (6.0, undefined))]
+    data = data_of(render(report([plotted], alerts)))
+    (signal,) = data["signals"]
+    assert signal["ahead"] == [
+        {
+            "id": "alert-0",
+            "from": [START_S + 2.0, 45.0],
+            "to": [START_S + 62.0, 15.0],
+            "meets": [START_S + 52.0, 20.0],
+            "text": "reaches 20 % in 50 s",
+        },
+        {
+            "id": "",
+            "from": [START_S + 9.0, 60.0],
+            "to": [START_S + 69.0, 30.0],
+            "meets": None,
+            "text": "reaches 20 °C in 80 s",
+        },
+    ]
+    assert (data["to"], signal["until"]) == (START_S + 69.0, START_S + 9.0)
+    assert signal["name"] == "battery, with its forecast for the next 60 s"
+
+
+def test_a_line_that_json_cannot_state_is_left_out() -> None:
+    plotted = battery(statistic="forecast", window_s=40.0, forecast_s=60.0)
+    line = Forecast(1.7e308, -1e307, 60.0, None, None)
+    plotted.status = Status("battery", Level.OK, "", "robot", {}, forecast=line)
+    data = data_of(render(report([plotted])))
+    assert (data["signals"][0]["ahead"], data["to"]) == ([], START_S + 9.0)
 
 
 def test_an_upper_bound_clears_below_it() -> None:

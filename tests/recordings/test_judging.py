@@ -141,6 +141,20 @@ def test_samples_are_those_of_the_statistic_that_is_judged(tmp_path: Path) -> No
     assert result.summaries["a", "battery"].statistics.max == 6.0  # the mean of 4 to 8
 
 
+def test_a_forecast_is_shown_by_the_values_that_it_follows_from_and_its_status_at_the_end(tmp_path: Path) -> None:
+    """60, and half less per second: at 50 s it is 35, and 15 in 40 s."""
+    signals = {"soon": {"topic": "battery", "type": "std_msgs/Float32", "warn_below": 5.0}}
+    signals["soon"].update(statistic="forecast", window_s=20.0, forecast_s=40.0, stale_after_s=5.0)
+    messages = values("/battery", [60.0 - 0.5 * second for second in range(51)])
+    found = judge(tmp_path, messages, {"signals": signals})
+    summary = found.summaries["a", "soon"]
+    assert [value for _, value in found.samples["a", "soon"]] == [60.0 - 0.5 * second for second in range(51)]
+    assert summary.statistics.min == pytest.approx(15.0)
+    assert summary.status is not None and summary.status.forecast is not None
+    assert summary.status.forecast.value == pytest.approx(15.0)
+    assert summary.status.outlook == "reaches 5 in 60 s"
+
+
 def test_arrivals_are_counted_where_no_field_is_read(tmp_path: Path) -> None:
     config = {"signals": {"battery": {"field": "", "type": "std_msgs/Float32"}}}
     statistics = judge(tmp_path, values("/battery", [7.0, 8.0, 9.0]), config).summaries["a", "battery"].statistics

@@ -8,7 +8,7 @@ const RESOLUTION_S = 0.001;
 const MOST_LEVELS = 300;
 const LEVEL_OF_KIND = {ok: "OK", warn: "WARN", error: "ERROR", stale: "STALE", nolink: "ERROR"};
 /** Statistics that have the unit and the range of the values, so that their bounds fit into a plot of the values. */
-const LIKE_VALUES = new Set(["last", "mean", "min", "max"]);
+const LIKE_VALUES = new Set(["last", "mean", "min", "max", "forecast"]);
 
 /** Returns samples, [s since 1970, value] pairs, in the form that the plot takes. */
 function columns(samples) {
@@ -25,6 +25,14 @@ const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
 function boundsOf(signal) {
   return LIKE_VALUES.has(signal.statistic || "last") ? signal.bounds || [] : [];
+}
+
+/** Returns the line of a forecast as plots take it, from the newest sample at `t` in s since 1970; null without one. */
+function lineAhead(signal, t) {
+  if ((signal.forecast ?? null) === null) return null;
+  const slope = signal.trend_per_min / 60, {forecast_s: horizon, time_to_bound_s: meets} = signal;
+  const at = (after) => [t + after, signal.forecast + slope * (after - horizon)];
+  return {id: "", from: at(0), to: at(horizon), meets: meets !== null && meets <= horizon ? at(meets) : null, text: withDegrees(signal.outlook || "")};
 }
 
 /** Returns the distance at which the line breaks: a few times the usual one. */
@@ -65,16 +73,19 @@ export class WindowPlot {
     const from = samples.length ? samples[0][0] : now - 60;
     const last = samples.length ? samples[samples.length - 1][0] : now;
     const to = clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
+    const ahead = samples.length ? lineAhead(signal, last) : null;
     const seen = this.levels.length ? this.levels[0][0] : Infinity;
     const shown = {
       name: this.name, unit: withDegrees(signal.judged_unit ?? signal.unit ?? ""), ...columns(samples), bad: [], gap: gapOf(samples),
       bounds: signal.bounds || [], levels: [...this.past.levels.filter(([t]) => t < seen), ...this.levels], alerts: this.past.alerts,
+      until: to, ahead: ahead ? [ahead] : [],
     };
+    const end = ahead ? Math.max(to, ahead.to[0]) : to;
     if (this.plot) {
-      this.view.extend(from, to);
+      this.view.extend(from, end);
       this.plot.update(shown);
     } else {
-      this.view = new HealthPlot.View(from, to, utcOffset(to * 1000));
+      this.view = new HealthPlot.View(from, end, utcOffset(to * 1000));
       this.plot = new HealthPlot.Plot(this.element, shown, this.view);
     }
   }

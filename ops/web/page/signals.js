@@ -53,6 +53,10 @@ function factsText(signal) {
   if (signal.statistic && signal.statistic !== "last") {
     facts.push(`bounds apply to ${signal.statistic}: ${valueText(signal.judged, signal.judged_unit) || "undefined"}`);
   }
+  if ((signal.forecast ?? null) !== null) {
+    const trend = Number(signal.trend_per_min.toPrecision(3));
+    facts.push(`latest value ${valueText(signal.value, signal.unit)}`, `trend ${valueText(trend, `${signal.unit}/min`)}`);
+  }
   for (const bound of signal.bounds || []) {
     const clears = bound.clears === bound.value ? "" : ` (clears at ${valueText(bound.clears, signal.judged_unit)})`;
     facts.push(`${bound.level} ${bound.side} ${valueText(bound.value, signal.judged_unit)}${clears}`);
@@ -71,6 +75,7 @@ class SignalRow {
     this.details = null;
     this.badge = new Badge("waiting");
     this.value = isolated("");
+    this.outlook = isolated("");
     this.message = isolated("");
     this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
     this.since = make("time");
@@ -82,7 +87,7 @@ class SignalRow {
     this.more.hidden = true;
     this.button = make("button.signal-name", {"aria-expanded": "false", "aria-controls": id}, shape("open"), isolated(name));
     this.element = makeRow("signal", makeCell("level", this.badge.element), make("th", {role: "rowheader", scope: "row"}, this.button),
-      makeCell("value", this.value), this.spark, makeCell("reason", make("span", {}, this.message, this.silenced)), makeCell("since", this.since));
+      makeCell("value", this.value), this.spark, makeCell("reason", make("span", {}, this.message, this.outlook, this.silenced)), makeCell("since", this.since));
     this.element.addEventListener("click", (event) => this.click(event));
   }
 
@@ -116,6 +121,7 @@ class SignalRow {
     // The reason of a healthy signal only repeats its value.
     const repeats = kind === "ok" && !signal.hint && withDegrees(signal.message || "") === value;
     setText(this.message, repeats ? "" : withHint(signal.message || "", signal.hint));
+    setText(this.outlook, (signal.outlook && !repeats ? ", " : "") + withDegrees(signal.outlook || ""));
     this.silenced.hidden = !signal.silenced;
     setAttribute(this.silenced, "title", signal.silenced);
     if (this.details) this.details.update(signal, kind);

@@ -260,6 +260,56 @@ def test_a_plot_begins_where_the_history_begins(browser: Browser, served: Any, t
     browser.wait_for(f"{links}.every((link) => document.querySelector(link))")
 
 
+SOON: Mapping[str, Any] = {
+    "statistic": "forecast",
+    "unit": "degC",
+    "window_s": 20.0,
+    "forecast_s": 60.0,
+    "warn_above": 50.0,
+    "stale_after_s": 5.0,
+}
+
+
+def rise(site: ServedRobots) -> None:
+    """Lets a temperature rise from 20 by half a degree per second: 30 at 20 s, 50 at 60 s, 60 at 80 s."""
+    for second in range(21):
+        site.observe(20.0 + 0.5 * second, "soon", after_s=min(float(second), 1.0))
+
+
+def test_a_forecast_says_when_it_reaches_its_bound_and_its_plot_shows_where(browser: Browser, served: Any) -> None:
+    site = served("atlas", signals={"soon": SOON})
+    rise(site)
+    browser.open(site.url)
+    browser.wait_for_text(".signal .value", "forecast 60 °C in 60 s")
+    browser.wait_for_text(".signal .reason", "forecast 60 °C in 60 s is above 50 °C, reaches 50 °C in 40 s")
+    browser.click(".signal-name")
+    browser.wait_for("document.querySelector('.plot .meets.warn')")
+    assert browser.texts(".plot .ahead-text") == ["reaches 50 °C in 40 s"]
+    plot = "document.querySelector('.plot').plot"
+    ahead = browser.run(f"return {plot}.signal.ahead[0]")
+    assert ahead["meets"] == [pytest.approx(ahead["from"][0] + 40.0), pytest.approx(50.0)]
+    assert ahead["to"] == [pytest.approx(ahead["from"][0] + 60.0), pytest.approx(60.0)]
+    assert browser.run(f"return {plot}.view.last") == ahead["to"][0]
+    (facts,) = browser.texts(".facts")
+    assert "bounds apply to forecast: 60 °C · latest value 30 °C · trend 30 °C/min" in facts
+    site.observe(30.5, "soon")
+    browser.wait_for_text(".signal .reason", "reaches 50 °C in 39 s")
+    browser.wait_for("document.querySelector('.plot .ahead-text').textContent === 'reaches 50 °C in 39 s'")
+    site.pass_time(7.0)
+    browser.wait_for_text(".signal .badge-text", "STALE")
+    browser.wait_for("!document.querySelector('.plot .ahead')")
+    assert "reaches" not in browser.texts(".signal")[0]
+    assert browser.console() == []
+
+
+def test_a_healthy_forecast_has_its_bound_beside_its_value(browser: Browser, served: Any) -> None:
+    site = served("atlas", signals={"soon": {**SOON, "warn_above": 65.0}})
+    rise(site)
+    browser.open(site.url)
+    browser.wait_for_text(".signal .value", "forecast 60 °C in 60 s")
+    assert browser.texts(".signal .reason > span") == ["reaches 65 °C in 70 ssilenced"]
+
+
 def test_the_names_of_bounds_are_beside_the_plot(browser: Browser, served: Any) -> None:
     bounds = {"warn_below": 20.0, "error_below": 19.5, "warn_above": 90.0, "error_above": 90.1}
     site = served("atlas", signals={"voltage": {"unit": "V", **bounds}})
@@ -547,7 +597,9 @@ def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, w
     """axe is the accessibility checker of Lighthouse and of the browsers' developer tools."""
     axe = pytest.importorskip("axe_core_python", reason="axe-core-python, which has axe, is not installed")
     script = (Path(axe.__file__).parent / "axe.min.js").read_text("utf-8")
-    site = served("atlas", "boreas", signals=SIGNALS, history_file=str(tmp_path / "history.db"))
+    signals = {**SIGNALS, "soon": SOON}
+    site = served("atlas", "boreas", signals=signals, history_file=str(tmp_path / "history.db"))
+    rise(site)
     site.observe(19.0)
     site.observe(60.0, robot=1)
 
@@ -563,8 +615,8 @@ def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, w
     browser.run(f"{script}; null")
     browser.wait_for("document.querySelectorAll('.robot').length === 2")
     browser.run("document.querySelectorAll('.robot-head')[0].click()")
-    browser.click(".signal-name")
-    browser.wait_for("document.querySelector('.signal-body .alert') && document.querySelector('.plot svg')")
+    browser.run("document.querySelectorAll('.signal-name').forEach((button) => button.click())")
+    browser.wait_for("document.querySelector('.signal-body .alert') && document.querySelector('.plot .ahead-text')")
     assert violations() == []
     browser.click(".signal-body > .buttons button")
     assert violations() == []
