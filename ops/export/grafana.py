@@ -11,6 +11,7 @@ from robot_health_monitor.core.formatting import duration_text
 from robot_health_monitor.core.signal_config import LINK, SignalConfig
 
 from ..notifications.alertmanager import ALERT
+from .prometheus import signal_matcher
 
 _DATASOURCE = {"type": "prometheus", "uid": "${datasource}"}
 _ROBOT = 'robot=~"$robot"'
@@ -73,20 +74,21 @@ def _signal_row(signal: SignalConfig) -> List[Dict[str, Any]]:
 
     The plot of a forecast has the latest value beside it.
     """
-    selected = f'{{{_ROBOT}, signal="{signal.name}"}}'
+    selected = f"{{{_ROBOT}, {signal_matcher(signal)}}}"
+    legend = "{{robot}} {{signal}}" if signal.is_template else "{{robot}}"
     unit = judged_unit(signal)
     unit = _UNITS.get(unit, f"suffix:{unit}" if unit else "none")
-    panel = _panel("timeseries", signal.name, f"robot_health_value{selected}", "{{robot}}", 16, 8, unit=unit)
+    panel = _panel("timeseries", signal.name, f"robot_health_value{selected}", legend, 16, 8, unit=unit)
     if signal.statistic == "forecast" and signal.forecast_s is not None:
         (value,) = panel["targets"]
         latest = {**value, "refId": "B", "expr": f"robot_health_latest{selected}"}
-        panel["targets"] = [latest, {**value, "legendFormat": f"{{{{robot}}}} in {duration_text(signal.forecast_s)}"}]
+        panel["targets"] = [latest, {**value, "legendFormat": f"{legend} in {duration_text(signal.forecast_s)}"}]
     defaults = panel["fieldConfig"]["defaults"]
     defaults["thresholds"] = {"mode": "absolute", "steps": _steps(signal)}
     if signal.bounds:
         defaults["custom"] = {"thresholdsStyle": {"mode": "line+area"}}
-    levels = f'max by (robot) (robot_health_level{{{_ROBOT}, signal="{signal.name}"}})'
-    return [panel, _timeline(f"{signal.name}: level", levels, 8, 8)]
+    levels = f"max by (robot, signal) (robot_health_level{selected})"
+    return [panel, _timeline(f"{signal.name}: level", levels, 8, 8, legend=legend)]
 
 
 def _steps(signal: SignalConfig) -> List[Mapping[str, Any]]:
@@ -111,9 +113,14 @@ def _robots_not_ok() -> Dict[str, Any]:
 
 
 def _timeline(
-    title: str, expression: str, width: int, height: int, states: Sequence[Tuple[str, str, str]] = _LEVELS
+    title: str,
+    expression: str,
+    width: int,
+    height: int,
+    states: Sequence[Tuple[str, str, str]] = _LEVELS,
+    legend: str = "{{robot}}",
 ) -> Dict[str, Any]:
-    panel = _panel("state-timeline", title, expression, "{{robot}}", width, height)
+    panel = _panel("state-timeline", title, expression, legend, width, height)
     options = {value: {"text": text, "color": color} for value, text, color in states}
     panel["fieldConfig"]["defaults"]["mappings"] = [{"type": "value", "options": options}]
     return panel

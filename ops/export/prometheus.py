@@ -18,6 +18,7 @@ import json
 from typing import List, Mapping, NamedTuple, Sequence
 
 from robot_health_monitor.core.config import MonitorConfig
+from robot_health_monitor.core.element_signals import config_of
 from robot_health_monitor.core.explanation import judged_text, judged_unit
 from robot_health_monitor.core.forecast import LEAST_SAMPLES
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
@@ -36,6 +37,7 @@ FORECAST = "robot_health:forecast"
 REPORTED, SCRAPED = "robot_health:reported_at", "robot_health:scraped_at"
 """Recorded series: when a monitor last reported a robot, and when it was last scraped."""
 _SINCE = "robot_health:beyond_bound_since"
+_ELEMENT = r"\[.+\]"
 _VALUE = "\0"
 """Stands for the value in a text that is escaped."""
 _MEMORY = "1h"
@@ -96,6 +98,13 @@ def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_
     return Export("\n".join(lines) + "\n", problems)
 
 
+def signal_matcher(signal: SignalConfig, *, with_template: bool = False) -> str:
+    """Returns the matcher of the label `signal`: of one signal, or of the elements of a template."""
+    if not signal.is_template:
+        return f"signal={_string(signal.name)}"
+    return f"signal=~{_string(signal.name + (f'({_ELEMENT})?' if with_template else _ELEMENT))}"
+
+
 class _Rules:
     """The rules of one signal."""
 
@@ -111,6 +120,8 @@ class _Rules:
         self._signal = signal
         self._robots = robots
         self._problems = problems
+        self._label = "" if signal.is_template else signal.name
+        """Label of the alerts; empty: the elements are signals, and their series have it."""
         self._unit = _escaped(judged_unit(signal))
         is_forecast = signal.statistic == "forecast" and bool(signal.bounds)
         self._has_scrapes = signal.window_s / 2.0 >= LEAST_SAMPLES * interval_s
@@ -133,12 +144,13 @@ class _Rules:
                 lines += self._error(bounds)
             elif bounds:
                 times = signal.for_s, signal.keep_firing_for_s
-                lines += _alert(signal.name, level, self._crossed(level, bounds), self._reason(bounds), *times)
+                lines += _alert(self._label, level, self._crossed(level, bounds), self._reason(bounds), *times)
         return lines + (self._stale() if signal.stale_after_s > 0.0 else [])
 
     def _metric(self, metric: str, aggregation: str = "max", signal: str = "", over: str = "") -> str:
         """Returns a metric of a signal, one series per robot: several monitors may watch one robot."""
-        selected = f"robot_health_{metric}" + _selector(self._robots, f'signal="{signal or self._signal.name}"')
+        own = signal_matcher(self._signal, with_template=metric not in ("value", "latest"))
+        selected = f"robot_health_{metric}" + _selector(self._robots, f"signal={_string(signal)}" if signal else own)
         return f"{aggregation} by (robot, signal) ({f'max_over_time({selected}{over})' if over else selected})"
 
     def _beyond_rule(self, level: str, side: str, bound: float) -> List[str]:
@@ -149,18 +161,18 @@ class _Rules:
             clears_at = _number(self._clears_at(side, bound))
             before = self._beyond(level, f', side="{side}"')
             expression += f"\nor ({value} {operator} {clears_at} and on (robot, signal) {before})"
-        return _record(BEYOND, expression, f"signal: {self._signal.name}, level: {level}, side: {side}")
+        return _record(BEYOND, expression, f"level: {level}, side: {side}")
 
     def _judged(self, side: str) -> str:
         """Returns the statistic that the bounds of a side apply to; of several monitors, the worst counts."""
         if self._forecasts:
-            return FORECAST + _selector(self._robots, f'signal="{self._signal.name}"')
+            return FORECAST + _selector(self._robots, signal_matcher(self._signal))
         return self._metric("value", "min" if side == "below" else "max")
 
     def _forecast_rule(self) -> List[str]:
         """Returns the rule that records the forecast. Prometheus predicts from the evaluation, also with `offset`."""
         signal = self._signal
-        latest = "robot_health_latest" + _selector(self._robots, f'signal="{signal.name}"')
+        latest = "robot_health_latest" + _selector(self._robots, signal_matcher(self._signal))
         half, horizon = _duration(signal.window_s / 2.0), _number(signal.forecast_s or 0.0)
         newer, older = f"{latest}[{half}]", f"{latest}[{half}] offset {half}"
         ranges = {"window": f"{latest}[{_duration(signal.window_s)}]", "older half": older, "newer half": newer}
@@ -177,7 +189,7 @@ class _Rules:
         return _record(FORECAST, expression + "\n)")
 
     def _beyond(self, level: str, further: str = "") -> str:
-        return BEYOND + _selector(self._robots, f'signal="{self._signal.name}", level="{level}"{further}')
+        return BEYOND + _selector(self._robots, f'{signal_matcher(self._signal)}, level="{level}"{further}')
 
     def _comments(self, level: str) -> List[str]:
         """Reports what the rule of a level cannot express."""
@@ -216,23 +228,23 @@ class _Rules:
             lately = self._metric("data_valid", over=f"[{_duration(further_s)}]")
             invalid = f"{lately} == 0 and {valid[:-1]} offset {_duration(further_s)}) == 0"
         if not bounds:
-            return _alert(signal.name, "ERROR", invalid, "invalid data", shorter_s, keep_s)
+            return _alert(self._label, "ERROR", invalid, "invalid data", shorter_s, keep_s)
         crossed, lines = self._crossed("ERROR", bounds), []
         if for_s > shorter_s:
-            since = _SINCE + _selector(self._robots, f'signal="{signal.name}"')
+            since = _SINCE + _selector(self._robots, signal_matcher(self._signal))
             expression = f"(\n{since} or time() + 0 * (\n{crossed}\n)\n)\nand on (robot, signal) (\n{crossed}\n)"
-            lines = _record(_SINCE, expression, f"signal: {signal.name}")
-            firing = f'signal="{signal.name}", level="ERROR", alertname="{ALERT}", alertstate="firing"'
+            lines = _record(_SINCE, expression)
+            firing = f'{signal_matcher(self._signal)}, level="ERROR", alertname="{ALERT}", alertstate="firing"'
             lasted = f"time() - {since} >= {_number(for_s - shorter_s)} or ALERTS{_selector(self._robots, firing)}"
             crossed = f"({crossed})\nand on (robot, signal) ({lasted})"
         expression = f"({invalid}) * NaN\nor on (robot, signal) ({crossed})"
         reason = f"{{{{ if ne $value $value }}}}invalid data{{{{ else }}}}{self._reason(bounds)}{{{{ end }}}}"
-        return [*lines, *_alert(signal.name, "ERROR", expression, reason, shorter_s, keep_s)]
+        return [*lines, *_alert(self._label, "ERROR", expression, reason, shorter_s, keep_s)]
 
     def _contradiction(self, condition: Condition) -> str:
         """Returns an expression for: the other signal is known, and the condition on it does not hold."""
         other, number = condition.signal, _number(condition.number)
-        followed = self._config.signals.get(other)
+        followed = config_of(other, self._config.signals)
         value = self._metric("value" if followed is None or followed.statistic == "last" else "latest", signal=other)
         if condition.comparison in _OPERATORS:
             fails = f"{value} {'>=' if condition.comparison == 'below' else '<='} {number}"
@@ -275,7 +287,7 @@ class _Rules:
             f"and ({samples} > 0 or {level[:-1]} offset {longer_than_grace}) == 3)\n"
             f"unless on (robot) robot_health_link_up{_selector(self._robots)} == 0"
         )
-        return _alert(signal.name, "STALE", expression, f"no sample (limit {duration_text(signal.stale_after_s)})")
+        return _alert(self._label, "STALE", expression, f"no sample (limit {duration_text(signal.stale_after_s)})")
 
 
 def _link_rule(robots: Sequence[str]) -> List[str]:
@@ -322,11 +334,12 @@ def _alert(
     signal: str, level: str, expression: str, reason: str, for_s: float = 0.0, keep_firing_for_s: float = 0.0
 ) -> List[str]:
     times = {"for": for_s, "keep_firing_for": keep_firing_for_s}
-    summary = json.dumps(f"{_ROBOT}{signal} {level}: {reason}")
+    summary = json.dumps(f"{_ROBOT}{signal or '{{ $labels.signal }}'} {level}: {reason}")
+    label = f"signal: {signal}, " if signal else ""
     return [
         "", f"      - alert: {ALERT}", *_expr(expression),
         *(f"        {key}: {_duration(time_s)}" for key, time_s in times.items() if time_s > 0.0),
-        f"        labels: {{signal: {signal}, level: {level}, severity: {SEVERITIES[Level[level]]}}}",
+        f"        labels: {{{label}level: {level}, severity: {SEVERITIES[Level[level]]}}}",
         f"        annotations: {{summary: {summary}}}",
     ]  # fmt: skip
 
@@ -342,12 +355,17 @@ def _expr(expression: str) -> List[str]:
 def _selector(robots: Sequence[str], further: str = "") -> str:
     matchers = [further] if further else []
     if len(robots) == 1:
-        matchers.insert(0, f"robot={json.dumps(robots[0], ensure_ascii=False)}")
+        matchers.insert(0, f"robot={_string(robots[0])}")
     elif robots:
         # Names match as they are: every character that is special in RE2 is escaped.
         pattern = "|".join("".join(c if c.isalnum() or c == "_" else f"\\{c}" for c in name) for name in robots)
-        matchers.insert(0, f"robot=~{json.dumps(pattern, ensure_ascii=False)}")
+        matchers.insert(0, f"robot=~{_string(pattern)}")
     return f"{{{', '.join(matchers)}}}" if matchers else ""
+
+
+def _string(text: str) -> str:
+    """Returns a string of PromQL."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _duration(seconds: float) -> str:

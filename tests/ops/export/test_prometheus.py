@@ -19,6 +19,7 @@ from harness.seeds import fixed_seed
 from prometheus_client.parser import text_string_to_metric_families
 
 from robot_health_monitor.core import Level, Sample, Transition, load_config
+from robot_health_monitor.core.elements import Elements
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
@@ -323,6 +324,59 @@ def test_forecasts_gaps_and_conditions_on_statistics_alert_when_the_monitor_does
     findings = promtool_test(tmp_path, [robot], expected)
 
     assert not findings, findings[:3000]
+
+
+@pytest.mark.newest_python
+@needs_promtool
+def test_each_element_has_the_alerts_of_its_template(tmp_path: Path) -> None:
+    """The template is a signal too: its value is the number of its elements, to which no bound applies."""
+    only_if = {"signal": "cells[1]", "above": 0.5}
+    robot = Robot(
+        "r1",
+        {
+            "cells": {
+                "field": "cell_voltage[*]",
+                "unit": "V",
+                "warn_below": 3.2,
+                "error_below": 3.0,
+                "hysteresis": 0.05,
+                "for_s": 2.0,
+                "error_for_s": 4.0,
+                "stale_after_s": 3.0,
+            },
+            "ahead": {
+                "field": 'effort["*"]',
+                "statistic": "forecast",
+                "window_s": 10.0,
+                "forecast_s": 10.0,
+                "warn_above": 30.0,
+            },
+            "load": {"warn_above": 1.0, "only_if": only_if, "stale_after_s": 0.0},
+        },
+    )
+    chance = random.Random(fixed_seed())
+    for step in range(STEPS):
+        cells = [("0", 2.8 + step % 14 / 25.0), ("1", chance.choice((2.9, 3.1, 3.22, 3.3))), ("2", 3.3)]
+        if step < 5 or 20 <= step < 30:
+            cells.pop()  # an element that comes later, and becomes stale
+        efforts = [("wheel left", 20.0 - abs(25.0 - step) + chance.gauss(0.0, 0.1)), ("wheel (right]", 1.0)]
+        robot.play(step, {"cells": Elements(cells), "ahead": Elements(efforts), "load": 2.0})
+    expected = list(levels_of([robot]))
+    of_signal = {name: {of_step.get(("r1", name)) for of_step in expected} for name in ("cells[0]", "cells[2]", "load")}
+    assert Level.ERROR in of_signal["cells[0]"] and Level.STALE in of_signal["cells[2]"]
+    assert {of_step.get(("r1", "ahead[wheel left]")) for of_step in expected} >= {Level.OK, Level.WARN}
+
+    findings = promtool_test(tmp_path, [robot], expected)
+
+    assert not findings, findings[:3000]
+
+
+def test_the_alerts_of_elements_have_the_label_of_their_series() -> None:
+    text = exported({"cells": {"field": "cell_voltage[*]", "warn_below": 3.2}}).text
+    rules = [rule for rule in yaml.safe_load(text)["groups"][0]["rules"] if "alert" in rule]
+    (warn,) = [rule for rule in rules if rule["labels"]["level"] == "WARN"]
+    assert warn["labels"] == {"level": "WARN", "severity": "warning"}
+    assert warn["annotations"]["summary"].startswith("{{ $labels.robot }}: {{ $labels.signal }} WARN: ")
 
 
 class Scraped:
