@@ -209,11 +209,11 @@ class Announcer:
         self._unknown_since_s = None
         self._was_known = True
 
-    def is_due(self, level: Level, *, is_invalid: bool) -> bool:
-        """Whether a level is to be announced; `is_invalid`: it is ERROR for invalid data."""
+    def is_due(self, level: Level, *, is_news: bool) -> bool:
+        """Whether a level is to be announced; `is_news`: flapping never hides it (silence, invalid data)."""
         if level is self.level:
             return False
-        return is_invalid or level is Level.STALE or not self.flaps.withholds(level)
+        return is_news or not self.flaps.withholds(level)
 
     def is_repeat_due(self, now_s: float) -> bool:
         """Whether the level is to be announced again (`repeat_s`)."""
@@ -236,7 +236,7 @@ class Announcer:
             signal=judgement.config.name,
             from_level=self.level,
             to_level=judgement.level,
-            value=judgement.latest if judgement.is_invalid else judgement.judged,
+            value=judgement.datum if judgement.is_invalid else judgement.judged,
             statistic=judgement.config.statistic,
             bound=None if judgement.rule is None else judgement.rule.bound,
             now_s=judgement.now_s,

@@ -6,7 +6,8 @@ means the same on every middleware.
 
 from __future__ import annotations
 
-from typing import Any, Callable, List, NamedTuple, Sequence, Tuple, Union
+import math
+from typing import Any, Callable, Iterable, List, NamedTuple, Sequence, Tuple, Union
 
 from .formatting import datum_text, number_text
 
@@ -23,6 +24,13 @@ TIME_TYPES = ("time", "builtin_interfaces/Time")
 """Types of stamps: that of ROS 1, and that of ROS 2."""
 
 STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
+ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"
+
+
+OWN_NAMES = ("alert_system: ", "aggregator: ", "battery_sensor: ", "connect: ")
+"""How the names of statuses of this package's nodes begin, unless a node was renamed."""
+OWN_KEY = "fingerprint"
+"""Key of a value in every status of this package's nodes."""
 
 
 class BadDatum(str):
@@ -58,12 +66,23 @@ class DriverStatus(NamedTuple):
     """0 OK, 1 WARN, 2 ERROR, 3 STALE; anything else is invalid."""
     message: Any
 
+    @property
+    def number(self) -> float:
+        """The level as a number; NaN if it is none."""
+        level = self.level[0] if type(self.level) is bytes and len(self.level) == 1 else self.level
+        return float(level) if type(level) is int and 0 <= level <= 3 else math.nan
+
 
 class Elements(List[Tuple[str, Any]]):
     """Name and value, as received, of each element that a path with `[*]` or a pattern selects."""
 
 
 NOT_A_NUMBER = BadDatum("a message or a list, not a number")
+
+
+def is_own_status(name: object, keys: Iterable[object]) -> bool:
+    """Returns whether a DiagnosticStatus is one of this package's nodes, by its name and the keys of its values."""
+    return (isinstance(name, str) and name.startswith(OWN_NAMES)) or OWN_KEY in keys
 
 
 def stamp_of(seconds: Any, nanoseconds: Any) -> Union[Stamp, BadDatum]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Dict, Mapping, NamedTuple, Optional
 
-from .elements import Age, BadDatum
+from .elements import Age, BadDatum, DriverStatus
 from .field_path import element_path
 from .formatting import bound_text, count_text, datum_text, duration_text, number_text, printable, with_unit
 from .model import Forecast, Level, Status
@@ -34,6 +34,9 @@ STATES: Mapping[str, str] = {
 _LONGEST_DATUM = 200  # characters of the reason why a datum is bad
 _LONGEST_NAME = 120  # characters of the name of an element
 
+_LEVELS: Mapping[float, str] = {float(level): level.name for level in Level}
+_LONGEST_MESSAGE = 200
+"""Most characters of a driver's message in a reason."""
 _KEEPING = "still firing until keep_firing_for_s has passed"
 
 
@@ -90,6 +93,16 @@ class Judgement(NamedTuple):
     """Why there are no samples; empty: unknown, or there are."""
     storm: str = ""
     """Why it flaps, if that is for the number of its transitions; else empty."""
+
+    @property
+    def datum(self) -> object:
+        """The latest datum; of a driver's status its level as it was reported."""
+        return self.latest.level if isinstance(self.latest, DriverStatus) else self.latest
+
+    @property
+    def reports_level(self) -> bool:
+        """Whether the level is that which a driver reports, not one that follows from bounds."""
+        return isinstance(self.latest, DriverStatus) and not self.config.bounds
 
     @property
     def seen(self) -> bool:
@@ -173,7 +186,7 @@ def reason(judgement: Judgement) -> str:
     if config.name == LINK:
         return _link_reason(judgement)
     silence = duration_text(judgement.silence_s)
-    if judgement.level is Level.STALE:
+    if judgement.level is Level.STALE and judgement.is_stale:
         if judgement.seen:
             return f"no sample for {silence} (limit {duration_text(config.stale_after_s)})"
         if judgement.silence_s > config.startup_grace_s:
@@ -256,6 +269,8 @@ def latest_text(judgement: Judgement) -> str:
     latest = judgement.latest
     if not judgement.seen:
         return ""
+    if isinstance(latest, DriverStatus):
+        return _LEVELS.get(latest.number, f"level {datum_text(latest.level)}")
     if isinstance(latest, BadDatum):
         return printable(latest)[:_LONGEST_DATUM]
     if isinstance(latest, Reduced) and latest.problem:
@@ -337,9 +352,11 @@ def _value_reason(judgement: Judgement) -> str:
         return f"no valid sample yet: {latest_text(judgement)}"
     if judged is None:
         return _undefined_reason(judgement)
-    bound = None if rule is None else rule.bound
     if config.is_template:
         return shown_text(judgement)
+    if judgement.reports_level:
+        return _with_state(_reported_text(judgement), judgement)
+    bound = None if rule is None else rule.bound
     decided = decided_text(judgement)
     if rule is None or bound is None:
         return _statistic_text(config, number_text(judged)) + decided
@@ -352,6 +369,29 @@ def _value_reason(judgement: Judgement) -> str:
         text = f"{value} was {side}, clears at {with_unit(number_text(clears_at, judged), unit)}"
     else:
         text = f"{value} is no longer {side}"
+    return _with_state(text, judgement)
+
+
+def _reported_text(judgement: Judgement) -> str:
+    """Returns what a driver says about itself."""
+    latest = judgement.latest
+    if not isinstance(latest, DriverStatus) or math.isnan(latest.number):
+        return latest_text(judgement)
+    reported = f"reported as {_LEVELS[latest.number].lower()}"
+    message = latest.message if isinstance(latest.message, str) else ""
+    text = " ".join(printable(message[: _LONGEST_MESSAGE + 1]).split())
+    if len(text) > _LONGEST_MESSAGE:
+        text = f"{text[: _LONGEST_MESSAGE - 3]}..."
+    if latest.number == Level.STALE:
+        return f"{reported}: {text}" if text else reported
+    return text or reported
+
+
+def _with_state(text: str, judgement: Judgement) -> str:
+    """Appends what keeps a rule from firing, or from clearing."""
+    config, rule = judgement.config, judgement.rule
+    if rule is None:
+        return text
     if rule.held_back and config.only_if is not None:
         text += f" (ignored: {config.only_if.text(holds=False)})"
     if rule.state is State.PENDING and judgement.level is Level.OK:

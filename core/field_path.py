@@ -4,6 +4,8 @@ A name selects a field, a number in brackets an element by its index, a quoted t
 name. The name of an element is its own field `name` or `key`: it selects a status in /diagnostics, and a value in a
 status. Elements without one have their names in an array beside theirs: `effort["wheel_left"]` in a JointState.
 
+A path of a single message with a name begins with that name: `["motor: left"]` for a topic of DiagnosticStatus.
+
 `[*]` selects all elements, by index, and a quoted text with `*` or `?` those whose names match: `effort["wheel_*"]`.
 """
 
@@ -22,6 +24,7 @@ from .elements import (
     BadDatum,
     DriverStatus,
     Elements,
+    is_own_status,
     numbered,
     stamp_of,
     too_many,
@@ -102,8 +105,8 @@ def parse_field_path(path: str) -> Tuple[Step, ...]:
         else:
             steps.append(Every(part["key"]) if "*" in part["key"] or "?" in part["key"] else Keyed(part["key"]))
         position = part.end()
-    if steps and not isinstance(steps[0], str):
-        raise ValueError("a path starts with the name of a field")
+    if steps and (isinstance(steps[0], int) or steps[0] == Every()):
+        raise ValueError('a path starts with the name of a field, or with the name of the message as in ["motor"]')
     if sum(isinstance(step, Every) for step in steps) > 1:
         raise ValueError("only one part of a path may select several elements")
     return tuple(steps)
@@ -149,6 +152,9 @@ def mapping_getter(field: str) -> Getter:
         raise ConfigError(f"field {describe(field)}: {error}") from None
     if not steps:
         return lambda message: message
+    if not isinstance(steps[0], str):
+        get = _bind(steps)
+        return lambda message: get([message])
     if len(steps) == 1:
         read = itemgetter(steps[0])
 
@@ -190,7 +196,10 @@ def named_element(elements: Sequence[Any], names: Sequence[str], key: str, array
 
 
 def named_elements(elements: Sequence[Any], names: Sequence[Any], place: str, pattern: str, read: Getter) -> Any:
-    """Returns the values of the elements whose names match; ABSENT if there are none. `place` is that of the names."""
+    """Returns the values of the elements whose names match; ABSENT if there are none. `place` is that of the names.
+
+    `read` returns ABSENT for an element that is left out.
+    """
     if len(elements) > MOST_ELEMENTS:
         return too_many(len(elements))
     for at, name in enumerate(names):
@@ -225,11 +234,7 @@ def _bind(steps: Sequence[Step]) -> Getter:
     at = next((number for number, step in enumerate(steps) if isinstance(step, Every)), len(steps))
     before, after = steps[:at], steps[at + 1 :]
     every: Any = steps[at] if at < len(steps) else None
-    read_rest = _bind(after) if after else _element_value
-
-    def read(element: Any) -> Any:
-        value = read_rest(element)
-        return NOT_A_NUMBER if type(value) in (dict, list) else value
+    read = _element_reader(after)
 
     def get(message: Any) -> Any:
         above: Any = None
@@ -263,6 +268,28 @@ def _bind(steps: Sequence[Step]) -> Getter:
         return named_elements(elements, names, beside, every.pattern, read)
 
     return get
+
+
+def _element_reader(steps: Sequence[Step]) -> Getter:
+    """Returns a function that reads the rest of a path from one of several elements."""
+    read_rest = _bind(steps) if steps else _element_value
+
+    def read(element: Any) -> Any:
+        if type(element) is dict and _is_own(element):
+            return ABSENT
+        value = read_rest(element)
+        return NOT_A_NUMBER if type(value) in (dict, list) else value
+
+    return read
+
+
+def _is_own(element: Any) -> bool:
+    """Returns whether an element is a status of this package's nodes."""
+    if not element.keys() >= _STATUS_FIELDS:
+        return False
+    values = element.get("values")
+    pairs = values if isinstance(values, list) else ()
+    return is_own_status(element["name"], (pair.get("key") for pair in pairs if type(pair) is dict))
 
 
 def _listed(message: Any) -> Sequence[Any]:

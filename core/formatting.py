@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import unicodedata
@@ -89,6 +90,11 @@ def datum_text(value: object) -> str:
         text = f"a {type(value).__name__}"
     text = " ".join("".join(letter if letter.isprintable() else " " for letter in text[:200]).split())
     return text if len(text) <= 40 else text[:37] + "..."
+
+
+def fingerprint(robot: str, name: str) -> str:
+    """Returns 16 hexadecimal digits that identify something of a robot by its name."""
+    return hashlib.sha256(f"{robot}\0{name}".encode("utf-8", "replace")).hexdigest()[:16]
 
 
 def printable(text: str) -> str:

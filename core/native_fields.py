@@ -14,6 +14,7 @@ from .elements import (
     TIME_TYPES,
     BadDatum,
     DriverStatus,
+    is_own_status,
     stamp_of,
     unequal,
 )
@@ -41,7 +42,10 @@ def as_it_is(value: Any) -> Any:
 def bind_path(dialect: Dialect, reader: Reader, native_class: Any, path: Sequence[Step]) -> Getter:
     """Returns a function that reads a path that is not empty; raises ValueError with the reason if there is none."""
     name = dialect.type_name(native_class)
-    return _chain(_Binder(dialect, reader).bind(FieldType(name, name, native_class), name, path))
+    if isinstance(path[0], str):
+        return _chain(_Binder(dialect, reader).bind(FieldType(name, name, native_class), name, path))
+    get = _chain(_Binder(dialect, reader).bind(FieldType(name, name, native_class, is_array=True), name, path))
+    return lambda message: get([message])
 
 
 class _Binder:
@@ -126,6 +130,8 @@ class _Binder:
         read: Optional[Getter],
     ) -> List[Getter]:
         """Returns the steps with that to several elements, from each of which `read` reads; None: as they are."""
+        if found.element == STATUS_TYPE and read is not None:
+            read = _of_others(read)
         plain: Getter = as_it_is if found.message else self._dialect.plain
         if every.pattern is None:
             return [*steps, lambda elements: numbered_elements(plain(elements), read)]
@@ -163,6 +169,15 @@ class _Binder:
             return [lambda value: NOT_A_NUMBER]
         read = self._reader(found)
         return [] if read is as_it_is else [read]
+
+
+def _of_others(read: Getter) -> Getter:
+    """Returns a function that reads a status as `read` does, unless it is one of this package's nodes."""
+
+    def get(status: Any) -> Any:
+        return ABSENT if is_own_status(status.name, (pair.key for pair in status.values)) else read(status)
+
+    return get
 
 
 def _chain(steps: Sequence[Getter]) -> Getter:

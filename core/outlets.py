@@ -11,13 +11,11 @@ import json
 import math
 from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Optional, Union
 
+from .elements import OWN_KEY
 from .faults import Faults
-from .formatting import datum_text, with_hint
+from .formatting import datum_text, fingerprint, with_hint
 from .middleware import Message, Severity
 from .model import Level, Status, Transition
-
-STATUS_TYPE = "diagnostic_msgs/DiagnosticStatus"
-ARRAY_TYPE = "diagnostic_msgs/DiagnosticArray"
 
 FIELDS = tuple(name for name in Transition.__dataclass_fields__ if name != "status")
 """The fields of a transition in JSON. Its status is left out: it repeats them as text."""
@@ -106,13 +104,20 @@ def _as_json(value: object) -> object:
 
 
 def status_message(status: Status, node: str) -> Message:
-    """Returns a DiagnosticStatus named `node: signal`, as tools expect."""
+    """Returns a DiagnosticStatus named `node: signal`, as tools expect.
+
+    Every one has a fingerprint, which keeps it from being watched by `*`, here or by another monitor.
+    """
+    name = f"{node}: {status.name}"
+    values = status.values
+    if OWN_KEY not in values:
+        values = {**values, OWN_KEY: fingerprint(status.hardware_id, name)}
     return {
         "level": int(status.level),
-        "name": f"{node}: {status.name}",
+        "name": name,
         "message": with_hint(status.message, status.hint),
         "hardware_id": status.hardware_id,
-        "values": [{"key": key, "value": value} for key, value in status.values.items()],
+        "values": [{"key": key, "value": value} for key, value in values.items()],
     }
 
 

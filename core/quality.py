@@ -11,7 +11,7 @@ import numbers
 import sys
 from typing import Mapping, NamedTuple
 
-from .elements import Elements
+from .elements import DriverStatus, Elements
 from .formatting import bound_text, number_text
 from .reduction import reduced
 from .signal_config import SignalConfig
@@ -97,7 +97,9 @@ class Quality:
 def as_float(value: object) -> float:
     """Returns the number that `value` is; NaN if it is not a number or too large for a double."""
     try:
-        return float(value) if isinstance(value, numbers.Real) else math.nan
+        if isinstance(value, numbers.Real):
+            return float(value)
+        return value.number if isinstance(value, DriverStatus) else math.nan
     except Exception:  # a foreign object's own conversion
         return math.nan
 

@@ -79,8 +79,8 @@ class Rule:
     """One rule of one signal. Times (`now_s`) are in seconds, values in the unit of the judged statistic."""
 
     __slots__ = (
-        "_above", "_above_clear", "_allowed", "_below", "_below_clear", "_crossed", "_for_s", "_frozen_since_s",
-        "_keep_firing_for_s", "bound", "condition", "fires", "is_below", "since_s", "state",
+        "_above", "_above_clear", "_below", "_below_clear", "_crossed", "_for_s", "_frozen_since_s",
+        "_keep_firing_for_s", "allowed", "bound", "condition", "fires", "is_below", "since_s", "state",
     )  # fmt: skip
 
     def __init__(self, config: RuleConfig) -> None:
@@ -93,7 +93,8 @@ class Rule:
         self.condition = False
         """Whether the value last judged was beyond a bound, and `only_if` holds."""
         self._crossed = False
-        self._allowed = True
+        self.allowed = True
+        """Whether `only_if` holds, or there is none."""
         self._frozen_since_s: Optional[float] = None
         self.bound: Optional[float] = None
         """The bound that the condition crossed last, None before the first time."""
@@ -116,7 +117,7 @@ class Rule:
     @property
     def held_back(self) -> bool:
         """Whether the value last judged was beyond a bound, but `only_if` does not hold."""
-        return self._crossed and not self._allowed
+        return self._crossed and not self.allowed
 
     @property
     def is_at_rest(self) -> bool:
@@ -140,13 +141,19 @@ class Rule:
             self.is_below = False
         else:
             self._crossed = False
-        condition = self.condition = self._crossed and self._allowed
+        condition = self.condition = self._crossed and self.allowed
         if self.state is not (_FIRING if condition else _INACTIVE):
             self.advance(now_s)
 
+    def judge_condition(self, condition: bool, now_s: float) -> None:
+        """Takes a condition that is not about a bound, then advances."""
+        self._crossed = condition
+        self.condition = condition and self.allowed
+        self.advance(now_s)
+
     def allow(self, allowed: bool) -> None:
         """Says whether `only_if` holds; counts when the rule advances."""
-        self._allowed = allowed
+        self.allowed = allowed
         self.condition = self._crossed and allowed
 
     def clear(self) -> None:
@@ -191,7 +198,7 @@ class Rule:
         if self.state in _AFTER_WAIT:
             state["waited_s"] = self.waited_s(now_s)
         if self.bound is not None:
-            state.update(bound=self.bound, is_below=self.is_below, crossed=self._crossed, allowed=self._allowed)
+            state.update(bound=self.bound, is_below=self.is_below, crossed=self._crossed, allowed=self.allowed)
         return state
 
     def restore(self, saved: Saved, now_s: float) -> None:
@@ -206,7 +213,7 @@ class Rule:
         is_below, crossed, allowed = saved.flag("is_below"), saved.flag("crossed"), saved.flag("allowed")
         bound = saved.number("bound")
         if bound is not None:
-            self.bound, self.is_below, self._allowed = bound, is_below, allowed
+            self.bound, self.is_below, self.allowed = bound, is_below, allowed
             self._crossed = crossed and bound == (self._below if is_below else self._above)  # else it was changed
             self.condition = self._crossed and allowed
         self._enter(state, now_s - saved.duration_s("waited_s"))
@@ -230,14 +237,14 @@ class SignalRules:
         """Starts with inactive rules."""
         self._config = config
         self._latched = _OK
-        self.warn, self.error, self.invalid = map(Rule, _rule_configs(config))
-        self.bounds: Tuple[Rule, Rule] = (self.warn, self.error)
+        self.warn, self.error, self.invalid = map(Rule, rule_configs(config))
+        self.bounds: Tuple[Rule, ...] = (self.warn, self.error)
         """The rules with bounds; `invalid` has none and fires after invalid data."""
 
     def configure(self, config: SignalConfig) -> None:
         """Applies a new configuration; states stay where they still have a meaning."""
         self._config = config
-        *bounds, invalid = _rule_configs(config)
+        *bounds, invalid = rule_configs(config)
         for rule, rule_config in zip(self.bounds, bounds):
             rule.configure(rule_config)
             if not rule_config.has_bounds:
@@ -303,7 +310,7 @@ class SignalRules:
     @property
     def state(self) -> str:
         """The state to show of a signal with samples: invalid, latched, or that of the rule."""
-        warn, error = self.bounds
+        warn, error = self.warn, self.error
         fired = _ERROR if error.fires else _WARN if warn.fires else _OK
         if self.invalid.fires:
             return "invalid"
@@ -336,7 +343,7 @@ class SignalRules:
 
     def restore(self, saved: Saved, now_s: float) -> None:
         """Continues from a snapshot of the signal, frozen at `now_s`; raises UnusableStateError."""
-        warn, error, _ = _rule_configs(self._config)
+        warn, error, _ = rule_configs(self._config)
         for name, counts in (("warn", warn.has_bounds), ("error", error.has_bounds), ("invalid", True)):
             if counts:
                 getattr(self, name).restore(saved.section(name), now_s)
@@ -345,7 +352,7 @@ class SignalRules:
             self._latched = latched
 
 
-def _rule_configs(signal: SignalConfig) -> Tuple[RuleConfig, RuleConfig, RuleConfig]:
+def rule_configs(signal: SignalConfig) -> Tuple[RuleConfig, RuleConfig, RuleConfig]:
     """Returns the configurations of the rules for WARN, ERROR and invalid data."""
     hysteresis, error_keep_s = signal.hysteresis, signal.error_keep_firing_for_s
     return (

@@ -12,8 +12,9 @@ from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
 
+from .elements import ARRAY_TYPE, STATUS_TYPE
 from .errors import ConfigError, Path, Problems
-from .field_path import every_step, parse_field_path
+from .field_path import Every, Keyed, every_step, parse_field_path
 from .formatting import bound_text, number_text
 from .middleware import canonical_type, split_type_name
 from .parameters import Parameter, describe, read_parameters, require_mapping
@@ -176,6 +177,20 @@ class SignalConfig:
         return not self.reduce and self.name == template_name(self.name) and every_step(self.field) is not None
 
     @property
+    def is_status(self) -> bool:
+        """Whether the field is known to be a DiagnosticStatus as a whole; without a type, by the name of its array."""
+        try:
+            steps = parse_field_path(self.field)
+        except ValueError:
+            return False
+        if self.reduce or not steps or not isinstance(steps[-1], (Keyed, Every)):
+            return False
+        type_name = canonical_type(self.type)
+        if len(steps) == 1:
+            return type_name == STATUS_TYPE
+        return steps[:-1] == ("status",) and type_name in ("", ARRAY_TYPE)
+
+    @property
     def bounds(self) -> Mapping[str, float]:
         """The bounds that are set, by their configuration names."""
         return {name: getattr(self, name) for name in BOUNDS if getattr(self, name) is not None}
@@ -308,6 +323,7 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
         most, got = bound_text(signal.window_s), bound_text(signal.window_min_s)
         yield "window_min_s", f"expected at most window_s ({most}), got {got}"
     yield from _mistakes_of_elements(signal, given)
+    yield from _mistakes_of_status(signal, given)
     yield from _mistakes_of_forecast(signal)
     yield from _mistakes_of_bounds(signal)
     yield from _mistakes_of_unit(signal)
@@ -331,6 +347,16 @@ def _mistakes_of_elements(signal: SignalConfig, given: Mapping[str, Any]) -> Ite
         expected = f"expected more than stale_after_s ({bound_text(signal.stale_after_s)})"
         why = "an element would end before its silence is announced"
         yield "forget_after_s", f"{expected}, got {bound_text(signal.forget_after_s)}: {why}"
+
+
+def _mistakes_of_status(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[str, str]]:
+    """Yields keys that a DiagnosticStatus as a whole cannot have: its own level is judged, not a number."""
+    if not signal.is_status:
+        return
+    for key in (*BOUNDS, "hysteresis", "statistic", "scale", "placeholders", "valid_min", "valid_max"):
+        if given.get(key) not in (None, "last"):
+            problem = f"{signal.field} is a whole DiagnosticStatus, judged by its own level; remove this key"
+            yield key, f"{problem}, or read a number: {signal.field}.level"
 
 
 def _mistakes_of_forecast(signal: SignalConfig) -> Iterator[Tuple[str, str]]:

@@ -12,20 +12,22 @@ Three levels are kept apart:
 
 from __future__ import annotations
 
-import hashlib
 import math
 import sys
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict, Optional, Tuple
 
 from .announcer import Announcer
+from .elements import DriverStatus
 from .explanation import Judgement
 from .forecast import ForecastWindow
+from .formatting import fingerprint
 from .model import Level, Transition
 from .quality import Quality
 from .rule import SignalRules
 from .signal_config import SignalConfig
 from .staleness import Staleness
 from .state_reader import Downtime, Saved, SavedSignal, age_s
+from .status_rules import StatusRules, rules_for
 from .window import GapWindow, Samples, Window
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
@@ -50,7 +52,7 @@ class SignalMonitor:
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
         """Starts before the first sample: the startup grace counts from `now_s`."""
         self._robot = robot
-        self._fingerprint = hashlib.sha256(f"{robot}\0{config.name}".encode("utf-8", "replace")).hexdigest()[:16]
+        self._fingerprint = fingerprint(robot, config.name)
         self._quality = Quality(config)
         self.window = _window_of(config)
         self.config = config
@@ -186,7 +188,10 @@ class SignalMonitor:
             window = _window_of(config)
             window.take_over(self.window)
             self.window = window
-        self._rules.configure(config)
+        if isinstance(self._rules, StatusRules) and _source(config) != _source(self.config):
+            self._rules = SignalRules(config)
+        else:
+            self._rules.configure(config)
         self._quality.configure(config)
         self.staleness.configure(config, seen=self._quality.seen)
         if self.staleness.stale and not self.staleness.is_silent(now_s):
@@ -207,6 +212,7 @@ class SignalMonitor:
         """Returns the state after the last call, as of `now_s`; without statistics in half the time. Reads only."""
         level, staleness, quality, announcer = self.level, self.staleness, self._quality, self._announcer
         is_invalid = level is _ERROR and self._rules.invalid.fires
+        is_silent = level is _STALE and staleness.frozen  # else its driver reports that it is stale
         announced = announcer.rule if announcer.level is not _OK else None
         window, latest_good = self.window, self.latest_good
         statistics = window.statistics() if with_statistics else {}
@@ -226,7 +232,7 @@ class SignalMonitor:
             latest=quality.latest,
             latest_good=latest_good,
             judged=self.judged,
-            rule=None if level is _STALE or is_invalid else self._rules.explaining(level, announced),
+            rule=None if is_silent or is_invalid else self._rules.explaining(level, announced),
             is_invalid=is_invalid,
             is_bad=self._rules.invalid.condition,
             is_stale=staleness.stale,
@@ -264,6 +270,7 @@ class SignalMonitor:
     def restore(self, state: SavedSignal, now_s: float, downtime: Downtime) -> None:
         """Continues from a snapshot, before the first sample; after an UnusableStateError it must not be used."""
         saved = Saved(state)
+        self._rules = rules_for(saved, self.config)
         self._rules.restore(saved, now_s)
         self._announcer.restore(saved, self._rules.bounds, now_s, downtime)
         if saved.flag("stale"):
@@ -294,6 +301,11 @@ class SignalMonitor:
         if not self._quality.seen:
             staleness.configure(config, seen=True)
         number = self._quality.judge(value)
+        if type(value) is DriverStatus and not config.bounds and not isinstance(rules, StatusRules):
+            allowed = rules.warn.allowed
+            rules = self._rules = StatusRules(config)
+            rules.allow(allowed)
+            self._freeze_or_thaw(now_s)
         good = not math.isnan(number)
         judged = None
         if good:
@@ -377,11 +389,16 @@ class SignalMonitor:
         if self.staleness.unknown:
             return None
         announcer = self._announcer
-        is_invalid = level is _ERROR and self._rules.invalid.fires
-        if level is announcer.level or not announcer.is_due(level, is_invalid=is_invalid):
+        is_news = self.staleness.stale if level is _STALE else level is _ERROR and self._rules.invalid.fires
+        if level is announcer.level or not announcer.is_due(level, is_news=is_news):
             announcer.note_known(now_s)
             return None
         return announcer.announce(self.judgement(now_s))
+
+
+def _source(config: SignalConfig) -> Tuple[object, ...]:
+    """Returns what decides which kind of value a signal receives, and whether it has bounds."""
+    return config.topic, config.type, config.field, config.reduce, bool(config.bounds)
 
 
 def _window_of(config: SignalConfig) -> Window:

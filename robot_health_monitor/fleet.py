@@ -12,6 +12,7 @@ import time
 from dataclasses import replace
 from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
+from robot_health_monitor.core.elements import ARRAY_TYPE
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import list_text, printable
 from robot_health_monitor.core.local import LocalBus, LocalMiddleware, LogLine
@@ -19,7 +20,7 @@ from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
-from robot_health_monitor.core.outlets import ARRAY_TYPE, Outlet, array_message
+from robot_health_monitor.core.outlets import Outlet, array_message
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
 from robot_health_monitor.runtime.log_limit import LimitedLog
 from robot_health_monitor.runtime.threads import run_in_daemon_thread

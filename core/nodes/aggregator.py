@@ -8,12 +8,13 @@ from functools import partial
 from typing import Any, Dict, Mapping, Optional, Tuple
 
 from ..config import DEFAULT_SIGNALS, NODE_PARAMETERS, MonitorConfig, load_config
+from ..elements import ARRAY_TYPE
 from ..errors import ConfigError
 from ..formatting import number_text
 from ..middleware import Middleware, Severity, Subscription
 from ..model import Level, Sample, Status
 from ..monitor import Monitor
-from ..outlets import ARRAY_TYPE, array_message
+from ..outlets import array_message
 from ..parameters import Parameter, read_parameters
 from ..sensors.configuration import METRICS
 from ..signal_config import LONGEST_S, SignalConfig, read_signal

@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
 from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
 from ..continuity import Continuity, SignalHistory
 from ..element_signals import MOST_REFUSED
-from ..elements import with_ages
+from ..elements import ARRAY_TYPE, STATUS_TYPE, with_ages
 from ..errors import ConfigError
 from ..explanation import source_text
 from ..faults import Fault
@@ -19,8 +19,6 @@ from ..middleware import Middleware, Result, Severity, Subscription, resolve_nam
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import (
-    ARRAY_TYPE,
-    STATUS_TYPE,
     Event,
     Notice,
     Outlet,

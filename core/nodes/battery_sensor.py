@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 from ..config import NODE_PARAMETERS
+from ..elements import ARRAY_TYPE
 from ..errors import Problems
 from ..formatting import number_text
 from ..middleware import Middleware, Severity
 from ..model import Level, Status
-from ..outlets import ARRAY_TYPE, array_message
+from ..outlets import array_message
 from ..parameters import Parameter, read_parameters
 from ..sensors import configuration
 from ..sensors.computer import Computer

@@ -38,35 +38,37 @@ def flapping(announced: Level) -> Announcer:
 
 
 def test_only_a_change_is_due() -> None:
-    assert not announcer().is_due(OK, is_invalid=False)
-    assert announcer().is_due(WARN, is_invalid=False)
+    assert not announcer().is_due(OK, is_news=False)
+    assert announcer().is_due(WARN, is_news=False)
 
 
 @pytest.mark.parametrize(
-    ("announced", "level", "is_invalid", "due"),
+    ("announced", "level", "is_news", "due"),
     [
         (WARN, OK, False, False),
         (WARN, ERROR, False, True),
+        (WARN, STALE, True, True),
         (WARN, STALE, False, True),
-        (WARN, ERROR, True, True),
+        (ERROR, ERROR, True, False),
+        (ERROR, STALE, False, False),
         (STALE, WARN, False, False),
         (STALE, ERROR, False, True),
-        (ERROR, STALE, False, True),
+        (ERROR, STALE, True, True),
         (OK, WARN, False, True),
     ],
 )
-def test_flapping_withholds_what_is_not_worse_but_never_stale_or_invalid(
-    announced: Level, level: Level, is_invalid: bool, due: bool
+def test_flapping_withholds_what_is_not_worse_but_never_silence_or_invalid_data(
+    announced: Level, level: Level, is_news: bool, due: bool
 ) -> None:
-    assert flapping(announced).is_due(level, is_invalid=is_invalid) is due
+    assert flapping(announced).is_due(level, is_news=is_news) is due
 
 
 def test_a_worse_level_is_news_only_once() -> None:
     under_test = flapping(WARN)
     announce(under_test, ERROR)
-    assert not under_test.is_due(WARN, is_invalid=False)
+    assert not under_test.is_due(WARN, is_news=False)
     announce(under_test, STALE)
-    assert not under_test.is_due(ERROR, is_invalid=False)
+    assert not under_test.is_due(ERROR, is_news=False)
 
 
 def test_transitions_chain() -> None:
@@ -317,9 +319,9 @@ def test_beyond_61_in_a_minute_only_what_flapping_never_hides_is_announced(
             for each in found:
                 recent = [time_s for time_s in times if now_s - time_s < 60.0 - 1e-6]
                 if len(recent) > 60:
-                    is_invalid = each.bound is None and each.to_level is ERROR
+                    is_news = each.bound is None and each.to_level is ERROR
                     is_worse = all(each.to_level.severity > level.severity for level in worst)
-                    assert is_invalid or is_worse or each.to_level is STALE
+                    assert is_news or is_worse or each.to_level is STALE
                     assert "flapping" in each.text
                 worst = [*worst, each.to_level] if len(recent) >= 60 else []
                 times.append(now_s)

@@ -243,3 +243,66 @@ def test_elements_without_names_anywhere_cannot_be_selected_by_name() -> None:
         NativeMessages(
             MESSAGES._dialect._replace(field_types=lambda cls: {"status": FieldType("double", "float64", None, True)})
         ).field_getter("/in", "demo/Everything", 'status["*"]')
+
+
+class TestStatusesOfThisPackage:
+    """They never match a pattern, so that no monitor watches itself or another one; by full name they can be read."""
+
+    @staticmethod
+    def message(**others: str) -> Dict[str, Any]:
+        names = {"lidar: front": "fingers", **others}
+        statuses = [
+            {"level": 1, "name": name, "message": "hot", "values": [{"key": key, "value": "5"}]}
+            for name, key in names.items()
+        ]
+        return {**MESSAGE, "status": statuses}
+
+    @pytest.mark.parametrize(
+        "other", ["alert_system: monitor", "aggregator: inputs", "battery_sensor: sensors", "connect: monitor"]
+    )
+    def test_are_known_by_their_names(self, other: str) -> None:
+        message = self.message(**{other: "key"})
+        assert read('status["*"].level', message) == [("lidar: front", 1)]
+        assert read('status["*: *"]', message) == [("lidar: front", DriverStatus(1, "hot"))]
+        assert read("status[*].level", message) == [("0", 1)]
+        assert read(f'status["{other}"].level', message) == 1
+
+    def test_are_known_by_their_fingerprint(self) -> None:
+        message = self.message(**{"renamed: battery": "fingerprint"})
+        assert read('status["*"].level', message) == [("lidar: front", 1)]
+        assert read('status["renamed*"].level', message) is ABSENT
+        assert read('status["renamed: battery"]', message) == DriverStatus(1, "hot")
+
+    @pytest.mark.parametrize("values", [None, 7, [7], [{}], "text"])
+    def test_do_not_need_values_that_make_sense(self, values: Any) -> None:
+        status = {"level": 1, "name": "lidar", "message": "hot", "values": values}
+        assert mapping_getter('status["*"].level')({"status": [status]}) == [("lidar", 1)]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ('["motor"]', DriverStatus(2, "stalled")),
+        ('["motor"].level', 2),
+        ('["*"]', [("motor", DriverStatus(2, "stalled"))]),
+        ('["mo?or"].level', [("motor", 2)]),
+        ('["lidar"]', ABSENT),
+        ('["lidar*"]', ABSENT),
+    ],
+)
+def test_a_path_may_begin_with_the_name_of_the_message(field: str, value: Any) -> None:
+    message = MESSAGE["status"][1]
+    native = MESSAGES.to_native(CLASSES["diagnostic_msgs/DiagnosticStatus"], message)
+    assert MESSAGES.field_getter("/in", "diagnostic_msgs/DiagnosticStatus", field)(native) == value
+    assert mapping_getter(field)(message) == value
+
+
+def test_a_message_without_a_name_has_none_to_begin_with() -> None:
+    with pytest.raises(ConfigError, match="the elements of demo/Transform have no name and no key"):
+        MESSAGES.field_getter("/in", "demo/Transform", '["a"]')
+
+
+@pytest.mark.parametrize("field", ["[0]", "[*]", "[0].level"])
+def test_a_path_does_not_begin_with_an_index(field: str) -> None:
+    with pytest.raises(ConfigError, match="a path starts with the name of a field"):
+        mapping_getter(field)

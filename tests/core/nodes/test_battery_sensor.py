@@ -92,6 +92,7 @@ def test_simulated_values_are_marked_in_the_log_and_on_diagnostics(stage: Stage)
         "battery_level": "simulated",
         "temperature": "none",
         "cpu_usage": "simulated",
+        "fingerprint": values_of(own)["fingerprint"],
     }
 
 
