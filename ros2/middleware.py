@@ -213,7 +213,7 @@ class Ros2Middleware(NativeNode):
         topic, field = subscription.topic, subscription.field
         serialized: Optional[Getter] = _arrival
         if field is not None:
-            subscription.get = messages.field_getter(topic, type_name, field)
+            subscription.get = subscription.get_native = messages.field_getter(topic, type_name, field)
             serialized = messages.serialized_getter(cls, field)
         # rclpy need not make messages where only their arrival, or a number that can be read from the bytes, counts.
         is_raw = serialized is not None and (topic, cls, False) not in self._channels
@@ -229,6 +229,20 @@ class Ros2Middleware(NativeNode):
             self._open(channel)
         channel.readers = (*channel.readers, subscription)
         subscription.channel = channel
+        if not is_raw:
+            self._take_over(channel)
+
+    def _take_over(self, channel: _Channel) -> None:
+        """Moves the readers of serialized messages to a channel that makes messages of the same topic anyway."""
+        topic, cls, _ = channel.key
+        raw = self._channels.get((topic, cls, True))
+        if raw is None or raw.is_latched != channel.is_latched:
+            return
+        del self._channels[raw.key]
+        for reader in raw.readers:
+            reader.get, reader.channel = reader.get_native, channel
+        channel.readers, raw.readers = (*raw.readers, *channel.readers), ()
+        self.node.destroy_subscription(raw.native)
 
     def _keep(self, subscription: Subscription) -> None:
         self._subscriptions.append(subscription)
@@ -330,6 +344,8 @@ class Subscription:
     field: Optional[str]
     is_latched: bool = False
     get: Getter = _arrival
+    get_native: Getter = _arrival
+    """Reads from messages; `get` may read from serialized ones."""
     active: bool = True
     is_waiting: bool = False
     """Whether the type of the topic is not known yet."""

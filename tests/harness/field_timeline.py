@@ -49,6 +49,9 @@ SIGNALS: Dict[str, Any] = {
             "count": {"error_below": 4.0},
         }.items()
     },
+    "battery_age": {
+        "topic": "battery", "type": BATTERY, "field": "header.stamp", "warn_above": 0.5, "warn_below": -0.125,
+    },
     "left_effort": {
         "topic": "joints", "type": JOINTS, "field": 'effort["wheel_left"]', "unit": "Nm", "warn_above": 8.0,
         "stale_after_s": 4.0,
@@ -70,8 +73,18 @@ def _battery() -> Iterator[Published]:
         elapsed_s = 0.25 * step + (0.125 if step else 0.0)
         if elapsed_s < 16.0:
             charge = 60.0625 - elapsed_s if elapsed_s < 10.0 else 40.0625 + elapsed_s
-            message = {"charge": charge, "cell_voltage": _cells(elapsed_s)}
+            header = {"stamp": _stamp(elapsed_s)}
+            message = {"header": header, "charge": charge, "cell_voltage": _cells(elapsed_s)}
             yield Published(START_S + elapsed_s, "/battery", BATTERY, message)
+
+
+def _stamp(elapsed_s: float) -> Dict[str, int]:
+    """0.0625 s ago; from 3 s on 0.75 s ago, from 5 s on in the future, from 7 s on none, for one second each."""
+    if 7.0 < elapsed_s < 8.0:
+        return {"sec": 0, "nanosec": 0}
+    age_s = 0.75 if 3.0 < elapsed_s < 4.0 else -0.25 if 5.0 < elapsed_s < 6.0 else 0.0625
+    seconds = START_S + elapsed_s - age_s
+    return {"sec": int(seconds), "nanosec": round(seconds % 1.0 * 1e9)}
 
 
 def _cells(elapsed_s: float) -> List[float]:

@@ -79,6 +79,20 @@ def test_subscriptions_are_reliable_while_every_publisher_is(ros: Any) -> None:
     assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
 
 
+def test_one_subscription_serves_the_fields_that_need_the_message_and_those_that_do_not(ros: Any) -> None:
+    """Each message is received once, and its fields are read in the order of the subscriptions."""
+    heard: List[Any] = []
+    node = ros.node("alert_system")
+    for field in ("percentage", "cell_voltage[*]", "charge"):
+        node.subscribe(
+            "battery", "sensor_msgs/BatteryState", lambda value, now_s, field=field: heard.append(field), field=field
+        )
+    ros.publish("/battery", "sensor_msgs/BatteryState", {"percentage": 0.5, "charge": 1.0, "cell_voltage": [3.5]})
+    ros.wait_until(lambda: len(heard) >= 3)
+    assert heard == ["percentage", "cell_voltage[*]", "charge"]
+    assert ros._witness.count_subscribers("/battery") == 1
+
+
 def test_a_refusing_node_keeps_rclpys_own_parameters_out_of_the_tree(ros: Any) -> None:
     given = {"publish_rate": 2.0, "qos_overrides": {"out": {"publisher": {"depth": 5}}}, "executor": "single"}
     node = ros.node("alert_system", parameters=given)
