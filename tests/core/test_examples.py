@@ -12,6 +12,7 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
 from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.sensors.catalogue import PRESETS
 from robot_health_monitor.core.yaml_file import read_yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -171,6 +172,19 @@ def test_a_raspberry_pi_watches_itself() -> None:
     assert "battery_level" not in levels
     sensed = {signal.topic for signal in load_config(CONFIG / "raspberry_pi.yaml").signals.values()}
     assert sensed == {"temperature", "cpu_usage", *robot.tree["battery_sensor"]["host"]}
+
+
+def test_a_computer_watches_itself_by_the_standard_preset(tmp_path: Path) -> None:
+    pytest.importorskip("psutil")
+    robot = Robot("host.yaml")
+    BatterySensor(robot.bus.node("battery_sensor", parameters=robot.tree["battery_sensor"]))
+    robot.bus.run_until(20.0)
+    levels = robot.levels
+    for signal in ("memory_percent", "disk_percent", "disk_read_only", "load_5min"):
+        assert levels[signal] == "OK" or (signal == "load_5min" and levels[signal] == "WARN")
+    assert "STALE" not in {level for _, level in robot.changes}  # what this computer does not have is no alert
+    sensed = {signal.topic for signal in load_config(CONFIG / "host.yaml").signals.values()}
+    assert sensed == {"battery_level", "temperature", "cpu_usage", *PRESETS["standard"]}
 
 
 def test_a_mixed_fleet_is_judged_robot_by_robot_and_a_lost_link_is_one_alert() -> None:

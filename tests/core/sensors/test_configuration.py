@@ -173,6 +173,19 @@ def test_a_metric_of_the_host_that_cannot_be_used_is_refused(host: Any, error: s
     assert str(caught.value) == error
 
 
+def test_a_preset_adds_a_dozen_metrics_and_the_section_host_overrides_them() -> None:
+    names = list(sensing.read_sources({"host_preset": "standard"}))[3:]
+    assert 10 <= len(names) <= 14 and "disk_percent" in names
+    tree = {"host_preset": "standard", "host": {"disk_percent": {"source": "disk_percent", "path": "/mnt"}}}
+    assert list(sensing.read_sources(tree))[3:] == names
+    assert sensing.settings_of(tree, "disk_percent") == {"source": "disk_percent", "path": "/mnt"}
+    assert sensing.settings_of(tree, "wifi_signal") == {"source": "wifi_signal", "interface": ""}
+    declared = [parameter.name for parameter in sensing.declared_parameters(tree)]
+    assert "host.memory_percent.source" in declared and "host.disk_percent.path" in declared
+    with pytest.raises(ConfigError, match=r"^host_preset: expected one of none, standard, got 'all'$"):
+        sensing.read_sources({"host_preset": "all"})
+
+
 def test_metrics_of_the_host_are_declared_with_the_keys_that_they_can_have() -> None:
     tree = {"host": {"memory": MEMORY, "disk": {"source": "disk_free"}}}
     names = [parameter.name for parameter in sensing.declared_parameters(tree)]
