@@ -84,7 +84,7 @@ class Continuity:
             samples = self._monitor.shown_samples(name, MAX_EVIDENCE - 1)
             if isinstance(transition.value, float):
                 samples = [*samples, (now_s, transition.value)]
-        self._saved[name] = saved
+        self._keep({name: saved})
         offset_s = wall_s - now_s
         self._history.record(transition, saved, [(time_s + offset_s, value) for time_s, value in samples])
 
@@ -111,8 +111,14 @@ class Continuity:
             if not _is_same(saved, self._saved.get(name, {})):
                 changed[name] = saved
         if changed:
-            self._saved.update(changed)
+            self._keep(changed)
             self._history.save(changed)
+
+    def _keep(self, states: Mapping[str, SavedSignal]) -> None:
+        self._saved.update(states)
+        for name in [name for name, saved in states.items() if not saved]:
+            del self._saved[name]
+            self._at_rest_since_s.pop(name, None)
 
     def record_reset(self, now_s: float) -> None:
         """Stores that latches were cleared, and the states without them."""

@@ -204,6 +204,10 @@ class Monitor:
         """Returns the names of the signals, with `link` once it was observed; none before the first call."""
         return self._signals.keys()
 
+    def configs(self) -> Mapping[str, SignalConfig]:
+        """Returns the configuration of each of `signals()`, elements too; that of `link` is left out."""
+        return {name: signal.config for name, signal in self._signals.items() if name != LINK}
+
     def window_samples(self, signal: str, limit: int = 300, since_s: float = -math.inf) -> Samples:
         """Returns the samples after a time in a signal's window; see `Window.samples`. Empty if it is unknown."""
         known = self._signals.get(signal)

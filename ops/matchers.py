@@ -14,9 +14,13 @@ _LONGEST = 500
 _LABELS = ("robot", "signal")
 _MATCHER = re.compile(
     r"\s*(?P<label>\w*)\s*(?P<operator>!=|=~|!~|=|)\s*"
-    r'(?:"(?P<quoted>[^"]*)"|(?P<plain>[^,"]*))\s*(?P<end>,|\Z|(?P<rest>.))',
+    r'(?:"(?P<quoted>(?:[^"\\]|\\.)*)"|(?P<plain>[^,"]*))\s*(?P<end>,|\Z|(?P<rest>.))',
     re.DOTALL,
 )
+
+
+_ESCAPED = re.compile(r'\\(["\\])')
+_SPECIAL = re.compile(r'["\\]')
 
 
 class Matcher(NamedTuple):
@@ -37,7 +41,8 @@ class Matcher(NamedTuple):
 def parse_matchers(text: str) -> Tuple[Matcher, ...]:
     """Reads matchers: `robot=r3,signal=battery*`.
 
-    `=` and `!=`; `*` and `?` as in file names; a value with a comma in double quotes.
+    `=` and `!=`; `*` and `?` as in file names; a value with a comma or a quote in double quotes, with a backslash
+    before a quote or another backslash in it.
 
     Raises:
         ConfigError: they are not of this form.
@@ -51,7 +56,7 @@ def parse_matchers(text: str) -> Tuple[Matcher, ...]:
     while position <= len(text):
         found = _MATCHER.match(text, position)
         part = text[position:].partition(",")[0].strip()
-        value = "" if found is None else found["quoted"] or (found["plain"] or "").strip()
+        value = "" if found is None else _unescaped(found["quoted"] or "") or (found["plain"] or "").strip()
         if found is None or found["rest"] or not found["label"] or not found["operator"] or not value:
             raise ConfigError(f"expected matchers such as robot=r3,signal=battery*, got {part[:60]!r}")
         if found["operator"] in ("=~", "!~"):
@@ -72,7 +77,12 @@ def matchers_text(matchers: Sequence[Matcher]) -> str:
 
     def quoted(pattern: str) -> str:
         # Spaces at the ends would be stripped, and a ~ after the operator would look like a regular expression.
-        needs_quotes = "," in pattern or pattern != pattern.strip() or pattern.startswith("~")
-        return f'"{pattern}"' if needs_quotes else pattern
+        needs_quotes = re.search(r'[,"]|^[\s~]|\s$', pattern)
+        return '"{}"'.format(_SPECIAL.sub(r"\\\g<0>", pattern)) if needs_quotes else pattern
 
     return ",".join(f"{each.label}{'=' if each.equal else '!='}{quoted(each.pattern)}" for each in matchers)
+
+
+def _unescaped(quoted: str) -> str:
+    """Returns the text between quotes; a backslash stands before a quote or another one."""
+    return _ESCAPED.sub(r"\1", quoted)

@@ -20,6 +20,9 @@ from robot_health_monitor.core.version import package_version
 METRICS_LIBRARY = "prometheus_client"
 _BY_SIGNAL = ("robot", "signal")
 
+_MOST_COUNTED = 20_000
+"""With more signals, the counters of elements that are no longer watched are dropped."""
+
 _Series = Tuple[Tuple[Sequence[str], float], ...]  # values of the labels, and the value of the metric
 _Kept = Dict[Tuple[Callable[..., _Series], str], Tuple[_Series, bytes]]
 """The latest lines of series that rarely change, by their function and robot."""
@@ -100,6 +103,8 @@ class Metrics:
         def count(transition: Transition) -> None:
             if not transition.repeat:
                 with self._lock:
+                    while len(self._transitions) > 2 * _MOST_COUNTED:  # nobody scrapes
+                        del self._transitions[next(iter(self._transitions))]
                     self._transitions.setdefault((robot, transition.signal), Counter())[transition.to_level] += 1
 
         return count
@@ -110,6 +115,10 @@ class Metrics:
         signals, link_up = alert_system.read(lambda monitor, now_s: (monitor.judgements(now_s), monitor.link_up))
         with self._lock:
             transitions = {name: Counter(self._transitions.get((robot, name), ())) for name in signals}
+            if len(self._transitions) > _MOST_COUNTED:
+                ended = [key for key in self._transitions if key[0] == robot and key[1] not in signals]
+                for key in ended:
+                    del self._transitions[key]
         tick_s = self._wall_time_s() - alert_system.tick_age_s
         return RobotMetrics(printable(robot), signals, transitions, link_up, tick_s)
 

@@ -5,6 +5,7 @@ does; a tick at the time of a sample comes after it. A test ends with its longes
 
 Series are in the notation of `promtool test rules`: `25x9` is ten samples (a value and nine repetitions), `15-0.5x20`
 21 from 15 to 5, `20+2x3` four from 20 to 26, `_` a missing one and `_x3` three of them, not four.
+An element has a series under its full name: `cells[3]: "3.9x9"`, `drivers[motor: left]: "0x9 2x3"` (levels).
 Source: https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/#series
 """
 
@@ -18,13 +19,14 @@ from dataclasses import replace
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import MonitorConfig, load_config
+from robot_health_monitor.core.elements import DriverStatus
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
 from robot_health_monitor.core.formatting import count_text, number_text, printable
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping
-from robot_health_monitor.core.signal_config import LINK
+from robot_health_monitor.core.signal_config import LINK, is_element_name, template_name
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.runtime.interrupts import Interrupts
 
@@ -68,7 +70,7 @@ class ThresholdTest(NamedTuple):
     name: str
     interval_s: float  # between the samples of a series
     series: Mapping[str, Sequence[Optional[float]]]
-    """Samples by signal, as in its messages: before `scale`. None: missing."""
+    """Samples by signal, as in its messages: before `scale`. None: missing. Of a driver's status its level."""
     expected: Sequence[Alert]  # every one, in the order of their times
 
 
@@ -180,9 +182,11 @@ def _read_series(
     text = Parameter("input", str, None, "")
     for name, value in found.items():
         with problems:
-            if config.signals and name not in (*config.signals, LINK):
+            if config.signals and not _is_input(name, config):
                 known = ", ".join([*list(config.signals)[:20], LINK])
                 raise ConfigError(f"expected a signal of the thresholds ({known})", (*path, name))
+            if name in config.signals and config.signals[name].is_template:
+                raise ConfigError(f"expected a series for each element, such as {name}[0]", (*path, name))
             if isinstance(value, str):
                 value = " ".join(value.split())  # may have several lines, such as YAML's `|`
             elif isinstance(value, (int, float)) and not isinstance(value, bool):
@@ -192,6 +196,12 @@ def _read_series(
                 raise ConfigError(f"expected at most {number_text(LONGEST_TEST_S)} s", (*path, name))
     problems.raise_if_any()
     return series
+
+
+def _is_input(name: str, config: MonitorConfig) -> bool:
+    template = config.signals.get(template_name(name))
+    is_element = template is not None and template.is_template and is_element_name(name)
+    return is_element or name in config.signals or name == LINK
 
 
 def parse_series(text: str, path: Path = ()) -> List[Optional[float]]:
@@ -228,7 +238,7 @@ def _read_alert(found: object, path: Path, series: Mapping[str, Any]) -> Alert:
         with problems:
             if values[parameter.name] is None:
                 _raise_missing(parameter.description, (*path, parameter.name))
-    if values["signal"] is not None and series and values["signal"] not in series:
+    if values["signal"] is not None and series and values["signal"] not in (*series, *map(template_name, series)):
         problem = f"expected a signal of `input` ({', '.join(list(series)[:20])}), got {describe(values['signal'])}"
         problems.add(ConfigError(problem, (*path, "signal")))
     problems.raise_if_any()
@@ -253,13 +263,17 @@ def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
 
     Signals without a series are not judged. Repeated announcements (`repeat_s`) are no transitions.
     """
-    signals = {name: signal for name, signal in config.signals.items() if name in test.series}
+    given = set(map(template_name, test.series))
+    signals = {name: signal for name, signal in config.signals.items() if name in given}
+    statuses = {name for name, signal in signals.items() if signal.is_status}
     monitor = Monitor(replace(config, signals=signals))
     monitor.tick(0.0)
     transitions: List[Transition] = []
     for now_s, samples in _steps(test):
         for name, value in samples:
-            transitions += monitor.observe(Sample(name, value, now_s))
+            is_status = template_name(name) in statuses
+            datum = DriverStatus(int(value) if value.is_integer() else value, "") if is_status else value
+            transitions += monitor.observe(Sample(name, datum, now_s))
         if not samples:
             transitions += monitor.tick(now_s)
     return [Alert(each.now_s, each.signal, each.to_level, each.text) for each in transitions if not each.repeat]

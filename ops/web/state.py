@@ -126,19 +126,20 @@ class RobotReader:
             # When time went back, the windows have begun anew.
             full = before is None or before.offset_s != self._offset_s or now_s < before.now_s
             since_s: Mapping[str, float] = {} if before is None or full else before.last_s
-            configs = {name: config for name, config in monitor.config.signals.items() if name in monitor.signals()}
+            configs = monitor.configs()
             found = {name: monitor.shown_samples(name, MOST_SAMPLES, since_s.get(name, -math.inf)) for name in configs}
             signals = {name: [(t + self._offset_s, value) for t, value in new] for name, new in found.items()}
             window_s = {name: config.window_s for name, config in configs.items()}
-            last_s = {name: new[-1][0] for name, new in found.items() if new}
-            return Samples(full, signals, window_s, {**since_s, **last_s}, now_s, self._offset_s)
+            last_s = {name: since_s[name] for name in found if name in since_s}
+            last_s.update((name, new[-1][0]) for name, new in found.items() if new)
+            return Samples(full, signals, window_s, last_s, now_s, self._offset_s)
 
         with self._lock:
             return self.alert_system.read(read)
 
     def plot_of(self, signal: str) -> Tuple[str, List[Json]]:
         """Returns the unit of a signal's samples and its bounds; empty if it is not watched."""
-        config = self.alert_system.monitor.config.signals.get(signal)
+        config = self.alert_system.monitor.configs().get(signal)
         if config is None:
             return "", []
         unit = explanation.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit
@@ -151,6 +152,8 @@ class RobotReader:
 
     def _robot(self, monitor: Monitor, judgements: Mapping[str, Judgement], *, window: bool) -> Json:
         signals = {}
+        if len(self._known) > len(judgements):  # elements are no longer watched
+            self._known = {name: known for name, known in self._known.items() if name in judgements}
         for name, judgement in judgements.items():
             samples = monitor.shown_samples(name, MOST_SAMPLES) if window else ()
             signals[name] = self._signal(name, judgement, samples)

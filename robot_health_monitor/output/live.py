@@ -120,7 +120,7 @@ class LiveView(Output):
         """Returns the state of the only robot; notes its values if that is `due`."""
         (robot,) = shown.robots
         system = robot.alert_system
-        signals = system.monitor.config.signals
+        signals = system.monitor.configs()
         if due:
             trends = {name: self._trends.get(name, deque(maxlen=TREND_SAMPLES)) for name in signals}
             for name, trend in trends.items():

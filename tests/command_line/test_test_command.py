@@ -236,6 +236,61 @@ def test_repeated_announcements_are_no_transitions() -> None:
     assert alerts(signals, {"battery": "15x60"}) == [(0.0, "battery", WARN)]
 
 
+CELLS = {"field": "cell_voltage[*]", "warn_below": 3.2, "startup_grace_s": 3.0}
+DRIVERS = {"topic": "/diagnostics", "field": 'status["*"]'}
+
+
+def test_an_element_has_a_series_under_its_full_name() -> None:
+    test = ThresholdTest("", 1.0, {"cells[3]": [3.9, 3.1], "cells[4]": [3.9, 3.9]}, [])
+    alerts = run_test(load_config({"signals": {"cells": CELLS}}), test)
+    assert alerts == [Alert(1.0, "cells[3]", Level.WARN, "cells[3] WARN: 3.1 is below 3.2 (was OK for 1 s)")]
+
+
+def test_the_series_of_a_status_are_its_levels() -> None:
+    test = ThresholdTest("", 1.0, {"drivers[motor: left]": [0.0, 2.0, 3.0, 7.0, 0.0]}, [])
+    alerts = run_test(load_config({"signals": {"drivers": DRIVERS}}), test)
+    assert [(each.at_s, each.text.partition(" (")[0]) for each in alerts] == [
+        (1.0, "drivers[motor: left] ERROR: reported as error"),
+        (2.0, "drivers[motor: left] STALE: reported as stale"),
+        (3.0, "drivers[motor: left] ERROR: invalid data: level 7"),
+        (4.0, "drivers[motor: left] OK: reported as ok"),
+    ]
+
+
+def test_a_template_without_elements_can_be_expected_to_be_stale() -> None:
+    test = ThresholdTest("", 1.0, {"cells[3]": [None] * 5 + [3.9]}, [])
+    alerts = run_test(load_config({"signals": {"cells": CELLS}}), test)
+    assert [(each.at_s, each.signal, each.level.name) for each in alerts] == [
+        (4.0, "cells", "STALE"), (5.0, "cells", "OK"),
+    ]  # fmt: skip
+
+
+def test_elements_in_a_file_are_read(tmp_path: Path) -> None:
+    (tmp_path / "thresholds.yaml").write_text(
+        "alert_system: {ros__parameters: {signals: {cells: {field: 'a[*]', warn_below: 3.2}, b: {}}}}"
+    )
+    text = """
+        thresholds: thresholds.yaml
+        tests:
+          - name: "1"
+            input: {"cells[3]": "3.9 3.1"}
+            alerts: [{at_s: 1.0, signal: "cells[3]", level: WARN}, {at_s: 9.0, signal: cells, level: STALE}]
+          - name: "2"
+            input: {"cells": "3.9 3.1"}
+            alerts: []
+          - name: "3"
+            input: {"b[3]": "3.9 3.1"}
+            alerts: []
+    """
+    (tmp_path / "tests.yaml").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        read_tests(str(tmp_path / "tests.yaml"))
+    assert [each.problem for each in caught.value.all] == [
+        "expected a series for each element, such as cells[0]",
+        "expected a signal of the thresholds (cells, b, link)",
+    ]
+
+
 def test_the_link_needs_no_configuration() -> None:
     assert alerts(BATTERY, {"link": "1 0 1x19", "battery": "25x20"}) == [(1.0, "link", ERROR), (12.0, "link", OK)]
 

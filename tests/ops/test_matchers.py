@@ -19,6 +19,15 @@ from robot_health_monitor.ops.matchers import Matcher, matchers_text, parse_matc
         (" robot = r3 , signal != link ", (Matcher("robot", True, "r3"), Matcher("signal", False, "link"))),
         ('robot="r3, left"', (Matcher("robot", True, "r3, left"),)),
         ('robot="~r3"', (Matcher("robot", True, "~r3"),)),
+        ("signal=drivers[*", (Matcher("signal", True, "drivers[*"),)),
+        ("signal=drivers[motor: left=1]", (Matcher("signal", True, "drivers[motor: left=1]"),)),
+        (
+            'signal="drivers[a, b\\\\c \\"d\\"]",robot=r3',
+            (
+                Matcher("signal", True, 'drivers[a, b\\c "d"]'),
+                Matcher("robot", True, "r3"),
+            ),
+        ),
         ("signal!=a,signal!=b", (Matcher("signal", False, "a"), Matcher("signal", False, "b"))),
     ],
 )
@@ -49,7 +58,7 @@ def test_matchers_of_another_form_are_refused(text: str, problem: str) -> None:
     assert str(caught.value) == problem
 
 
-PARTS = ("robot", "signal", "=", "!=", "~", ",", '"', "a", " ", "*")
+PARTS = ("robot", "signal", "=", "!=", "~", ",", '"', "a", " ", "*", "[", "]", ":", "\\")
 
 
 @given(st.text(max_size=40) | st.lists(st.sampled_from(PARTS), max_size=12).map("".join))
@@ -59,3 +68,10 @@ def test_any_text_is_read_or_refused_and_what_is_read_can_be_written(text: str) 
     except ConfigError:
         return
     assert parse_matchers(matchers_text(matchers)) == matchers
+
+
+@given(st.text(st.characters(blacklist_categories=("C", "Z")), min_size=1, max_size=100).filter(str.isprintable))
+def test_any_name_can_be_matched(name: str) -> None:
+    matchers = (Matcher("signal", True, f"drivers[{name}]"),)
+    assert parse_matchers(matchers_text(matchers)) == matchers
+    assert matchers[0].matches(f"drivers[{name}]")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, List, Mapping
 
 import pytest
+from harness.kept_history import KeptHistory
 from harness.stage import Stage, status, values_of
 
 from robot_health_monitor.core.middleware import Severity
@@ -70,3 +71,20 @@ def test_too_many_elements_are_one_fault_with_their_number(stage: Stage) -> None
         stage.bus.run_until(float(second))
     assert alert_system.own_faults() == {}
     assert stage.log(Severity.INFO)[-1] == "elements of cells works again"
+
+
+def test_saved_states_of_elements_that_are_gone_are_not_kept(stage: Stage) -> None:
+    history = KeptHistory(stage)
+    drivers = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]'}
+    signals = {"drivers": {**drivers, "stale_after_s": 1.0, "forget_after_s": 2.0, "max_elements": 5}}
+    alert_system, _ = stage.alert_system({"robot_name": "robot1", "signals": signals}, history=history)
+    stage.outside.advertise("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+    for second in range(1, 60):
+        stage.outside.publish("/diagnostics", {"status": [{"name": f"driver {second}", "level": 2, "message": "x"}]})
+        stage.bus.run_until(float(second))
+    assert len(alert_system.monitor.signals()) <= 6
+    assert len(history.states) <= 6
+    assert [text for text in history.events if "driver 1]" in text] == [
+        "drivers[driver 1] ERROR: x (was unknown for 0 s)",
+        "drivers[driver 1] OK: no longer watched (was ERROR for 3 s)",
+    ]
