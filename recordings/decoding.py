@@ -19,7 +19,7 @@ import numpy as np
 from robot_health_monitor.core.definitions import NUMBERS, SEQUENCE, Definitions, Field, parse_definition
 from robot_health_monitor.core.dialect import Dialect, FieldType
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.fixed_fields import STRING, Getter, number_getter, plain_fields
+from robot_health_monitor.core.fixed_fields import Getter, number_getter
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.native_messages import NativeMessages
 from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
@@ -90,13 +90,10 @@ class Types:
 
         return get
 
-    def numbers(self) -> List[Tuple[str, str]]:
-        """Returns path and struct's letter of each number or bool. Raises ConfigError: a type is missing."""
-        try:
-            fields = list(plain_fields(self._field_types, self._deserializer.classes[self._channel.type_name]))
-        except KeyError as error:
-            raise self._unusable(error) from None
-        return [(path, place[0]) for path, place in fields if place and place[0] != STRING and path[-2:] != "[]"]
+    @property
+    def definitions(self) -> Definitions:
+        """The type and those that it contains."""
+        return self._definitions
 
     def _unusable(self, error: Exception) -> ConfigError:
         text = f"{self._channel.topic}: cannot use the definition of {self._channel.type_name}: {error}"

@@ -15,8 +15,9 @@ from .exit_codes import ExitCode
 def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = (
-        "Writes a thresholds.yaml to stdout, with the evidence for each value: for every number of the "
-        "standard messages (std_msgs, sensor_msgs), or for the signals of --thresholds."
+        "Writes a thresholds.yaml to stdout, with the evidence for each value: for the arrivals of every "
+        "periodic topic, the age of stamps, batteries, /diagnostics and every other number, or for the signals of "
+        "--thresholds."
     )
     add_recordings(parser)
     parser.add_argument("--thresholds", metavar="FILE", help="suggest for the signals of this configuration")

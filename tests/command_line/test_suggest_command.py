@@ -56,6 +56,15 @@ def test_a_file_with_evidence_that_check_accepts(robot_health: Start, tmp_path: 
         "alert_system:",
         "  ros__parameters:",
         "    signals:",
+        "      battery_rate:",
+        "        # 1,000 samples in 16 min 39 s",
+        "        topic: battery",
+        "        type: std_msgs/Float64",
+        '        field: ""',
+        "        statistic: frequency_hz",
+        "        warn_below: 0.8             # Hz; 0 alerts in 16 min 39 s; lowest 1 Hz; margin 20 %",
+        "        warn_above: 1.2             # Hz; 0 alerts in 16 min 39 s; highest 1 Hz; margin 20 %",
+        "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
         "      battery:",
         "        # 1,000 samples in 16 min 39 s",
         "        topic: battery",
@@ -66,13 +75,16 @@ def test_a_file_with_evidence_that_check_accepts(robot_health: Start, tmp_path: 
         "highest 50; margin 0.998",
         "        hysteresis: 0.02            # 95 % of the steps between samples are at most 0.02",
         "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
-        "      count:",
+        "      count_rate:",
         "        # 1,000 samples in 16 min 39 s",
         "        topic: count",
         "        type: std_msgs/Int32",
-        "        field: data",
+        '        field: ""',
+        "        statistic: frequency_hz",
+        "        warn_below: 0.8             # Hz; 0 alerts in 16 min 39 s; lowest 1 Hz; margin 20 %",
+        "        warn_above: 1.2             # Hz; 0 alerts in 16 min 39 s; highest 1 Hz; margin 20 %",
         "        stale_after_s: 5.0          # s; 0 alerts in 16 min 39 s; longest gap 1 s, median 1 s",
-        "        # no bounds: the value only rises: looks like a counter",
+        "      # /count, data: no bounds: the value only rises: looks like a counter",
     ]
     suggested = tmp_path / "suggested.yaml"
     suggested.write_text("\n".join(out(process)))
@@ -94,7 +106,8 @@ def test_alerts_that_the_suggestion_raises_are_counted(robot_health: Start, tmp_
     topics = [("/battery", "Float64", TRIANGLE, 1.0), ("/other", "Float64", TRIANGLE * 2, 1.0)]
     process = robot_health("suggest", write_bag(tmp_path / "a.bag", topics))
     assert process.wait() == 0, process.text
-    assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 1 alert."
+    # The number, and the arrival of its messages.
+    assert out(process)[1] == "# Replayed with these thresholds, the recordings raise 2 alerts."
     assert "        stale_after_s: 5.0          # s; 1 alert in 33 min 19 s; longest gap 1 s, median 1 s" in out(
         process
     )
@@ -137,13 +150,13 @@ def test_suggestions_for_the_signals_of_a_file(robot_health: Start, tmp_path: Pa
 def test_namespaces(robot_health: Start, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "a.bag", [(f"/r1/{name}", "Float64", TRIANGLE, 1.0) for name in ("battery", "2d")])
     for arguments, names, topics in (
-        ([], ["r1_2d:", "r1_battery:"], ["r1/2d", "r1/battery"]),
-        (["--namespace", "r1"], ["r1_2d:", "battery:"], ["/r1/2d", "battery"]),
+        ([], ["r1_2d_rate:", "r1_2d:", "r1_battery_rate:", "r1_battery:"], ["r1/2d", "r1/battery"]),
+        (["--namespace", "r1"], ["r1_2d_rate:", "r1_2d:", "battery_rate:", "battery:"], ["/r1/2d", "battery"]),
     ):
         process = robot_health("suggest", bag, *arguments)
         assert process.wait() == 0, process.text
         assert [line.split()[0] for line in out(process) if re.match(r" {6}\w", line)] == names
-        assert [line.split()[1] for line in out(process) if "topic:" in line] == topics
+        assert [line.split()[1] for line in out(process) if "topic:" in line][::2] == topics
 
 
 def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path) -> None:
@@ -164,7 +177,7 @@ def test_the_output_is_the_same_in_every_run(robot_health: Start, tmp_path: Path
         (
             [("/rosout", "Byte", [0] * 3, 1.0)],
             [],
-            "no signal is recorded: expected topics with messages of std_msgs or sensor_msgs, got /rosout",
+            "nothing to watch: /rosout: a topic of the middleware",
         ),
     ],
 )
@@ -203,10 +216,11 @@ def test_messages_that_are_out_of_order_are_named(robot_health: Start, tmp_path:
             data = STORE.serialize_ros1(STORE.types["std_msgs/msg/Float64"](number), "std_msgs/msg/Float64")
             writer.write(connection, number * 1_000_000_000, bytes(data))
     process = robot_health("suggest", file)
-    assert process.wait() == 0, process.text
-    (warning,) = [line.text for line in process.lines if line.stream == "err"]
+    assert process.wait() == 2, process.text
+    warning, problem = [line.text for line in process.lines if line.stream == "err"]
     assert warning.startswith("WARN: ")
     assert warning.endswith(" messages out of order, judged late")
+    assert problem.startswith("robot-health suggest: nothing to watch: /battery: not periodic: 200 messages in ")
 
 
 def test_what_was_given_stays_and_nothing_contradicts_it(robot_health: Start, tmp_path: Path) -> None:
@@ -234,15 +248,15 @@ def test_what_is_left_out_is_listed(robot_health: Start, tmp_path: Path) -> None
             ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
         ):
             connection = writer.add_connection(topic, name, typestore=STORE)
-            writer.write(connection, 10**9, bytes(12) if "diag" in topic else bytes(8))
+            for number in range(30):
+                writer.write(connection, number * 10**9, bytes(20) if "diag" in topic else bytes(8))
         connection = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=STORE)
     process = robot_health("suggest", bag)
     assert process.wait() == 0, process.text
-    at = out(process).index("    # Recorded, but not watched by this file:")
+    at = out(process).index("    # Not watched:")
     assert out(process)[at + 1 :] == [
-        "    #   /diagnostics (diagnostic_msgs/DiagnosticArray): watch its statuses by name, "
-        'field status["NAME"].level; docs/signals.md',
-        "    #   /odom (nav_msgs/Odometry): only std_msgs and sensor_msgs are suggested for",
+        "    #   /diagnostics: no status",
+        "    #   /odom: no message",
     ]
 
 
@@ -251,6 +265,8 @@ def test_bounds_of_a_short_recording_are_comments(robot_health: Start, tmp_path:
     process = robot_health("suggest", bag)
     assert process.wait() == 0, process.text
     (tmp_path / "suggested.yaml").write_text("\n".join(out(process)))
-    assert load_config(tmp_path / "suggested.yaml").signals["battery"].bounds == {}
-    assert any(line.startswith("        # warn_below: 46") for line in out(process))
-    assert "        # the range was seen for 299 s only, expected at least 10 min" in out(process)
+    assert list(load_config(tmp_path / "suggested.yaml").signals) == ["battery_rate"]
+    assert (
+        "      # battery: {topic: battery, type: std_msgs/Float64, field: data, warn_below: 46.5, warn_above: 50.5, "
+        "hysteresis: 0.02}  # seen 47 to 50 in 299 s" in out(process)
+    )

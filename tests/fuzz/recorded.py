@@ -15,6 +15,7 @@ from fuzz.work import Work
 from harness.recorded import ROS2, Recorded, definition, values, write_bag, write_folder, write_mcap
 
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.proposal.candidates import Topic, list_candidates
 from robot_health_monitor.recordings.decoding import Types
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings
@@ -62,7 +63,8 @@ class Definitions(Target):
     def use(self, data: Tuple[str, str, str, bytes]) -> None:
         form, encoding, text, message = data
         types = Types(Channel("/x", "a/T", encoding, text, form))
-        for field in ["", *(path for path, _ in types.numbers()[:20])]:
+        offered = list_candidates([Topic("/x", "a/T", types.definitions)]).candidates
+        for field in ["", *(each.settings["field"] for each in offered[:20])]:
             with contextlib.suppress(ValueError):
                 types.field_getter(field)(message)
 

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import math
-import random
 from typing import Any, List, Sequence
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-pytest.importorskip("numpy")
-
-import numpy as np
-
+from robot_health_monitor.core.proposal.measured import Measured
+from robot_health_monitor.core.proposal.suggestion import suggest
 from robot_health_monitor.core.signal_config import read_signal
-from robot_health_monitor.recordings.suggestion import SIZE, Measured, Quantiles, suggest
 
 
 def measured(values: Sequence[float], interval_s: float = 1.0, **signal: Any) -> Measured:
     result = Measured(read_signal("battery", signal))
     result.begin_recording()
-    result.add(np.arange(len(values)) * interval_s, np.array(values, dtype=np.float64))
+    for number, value in enumerate(values):
+        result.add(number * interval_s, value)
     return result
 
 
@@ -124,7 +120,7 @@ def test_a_bound_that_no_value_can_cross_is_left_out(values: Sequence[float], si
 def test_staleness_is_twice_the_longest_gap_or_five_intervals() -> None:
     assert suggest(measured(RAMP, 0.5)).settings["stale_after_s"].value == 2.5
     late = measured(RAMP[250:750])
-    late.add(np.array([506.0]), np.array([45.0]))  # 7 s after the last
+    late.add(506.0, 45.0)  # 7 s after the last
     setting = suggest(late).settings["stale_after_s"]
     assert (setting.value, setting.evidence) == (14.0, "longest gap 7 s, median 1 s")
 
@@ -132,7 +128,8 @@ def test_staleness_is_twice_the_longest_gap_or_five_intervals() -> None:
 def test_the_time_between_two_recordings_is_no_gap() -> None:
     both = measured(RAMP)
     both.begin_recording()
-    both.add(np.arange(1000) + 1e6, np.array(RAMP))
+    for number, value in enumerate(RAMP):
+        both.add(1e6 + number, value)
     assert suggest(both).settings["stale_after_s"].value == 5.0
     assert both.duration_s == 1998.0
 
@@ -216,48 +213,3 @@ def test_a_range_that_was_seen_for_less_than_10_minutes_is_no_bound() -> None:
     assert (set(found.settings), set(found.seen)) == ({"stale_after_s"}, {"warn_below", "warn_above", "hysteresis"})
     assert found.left_out == ["the range was seen for 499 s only, expected at least 10 min"]
     assert suggest(measured(RAMP[250:950])).seen == {}
-
-
-def test_a_few_numbers_have_exact_quantiles() -> None:
-    quantiles = Quantiles()
-    quantiles.add(np.array([5.0, 1.0, 4.0]))
-    quantiles.add(np.array([2.0, 3.0]))
-    assert [quantiles.quantile(fraction) for fraction in (0.0, 0.2, 0.21, 0.5, 0.6, 1.0)] == [1, 1, 2, 3, 3, 5]
-    assert (quantiles.count, quantiles.min, quantiles.max) == (5, 1.0, 5.0)
-
-
-def test_without_numbers_there_is_no_quantile() -> None:
-    quantiles = Quantiles()
-    quantiles.add(np.empty(0))
-    assert math.isnan(quantiles.quantile(0.5))
-
-
-@pytest.mark.parametrize("order", ["rising", "falling", "shuffled", "in chunks of different sizes"])
-def test_a_million_numbers_have_quantiles_within_0_02_percent_of_the_ranks(order: str) -> None:
-    numbers = np.arange(1_000_000, dtype=np.float64)
-    if order == "falling":
-        numbers = numbers[::-1]
-    elif order != "rising":
-        np.random.RandomState(7).shuffle(numbers)
-    quantiles, chance, place = Quantiles(), random.Random(1), 0
-    while place < len(numbers):
-        size = chance.randint(1, 3 * SIZE) if order.startswith("in") else 4096
-        quantiles.add(numbers[place : place + size])
-        place += size
-    for fraction in (0.001, 0.01, 0.5, 0.95, 0.999):
-        assert quantiles.quantile(fraction) == pytest.approx(fraction * 1e6, abs=200)
-    assert (quantiles.min, quantiles.max) == (0.0, 999_999.0)
-
-
-def test_memory_is_bounded() -> None:
-    quantiles = Quantiles()
-    for _ in range(300):
-        quantiles.add(np.zeros(SIZE))
-    assert sum(len(buffer) for buffer in quantiles._buffers) <= 10 * SIZE
-
-
-def test_scaling_scales_every_quantile() -> None:
-    quantiles = Quantiles()
-    quantiles.add(np.arange(100.0))
-    quantiles.scale(100.0)
-    assert (quantiles.min, quantiles.quantile(0.5), quantiles.max) == (0.0, 4900.0, 9900.0)

@@ -1,0 +1,268 @@
+"""The signals that topics can have, from the definitions of their messages, with units where definitions state them."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+from ..definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
+from ..elements import NAME_ARRAYS, TIME_TYPES
+from ..formatting import list_text
+from ..signal_config import LINK
+from .suggestion import NO_RULES, Rules
+
+MOST_SIGNALS = 300
+"""Signals that are looked at: arrivals of all topics first, then batteries, temperatures and ages, then numbers."""
+MOST_FIELDS = 100
+"""Numbers of one topic that are looked at; the standard messages have at most 20."""
+
+_LONGEST_NAME = 200
+"""Letters of a signal's name; YAML allows 1,024 in a key."""
+_MOST_WALKED = 2_000
+_DEEPEST = 16
+_OF_MIDDLEWARE = ("/clock", "/rosout", "/rosout_agg", "/parameter_events", "/client_count", "/connected_clients")
+_NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
+_DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
+_HEADER = "std_msgs/Header"
+_BATTERY = "sensor_msgs/BatteryState"
+_TEMPERATURE = "sensor_msgs/Temperature"
+_CLOUDS = ("sensor_msgs/PointCloud",)
+
+_TIMES = (*TIME_TYPES, "builtin_interfaces/Duration")
+
+_XYZ = "xyz"
+_UNITS: Mapping[str, Mapping[str, str]] = {
+    _BATTERY: {
+        "voltage": "V", "temperature": "degC", "current": "A", "charge": "Ah", "capacity": "Ah", "design_capacity": "Ah"
+    },
+    _TEMPERATURE: {"temperature": "degC"},
+    "sensor_msgs/FluidPressure": {"fluid_pressure": "Pa"},
+    "sensor_msgs/Illuminance": {"illuminance": "lx"},
+    "sensor_msgs/Range": {"range": "m", "min_range": "m", "max_range": "m", "field_of_view": "rad"},
+    "sensor_msgs/NavSatFix": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
+    "sensor_msgs/Imu": {
+        f"{field}.{axis}": unit
+        for field, unit in (("angular_velocity", "rad/s"), ("linear_acceleration", "m/s^2"))
+        for axis in _XYZ
+    },
+    "sensor_msgs/MagneticField": {f"magnetic_field.{axis}": "T" for axis in _XYZ},
+    "geometry_msgs/Twist": {
+        f"{field}.{axis}": unit for field, unit in (("linear", "m/s"), ("angular", "rad/s")) for axis in _XYZ
+    },
+    "geometry_msgs/Pose": {f"position.{axis}": "m" for axis in _XYZ},
+    "geometry_msgs/Transform": {f"translation.{axis}": "m" for axis in _XYZ},
+    "geometry_msgs/Accel": {
+        f"{field}.{axis}": unit for field, unit in (("linear", "m/s^2"), ("angular", "rad/s^2")) for axis in _XYZ
+    },
+    "geometry_msgs/Wrench": {
+        f"{field}.{axis}": unit for field, unit in (("force", "N"), ("torque", "Nm")) for axis in _XYZ
+    },
+}  # fmt: skip
+"""Units that the definitions of the messages state, and REP-103 for geometry_msgs."""
+
+FRACTIONS = ((_BATTERY, "percentage"), ("sensor_msgs/RelativeHumidity", "relative_humidity"))
+"""Fields that are 0 to 1 by definition, shown in %."""
+
+_AGE = "rule: at most 1 s late"
+AGE_RULES: Rules = {
+    "warn_above": (1.0, _AGE),
+    "for_s": (3.0, "a stamp that stands still, not one late message"),
+}
+_CHARGE_RULES: Rules = {
+    "warn_below": (20.0, "rule: the default thresholds.yaml"),
+    "error_below": (10.0, "rule: the default thresholds.yaml"),
+    "hysteresis": (2.0, "rule: the default thresholds.yaml"),
+    "for_s": (5.0, "a sag under load is no alert"),
+}
+_TEMPERATURE_RULES: Rules = {
+    "warn_above": (80.0, "rule: the default thresholds.yaml"),
+    "error_above": (95.0, "rule: the default thresholds.yaml"),
+    "hysteresis": (2.0, "rule: the default thresholds.yaml"),
+}
+_SPREAD_RULES: Rules = {
+    "warn_above": (0.12, "rule: 3 % of a cell's 4 V"),
+    "error_above": (0.2, "rule: 5 % of a cell's 4 V"),
+    "for_s": (10.0, "a sag under load is no alert"),
+}
+
+
+class Topic(NamedTuple):
+    """One topic of a recording or of a live robot."""
+
+    topic: str
+    """Its absolute name."""
+    type_name: str
+    """`package/Type`."""
+    definitions: Optional[Definitions]
+    """The types in its definition; None: it is not known, so that only arrivals can be watched."""
+
+
+class Candidate(NamedTuple):
+    """One signal that a topic can have."""
+
+    name: str
+    topic: str
+    """The absolute name."""
+    kind: str
+    """`rate`, `age`, `statuses`, `elements` (each is measured by itself) or `number`."""
+    settings: Mapping[str, Any]
+    """Topic relative to the namespace, type, field, statistic and, where the definition has one, unit."""
+    rules: Rules = NO_RULES
+
+
+class Names:
+    """Gives signals names of letters, digits and `_`, each once."""
+
+    def __init__(self) -> None:
+        """Starts without names."""
+        self._used: Set[str] = set()
+
+    def new(self, *words: str) -> str:
+        """Returns a name for a topic or a field that has not been returned before."""
+        ending = "".join(f"_{word}" for word in words[1:])[:_LONGEST_NAME]
+        text = words[0].strip("/")[: _LONGEST_NAME - len(ending)] + ending
+        name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+        if not name or name[0].isdigit() or name == LINK:
+            name = f"_{name}"
+        unique, number = name, 1
+        while unique in self._used:
+            number += 1
+            unique = f"{name}_{number}"
+        self._used.add(unique)
+        return unique
+
+
+class Listing(NamedTuple):
+    """What topics offer."""
+
+    candidates: Sequence[Candidate]
+    """Sorted by topic; the arrivals of a topic come first."""
+    left_out: Mapping[str, str]
+    """Why topics are not looked at, by their names."""
+    problems: Sequence[str]
+    """One line for each topic of which something is left out."""
+
+
+def list_candidates(
+    topics: Iterable[Topic], namespace: str = "", names: Optional[Names] = None, *, ages_of_bulk: bool = True
+) -> Listing:
+    """Returns the signals that topics can have, at most `MOST_SIGNALS`.
+
+    Topics in the namespace (without slashes at its ends) are relative to it. `ages_of_bulk`: stamps of images and
+    clouds can be read without decoding the message.
+    """
+    names = names or Names()
+    left_out: Dict[str, str] = {}
+    problems: List[str] = []
+    known: Dict[str, Topic] = {}
+    for each in sorted(topics, key=lambda each: each.topic):
+        if each.topic in _OF_MIDDLEWARE or each.topic.endswith("/_action/status"):
+            left_out[each.topic] = "a topic of the middleware"
+        elif not _NAME.match(each.topic):
+            problems.append(f"{each.topic}: left out, its name is not valid in ROS")
+        elif each.topic in known:
+            first = known[each.topic].type_name
+            if first != each.type_name:
+                problems.append(f"{each.topic}: {each.type_name} left out, it also has {first}")
+        else:
+            known[each.topic] = each
+    found: List[Tuple[int, int, Candidate]] = []
+    for at, topic in enumerate(known.values()):
+        of_topic = list(_of_topic(topic, namespace, names, ages_of_bulk=ages_of_bulk))
+        numbers = [each for each in of_topic if each.kind == "number"]
+        if len(numbers) > MOST_FIELDS:
+            problems.append(f"{topic.topic}: expected at most {MOST_FIELDS} numbers, got more: the rest is left out")
+            of_topic = [each for each in of_topic if each.kind != "number"] + numbers[:MOST_FIELDS]
+        found += [(_priority(each), at, each) for each in of_topic]
+    found.sort(key=lambda each: each[:2])
+    kept, rest = found[:MOST_SIGNALS], found[MOST_SIGNALS:]
+    looked_at = {each.topic for _, _, each in kept}
+    for _, _, candidate in rest:
+        if candidate.topic not in looked_at:
+            left_out[candidate.topic] = f"more than {MOST_SIGNALS} signals"
+    cut = sorted({each.topic for _, _, each in rest} & looked_at)
+    if cut:
+        problems.append(f"more than {MOST_SIGNALS} signals: numbers are left out of {list_text(cut)}")
+    kept.sort(key=lambda each: (each[1], each[0]))
+    return Listing([each for _, _, each in kept], left_out, problems)
+
+
+def _priority(candidate: Candidate) -> int:
+    return 0 if candidate.kind in ("rate", "statuses") else 1 if candidate.rules else 2
+
+
+def _of_topic(topic: Topic, namespace: str, names: Names, *, ages_of_bulk: bool) -> Iterator[Candidate]:
+    """Yields the signals of one topic."""
+    prefix = f"/{namespace}/" if namespace else "/"
+    short = topic.topic[len(prefix) :] if topic.topic.startswith(prefix) else topic.topic
+    short = topic.topic if short[0].isdigit() or topic.type_name == _DIAGNOSTICS else short  # `2d` is no name
+
+    def candidate(kind: str, field: str, *words: str, rules: Rules = NO_RULES, **settings: Any) -> Candidate:
+        base = {"topic": short, "type": topic.type_name, "field": field, **settings}
+        return Candidate(names.new(short, *words), topic.topic, kind, base, rules)
+
+    if topic.type_name == _DIAGNOSTICS:
+        yield candidate("statuses", 'status["*"]')
+        return
+    definitions = topic.definitions
+    fields = list(_walk(definitions, topic.type_name)) if definitions is not None else []
+    numbers = [] if _is_bulk(topic.type_name, fields) else [each for each in fields if _is_number(topic, each)]
+    yield candidate("rate", "", "rate", statistic="frequency_hz")
+    has_header = any(path == "header" and field.kind == _HEADER for path, field, _ in fields)
+    if has_header and (ages_of_bulk or not _is_bulk(topic.type_name, fields)):
+        yield candidate("age", "header.stamp", "age", rules=AGE_RULES, unit="s")
+    for path, _, unit in numbers:
+        rules = _CHARGE_RULES if (topic.type_name, path) == FRACTIONS[0] else NO_RULES
+        rules = _TEMPERATURE_RULES if (topic.type_name, path) == (_TEMPERATURE, "temperature") else rules
+        words = () if path == "data" else (path,)
+        yield candidate("number", path, *words, rules=rules, **({"unit": unit} if unit else {}))
+    if topic.type_name == _BATTERY:
+        settings = {"reduce": "spread", "unit": "V"}
+        yield candidate("number", "cell_voltage[*]", "cell_spread", rules=_SPREAD_RULES, **settings)
+    for path in _named_arrays(fields):
+        yield candidate("elements", f'{path}["*"]', path)
+
+
+def _walk(definitions: Definitions, type_name: str) -> Iterator[Tuple[str, Field, str]]:
+    """Yields path, field and unit of the fields of a type and of the messages in it, at most `_MOST_WALKED`."""
+    waiting: List[Tuple[str, str, Tuple[Tuple[str, int], ...]]] = [("", type_name, ())]
+    walked = 0
+    while waiting and walked < _MOST_WALKED:
+        prefix, kind, above = waiting.pop(0)
+        above = (*above, (kind, len(prefix)))
+        definition = definitions.get(kind)
+        nested = []
+        for field in definition.fields if definition else ():
+            walked += 1
+            path = f"{prefix}{field.name}"
+            unit = next((_UNITS[each][path[at:]] for each, at in above if path[at:] in _UNITS.get(each, {})), "")
+            yield path, field, unit
+            is_message = "/" in field.kind and field.size is None
+            if is_message and field.kind != _HEADER and field.kind not in _TIMES and len(above) < _DEEPEST:
+                nested.append((f"{path}.", field.kind, above))
+        waiting[:0] = nested
+
+
+def _is_number(topic: Topic, found: Tuple[str, Field, str]) -> bool:
+    package, _, name = topic.type_name.partition("/")
+    _, field, _ = found
+    if package == "std_msgs" and (name in ("Byte", "Char") or name.endswith("MultiArray")):
+        return False
+    is_code = package == "sensor_msgs" and field.kind in ("int8", "uint8")
+    return field.size is None and field.kind in NUMBERS and field.kind != "bool" and not is_code
+
+
+def _is_bulk(type_name: str, fields: Sequence[Tuple[str, Field, str]]) -> bool:
+    """Returns whether a message is an image, a cloud or another block of bytes."""
+    return type_name in _CLOUDS or any(
+        field.kind in ("uint8", "int8", "byte", "char") and field.size == SEQUENCE for _, field, _ in fields
+    )
+
+
+def _named_arrays(fields: Sequence[Tuple[str, Field, str]]) -> Iterator[str]:
+    """Yields the arrays of numbers whose elements have names in an array beside them, as in a JointState."""
+    top = {path: field for path, field, _ in fields if "." not in path}
+    if any(name in top and top[name].kind in TEXTS and top[name].size is not None for name in NAME_ARRAYS):
+        for name, field in top.items():
+            if field.size == SEQUENCE and field.kind in ("float32", "float64"):
+                yield name

@@ -1,0 +1,139 @@
+"""What is measured of one signal: its values, its steps and the times between its samples, in bounded memory."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from typing import Optional, Set
+
+from ..formatting import count_text, duration_text, number_text, with_unit
+from ..signal_config import SignalConfig
+from .quantiles import Quantiles
+
+MOST_CODES = 10
+"""A signal with at most this many different values, all whole numbers, is taken for a code."""
+_LEAST_SAMPLES = 100
+"""Valid samples below which no bound is suggested."""
+_LEAST_DURATION_S = 30.0
+"""Time of samples, in s, below which no bound is suggested."""
+_BINS = 128
+_FIRST_BIN_S = 0.001
+_LEAST_BINS = 8
+_ROUNDING = 0.35
+"""Variance of a number of messages of a regular topic with some jitter: it is one more or one less."""
+_RATE_S = 30.0
+
+
+class Measured:
+    """Statistics of one signal over everything that was heard of it."""
+
+    def __init__(self, config: SignalConfig) -> None:
+        """Starts without samples."""
+        self.config = config
+        self.values = Quantiles()
+        """Values to which bounds apply, in the signal's unit."""
+        self.steps = Quantiles()
+        """Absolute differences between neighbouring values."""
+        self.gaps = Quantiles()
+        """Times between neighbouring samples, in s."""
+        self.duration_s = 0.0
+        """From the first to the last sample, summed over the recordings."""
+        self.samples = 0
+        self.bad_samples = 0
+        self.only_rises = True
+        """Whether no value is smaller than the one before."""
+        self.rises = 0
+        """Values that are larger than the one before."""
+        self.codes: Optional[Set[float]] = set()
+        """The different values; None if there are more than `MOST_CODES` or one is not a whole number."""
+        self._last_s = math.nan
+        self._last = math.nan
+        self._bins = array("q", bytes(8 * _BINS))
+        self._bin_s = _FIRST_BIN_S
+
+    def begin_recording(self) -> None:
+        """Ends the previous recording: the time up to the next one is no gap."""
+        self._last_s = self._last = math.nan
+
+    def add(self, now_s: float, value: Optional[float]) -> None:
+        """Adds a sample; None: it is not valid, or its statistic is not defined yet. Times must not decrease."""
+        gap_s = now_s - self._last_s
+        self.samples += 1
+        if gap_s >= 0.0:  # False for the first sample
+            self.gaps.add(gap_s)
+            self.duration_s += gap_s
+        self._last_s = now_s
+        self._count_arrival()
+        if value is None or not math.isfinite(value):
+            self.bad_samples += self.config.statistic == "last"  # others are also undefined at the start
+            return
+        step = value - self._last
+        self._last = value
+        self.values.add(value)
+        if math.isfinite(step):
+            self.steps.add(abs(step))
+            self.rises += step > 0.0
+            self.only_rises = self.only_rises and step >= 0.0
+        if self.codes is not None:
+            self.codes.add(value)
+            if len(self.codes) > MOST_CODES or not value.is_integer():
+                self.codes = None
+
+    def scale(self, factor: float, config: SignalConfig) -> None:
+        """Converts everything to another unit, for which `config` is the configuration."""
+        self.config = config
+        self.values.scale(factor)
+        self.steps.scale(factor)
+
+    @property
+    def irregularity(self) -> float:
+        """Standard deviation of the rate over 30 s, relative to the rate: 0 for a regular topic.
+
+        Estimated from the numbers of messages in at least 8 equal times, less the variance of a number that is rounded;
+        messages that come in bunches are regular if the bunches are. Infinite without a message for that.
+        """
+        last = min(_BINS - 1, int(self.duration_s / self._bin_s))
+        counts, bin_s = list(self._bins[:last]), self._bin_s  # the last one is not complete
+        while len(counts) >= 2 * _LEAST_BINS:
+            counts = [counts[at] + counts[at + 1] for at in range(0, len(counts) - 1, 2)]
+            bin_s *= 2.0
+        mean = sum(counts) / max(1, len(counts))
+        if len(counts) < _LEAST_BINS or mean < 1.0:
+            return math.inf
+        variance = sum((each - mean) ** 2 for each in counts) / len(counts) - _ROUNDING
+        return math.sqrt(max(0.0, variance)) / mean * math.sqrt(min(1.0, bin_s / _RATE_S))
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Messages per second from the first to the last; NaN if no time has passed."""
+        return self.gaps.count / self.duration_s if self.duration_s > 0.0 else math.nan
+
+    def unsuitable(self) -> str:
+        """Returns why no bound can be derived from the values; empty if one can."""
+        values = self.values
+        if values.count < _LEAST_SAMPLES or self.duration_s < _LEAST_DURATION_S * 0.999:
+            return (
+                f"{count_text(values.count, 'valid sample')} in {duration_text(self.duration_s)}; "
+                f"expected at least {_LEAST_SAMPLES} in {duration_text(_LEAST_DURATION_S)}"
+            )
+        if values.min == values.max:
+            return f"the value is always {self.text(values.min)}"
+        if self.codes is not None:
+            return f"only the values {', '.join(f'{code:.0f}' for code in sorted(self.codes))}: looks like a code"
+        if self.only_rises and self.rises >= _LEAST_SAMPLES // 2:
+            return "the value only rises: looks like a counter"
+        return ""
+
+    def text(self, value: float) -> str:
+        """Returns a value with the unit of what is judged."""
+        unit = "Hz" if self.config.statistic == "frequency_hz" else self.config.unit
+        return with_unit(number_text(value), unit)
+
+    def _count_arrival(self) -> None:
+        at = int(self.duration_s / self._bin_s)
+        while at >= _BINS:
+            half = [self._bins[each] + self._bins[each + 1] for each in range(0, _BINS, 2)]
+            self._bins = array("q", half + [0] * (_BINS // 2))
+            self._bin_s *= 2.0
+            at = int(self.duration_s / self._bin_s)
+        self._bins[at] += 1

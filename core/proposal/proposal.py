@@ -1,0 +1,227 @@
+"""What is proposed to be watched: signals with their settings, and the topics that are not watched, with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Container, Dict, Iterable, List, Mapping, Optional
+
+from ..errors import ConfigError
+from ..field_path import element_path
+from ..formatting import count_text, duration_text
+from ..middleware import Middleware
+from ..signal_config import BOUNDS, read_signal
+from .candidates import FRACTIONS, Candidate, Names, Topic, list_candidates
+from .measured import Measured
+from .suggestion import Setting, Suggestion, suggest
+from .survey import Survey, read_signals
+
+ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s")
+"""Keys that are proposed, in the order in which they are written."""
+OLDEST_S = 1.0
+"""Largest age of stamps, in s, that is taken for a delay: older ones are of another clock, or of other times."""
+
+_OF_BOUNDS = ("hysteresis", "for_s")
+"""Keys that refer to the bounds: they are not proposed for bounds that were given."""
+
+
+@dataclass
+class Signal:
+    """One signal that is proposed."""
+
+    name: str
+    topic: str
+    """The absolute name of its topic."""
+    given: Dict[str, Any]
+    """Settings apart from those that are proposed."""
+    suggestion: Suggestion
+    measured: Measured
+    note: str = ""
+    is_given: bool = False
+    """Whether it was configured before, and stays."""
+
+    @property
+    def settings(self) -> Dict[str, Any]:
+        """All settings."""
+        return {**self.given, **{key: setting.value for key, setting in self.suggestion.settings.items()}}
+
+    @property
+    def is_shown_only(self) -> bool:
+        """Whether it is no more than a comment: its range was not seen for long enough."""
+        return bool(self.suggestion.seen) and not self.suggestion.has_bounds and not self.is_given
+
+
+@dataclass
+class Proposed:
+    """Everything that is proposed for a robot."""
+
+    signals: List[Signal]
+    """Sorted by topic."""
+    not_watched: Dict[str, str] = field(default_factory=dict)
+    """Why topics are not watched, by their absolute names."""
+    fields: Dict[str, List[str]] = field(default_factory=dict)
+    """Numbers that are not watched, with the reason, by the topics."""
+
+
+class Proposal:
+    """Listens to the topics of a robot, and proposes what to watch. Serves recordings and live robots alike."""
+
+    def __init__(self, namespace: str = "", *, ages_of_bulk: bool = True) -> None:
+        """Starts without topics; the arguments are those of `list_candidates`."""
+        self.topics: Dict[str, str] = {}
+        """Types of the topics that are listened to, by their absolute names."""
+        self.problems: List[str] = []
+        self._namespace = namespace
+        self._ages_of_bulk = ages_of_bulk
+        self._names = Names()
+        self._survey = Survey()
+        self._candidates: Dict[str, Candidate] = {}
+        self._left_out: Dict[str, str] = {}
+
+    def take(self, topics: Iterable[Topic]) -> None:
+        """Adds topics, for `listen`; those that were added before are ignored."""
+        new = [each for each in topics if each.topic not in self.topics]
+        listing = list_candidates(new, self._namespace, self._names, ages_of_bulk=self._ages_of_bulk)
+        self.problems += listing.problems
+        self._left_out.update(listing.left_out)
+        self.topics.update((each.topic, each.type_name) for each in reversed(new))
+        self._candidates.update((each.name, each) for each in listing.candidates)
+
+    def listen(self, node: Middleware, topics: Container[str]) -> None:
+        """Subscribes to topics that were taken, by their absolute names. Raises ConfigError: a type is unknown."""
+        wanted = {name: each.settings for name, each in self._candidates.items() if each.topic in topics}
+        if wanted:
+            self._survey.listen(node, read_signals(wanted))
+
+    @property
+    def samples(self) -> int:
+        """Messages that were heard until now."""
+        return sum(
+            measured.samples
+            for name, measured in self._survey.measured.items()
+            if self._candidates[name].kind in ("rate", "statuses")
+        )
+
+    def result(self, longest_s: Optional[Mapping[str, float]] = None) -> Proposed:
+        """Returns what is proposed; `longest_s` has the longest healthy excursion of signals, as `suggest` takes it."""
+        proposed = Proposed([], dict(self._left_out))
+        rates: Dict[str, Signal] = {}
+        for name, candidate in sorted(self._candidates.items(), key=lambda each: each[1].topic):
+            measured = self._survey.measured.get(name)
+            if measured is None or not measured.samples:
+                if candidate.kind in ("rate", "statuses"):
+                    proposed.not_watched[candidate.topic] = "no message" if candidate.kind == "rate" else "no status"
+                continue
+            for signal in self._signals(candidate, measured, longest_s or {}):
+                self._sort_in(candidate, signal, proposed, rates)
+        for topic, rate in rates.items():
+            others = any(signal.topic == topic and not signal.is_shown_only for signal in proposed.signals)
+            if rate.suggestion.has_bounds:
+                at = next((at for at, each in enumerate(proposed.signals) if each.topic >= topic), None)
+                proposed.signals.insert(len(proposed.signals) if at is None else at, rate)
+            elif not others:
+                proposed.not_watched[topic] = rate.suggestion.left_out[0].replace("no bounds: ", "")
+        return proposed
+
+    def _sort_in(self, candidate: Candidate, signal: Signal, proposed: Proposed, rates: Dict[str, Signal]) -> None:
+        if candidate.kind == "rate":
+            rates[signal.topic] = signal
+            return
+        if candidate.kind == "statuses" or signal.suggestion.has_bounds or signal.is_shown_only:
+            proposed.signals.append(signal)
+            return
+        reason = (signal.suggestion.left_out or ["no bounds"])[0]
+        proposed.fields.setdefault(signal.topic, []).append(f"{signal.given['field']}: {reason}")
+
+    def _signals(self, candidate: Candidate, measured: Measured, longest_s: Mapping[str, float]) -> Iterable[Signal]:
+        given = dict(candidate.settings)
+        if candidate.kind == "statuses":
+            yield self._statuses(candidate, measured, given)
+            return
+        if candidate.kind == "elements":
+            elements = self._survey.elements.get(candidate.name, {})
+            for element, found in elements.items():
+                name = f"{candidate.name}_{element}"
+                path = element_path(given["field"], element)
+                of_element = {**given, "field": path}
+                yield self._signal(candidate, _plain(name), of_element, found, longest_s)
+            return
+        yield self._signal(candidate, candidate.name, given, measured, longest_s)
+
+    def _signal(
+        self, candidate: Candidate, name: str, given: Dict[str, Any], measured: Measured, longest_s: Mapping[str, float]
+    ) -> Signal:
+        note = ""
+        if (given["type"], given["field"]) in FRACTIONS:
+            note = _as_percentage(given, measured)
+        if candidate.kind == "age":
+            reason = _not_a_delay(measured)
+            if reason:
+                return Signal(name, candidate.topic, given, Suggestion({}, {}, [reason]), measured)
+        found = suggest(measured, longest_s.get(name), candidate.rules)
+        return Signal(name, candidate.topic, given, checked(name, given, found), measured, note)
+
+    def _statuses(self, candidate: Candidate, measured: Measured, given: Dict[str, Any]) -> Signal:
+        """Returns the signal of all statuses, with the longest time that one of them needs."""
+        elements = self._survey.elements.get(candidate.name, {})
+        stale_s = 5.0
+        for each in elements.values():
+            setting = suggest(each).settings.get("stale_after_s", Setting(0.0, ""))
+            stale_s = max(stale_s, setting.value)
+        why = f"{count_text(len(elements), 'status')} seen, each with its own level and message"
+        settings = {"stale_after_s": Setting(stale_s, why.replace("statuss", "statuses"))}
+        return Signal(candidate.name, candidate.topic, given, Suggestion(settings, {}, []), measured)
+
+
+def checked(name: str, given: Mapping[str, Any], found: Suggestion) -> Suggestion:
+    """Returns a suggestion beside settings that were given: these stay, and nothing contradicts them."""
+    all_keys = dict(given)
+    has_bounds = any(key in given for key in BOUNDS)
+    settings: Dict[str, Setting] = {}
+    seen, left_out = dict(found.seen), list(found.left_out)
+    for key in ORDER:
+        if key not in found.settings:
+            continue
+        try:
+            if key in given or (key in _OF_BOUNDS and has_bounds):
+                seen[key] = found.settings[key]
+                continue
+            read_signal(name, {**all_keys, key: found.settings[key].value})
+        except ConfigError as error:
+            left_out.append(f"no {key}: {error.problem}")
+        else:
+            all_keys[key] = found.settings[key].value
+            settings[key] = found.settings[key]
+    if has_bounds and all(reason.startswith("no bounds") for reason in left_out):
+        left_out = []  # there are bounds
+    return Suggestion(settings, seen, left_out)
+
+
+def _as_percentage(given: Dict[str, Any], measured: Measured) -> str:
+    """Gives a field that is 0 to 1 by definition the unit %, whichever range the driver uses; returns a note."""
+    values = measured.values
+    if measured.config.unit == "%":
+        scale = measured.config.scale
+    elif not values.count or values.min < 0.0 or values.max > 100.0:
+        return ""
+    else:
+        scale = 100.0 if values.max <= 1.0 else 1.0
+    given.update({"scale": scale, "unit": "%", "valid_min": 0.0, "valid_max": 100.0})
+    if measured.config.unit != "%":
+        measured.scale(scale, read_signal(measured.config.name, given))
+    seen = "are 0 to 1" if scale == 100.0 else "exceed 1, although the definition says 0 to 1"
+    return f"scale: the values {seen}"
+
+
+def _not_a_delay(measured: Measured) -> str:
+    """Returns why the ages of stamps show no delay; empty if they do."""
+    values = measured.values
+    if not values.count:
+        return "no stamps"
+    if values.min < 0.0 or values.max > OLDEST_S:
+        ages = f"{duration_text(values.min)} to {duration_text(values.max)}"
+        return f"stamps are {ages} old, expected 0 to {duration_text(OLDEST_S)}"
+    return ""
+
+
+def _plain(name: str) -> str:
+    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name)[:200]

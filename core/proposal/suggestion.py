@@ -1,0 +1,241 @@
+"""Settings of a signal from what was measured of it on a healthy robot, each with its evidence.
+
+docs/statistics.md explains the rules. Whether the settings would have raised alerts is not computed here: recordings
+are replayed with them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+from ..formatting import bound_text, count_text, duration_text, with_unit
+from ..signal_config import BOUNDS, SignalConfig
+from .measured import Measured
+from .quantiles import Quantiles
+
+LEAST_RANGE_S = 600.0  # time of samples, in s, below which a range is no bound: it is shown as a comment
+LEAST_MESSAGES = 20  # messages below which no rate is suggested
+RATE_MARGIN, SHORT_RATE_MARGIN = 0.2, 0.3
+"""Margin of a rate, as a fraction; the second one if it was seen for less than `SHORT_S`."""
+SHORT_S = 300.0
+MOST_IRREGULAR = 0.07  # largest `Measured.irregularity` of a topic that is periodic
+LEAST_GAPS = 10  # gaps between samples below which no `stale_after_s` is suggested
+TAIL = 0.001  # fraction of the samples beyond the quantile from which a bound is derived
+MARGIN = 0.1  # distance of a bound from its quantile, as a fraction of the spread between both quantiles
+LEAST_MARGIN = 0.01
+"""Smallest margin, as a fraction of the quantiles: other robots of the type differ by more than the noise of one."""
+OUTLIERS = 0.005  # largest fraction of the samples that may be outliers; at least one sample may be
+FENCE, WIDE_FENCE = 10.0, 1e6
+"""Distance of an outlier from the quantiles of 1 % and 99 %, as a multiple of their distance; the second one if there
+are long excursions."""
+LONGEST_EXCURSION_S = 60.0
+"""Values beyond a bound for longer than this, in s, are no short excursion: the bound is set from the extreme."""
+
+_TINY, _HUGE = 1e-200, 1e200  # nothing is computed from margins and noise outside of this range: doubles would overflow
+
+_LOWEST = {"%": 0.0, "K": 0.0, "Hz": 0.0, "degC": -273.15}
+_HIGHEST = {"%": 100.0}
+
+
+Rules = Mapping[str, Tuple[float, str]]
+"""Keys of a signal whose values do not depend on what was seen: value, and the rule that it comes from."""
+
+NO_RULES: Rules = {}
+
+
+class Setting(NamedTuple):
+    """One suggested key of a signal."""
+
+    value: float
+    evidence: str  # why, in one line
+
+
+class Suggestion(NamedTuple):
+    """The suggested keys of one signal."""
+
+    settings: Dict[str, Setting]  # by key of thresholds.yaml
+    seen: Dict[str, Setting]  # those that the recordings are too short for: what they would be
+    left_out: List[str]  # one line for each key that the data cannot justify
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether there is a bound."""
+        return any(key in self.settings for key in BOUNDS)
+
+
+def suggest(measured: Measured, longest_excursion_s: Optional[float] = None, rules: Rules = NO_RULES) -> Suggestion:
+    """Derives the settings of a signal.
+
+    `longest_excursion_s` is the longest time for which a healthy value was beyond a bound that this function suggested
+    before; None: not known yet. `rules` replace bounds that follow from what was seen.
+    """
+    settings: Dict[str, Setting] = {}
+    left_out: List[str] = []
+    if measured.config.statistic == "frequency_hz":
+        _add_rate_bounds(measured, settings, left_out)
+        _add_staleness(measured, settings)
+        return Suggestion(settings, {}, left_out)
+    if rules:
+        return _by_rules(measured, rules)
+    reason = measured.unsuitable()
+    if reason and not measured.config.field and measured.config.statistic == "last":
+        reason = "only the arrival of its messages is watched"
+    if reason:
+        left_out.append(f"no bounds: {reason}")
+    else:
+        from_extreme = longest_excursion_s is not None and longest_excursion_s > LONGEST_EXCURSION_S
+        _add_bounds(measured, from_extreme, settings, left_out)
+        if settings:
+            _add_hysteresis(measured, settings)
+            if longest_excursion_s and not from_extreme:
+                for_s = _rounded(1.5 * max(longest_excursion_s, 0.001), math.ceil)
+                evidence = f"longest healthy excursion beyond a bound {duration_text(longest_excursion_s)}"
+                settings["for_s"] = Setting(for_s, evidence)
+    seen: Dict[str, Setting] = {}
+    if settings and measured.duration_s < LEAST_RANGE_S * 0.999:
+        settings, seen = {}, settings
+        expected = f"expected at least {duration_text(LEAST_RANGE_S)}"
+        left_out.append(f"the range was seen for {duration_text(measured.duration_s)} only, {expected}")
+    _add_staleness(measured, settings)
+    return Suggestion(settings, seen, left_out)
+
+
+def _add_rate_bounds(measured: Measured, settings: Dict[str, Setting], left_out: List[str]) -> None:
+    lasted = duration_text(measured.duration_s)
+    if measured.samples < LEAST_MESSAGES or not measured.mean_rate_hz > 0.0:
+        seen = f"{count_text(measured.samples, 'message')} in {lasted}"
+        left_out.append(f"no bounds: {seen}; expected at least {LEAST_MESSAGES}")
+        return
+    if not measured.irregularity < MOST_IRREGULAR:
+        gaps = f"{duration_text(measured.gaps.min)} to {duration_text(measured.gaps.max)}"
+        left_out.append(f"not periodic: {measured.samples:,} messages in {lasted}, {gaps} apart")
+        return
+    values = measured.values
+    known = values.count > 0 and values.min > 0.0
+    lowest, highest = (values.min, values.max) if known else (measured.mean_rate_hz, measured.mean_rate_hz)
+    is_short = measured.duration_s < SHORT_S * 0.999
+    margin = SHORT_RATE_MARGIN if is_short else RATE_MARGIN
+    seen = f", seen for {lasted} only" if is_short else ""
+    why = f"margin {margin * 100.0:.0f} %{seen}"
+    low = _rounded(lowest * (1.0 - margin), math.floor)
+    high = _rounded(highest * (1.0 + margin), math.ceil)
+    settings["warn_below"] = Setting(low, f"lowest {measured.text(lowest)}; {why}")
+    settings["warn_above"] = Setting(high, f"highest {measured.text(highest)}; {why}")
+
+
+def _by_rules(measured: Measured, rules: Rules) -> Suggestion:
+    """Derives settings from rules; bounds that a healthy robot was beyond are only shown."""
+    settings: Dict[str, Setting] = {}
+    seen: Dict[str, Setting] = {}
+    values = measured.values
+    if not values.count:
+        return Suggestion({}, {}, [f"not measured: {count_text(measured.samples, 'sample')}, none valid"])
+    spread = f"seen {measured.text(values.min)} to {measured.text(values.max)}"
+    for key, (value, why) in rules.items():
+        is_low, is_bound = key.endswith("below"), key.endswith(("below", "above"))
+        beyond = is_bound and (values.min <= value if is_low else values.max >= value)
+        (seen if beyond else settings)[key] = Setting(value, f"{why}; {spread}" if is_bound else why)
+    left_out: List[str] = []
+    if not any(key.startswith(("warn", "error")) for key in settings):
+        settings = {}
+        left_out.append(f"no bounds: {spread}")
+    _add_staleness(measured, settings)
+    return Suggestion(settings, seen, left_out)
+
+
+def _without_outliers(values: Quantiles, fence: float, low: float, high: float) -> Tuple[float, float]:
+    """Returns the two ends of a range, without the few values that are far from all others.
+
+    One error of a sensor must not widen a bound: in 600 samples it is beyond the quantile of 99.9 %.
+    """
+    inner_low, inner_high = values.quantile(0.01), values.quantile(0.99)
+    distance = fence * max(inner_high - inner_low, LEAST_MARGIN * max(abs(inner_low), abs(inner_high)))
+    smallest, largest, outside = values.within(inner_low - distance, inner_high + distance)
+    if outside > max(OUTLIERS, 1.5 / values.count):
+        return low, high  # too many to be errors
+    return max(low, smallest), min(high, largest)
+
+
+def _add_bounds(measured: Measured, from_extreme: bool, settings: Dict[str, Setting], left_out: List[str]) -> None:
+    values, config = measured.values, measured.config
+    low, high = _without_outliers(values, FENCE, values.quantile(TAIL), values.quantile(1.0 - TAIL))
+    noise = measured.steps.quantile(0.95) if measured.steps.count else 0.0
+    margin = max(MARGIN * (high - low), noise, LEAST_MARGIN * max(abs(low), abs(high)))
+    if from_extreme:
+        low, high = _without_outliers(values, WIDE_FENCE, values.min, values.max)
+    if not _TINY < margin < _HUGE:
+        spread = f"from {measured.text(values.min)} to {measured.text(values.max)}"
+        left_out.append(f"no bounds: the values are {spread}, nearly all of them about {measured.text(low)}")
+        return
+    digits = math.floor(math.log10(margin))
+    step = 10.0**digits
+    for key, quantile, extreme, bound in (
+        ("warn_below", low, values.min, math.floor((low - margin) / step) * step),
+        ("warn_above", high, values.max, math.ceil((high + margin) / step) * step),
+    ):
+        bound = round(bound, max(0, -digits) + 1)
+        side, outermost = ("below", "lowest") if key == "warn_below" else ("above", "highest")
+        beyond = _beyond_limit(key, bound, config, values.min)
+        if beyond:
+            left_out.append(f"no {key}: {measured.text(bound)} {beyond}")
+            continue
+        evidence = f"{outermost} {measured.text(extreme)}"
+        if quantile != extreme:
+            evidence = f"{TAIL * 100.0:g} % of the samples are {side} {measured.text(quantile)}, {evidence}"
+        settings[key] = Setting(bound, f"{evidence}; margin {measured.text(margin)}")
+
+
+def _beyond_limit(key: str, bound: float, config: SignalConfig, lowest_value: float) -> str:
+    """Returns why no value can be beyond a bound; empty if one can."""
+    is_low = key == "warn_below"
+    side = "above" if is_low else "below"
+    if not math.isfinite(bound):
+        return "is no finite number"
+    valid = config.valid_min if is_low else config.valid_max
+    if valid is not None and (bound <= valid if is_low else bound >= valid):
+        return f"is not {side} {'valid_min' if is_low else 'valid_max'} {bound_text(valid)}"
+    possible = (_LOWEST if is_low else _HIGHEST).get(config.unit)
+    if possible is not None and (bound <= possible if is_low else bound >= possible):
+        return f"is not {side} {with_unit(bound_text(possible), config.unit)}, the {'minimum' if is_low else 'maximum'}"
+    if is_low and bound <= 0.0 <= lowest_value:
+        return "is not positive, and no recorded value is negative"
+    return ""
+
+
+def _add_hysteresis(measured: Measured, settings: Dict[str, Setting]) -> None:
+    """Adds the hysteresis, if the signal has noise; an alert must be able to clear at a healthy value."""
+    noise = measured.steps.quantile(0.95)
+    median = measured.values.quantile(0.5)
+    bounds = [settings[key].value for key in ("warn_below", "warn_above") if key in settings]
+    room = min(abs(bound - median) for bound in bounds)
+    evidence = f"95 % of the steps between samples are at most {measured.text(noise)}"
+    hysteresis = _rounded(noise, math.ceil)
+    if hysteresis > room / 2.0:
+        hysteresis = _rounded(room / 2.0, math.floor)
+        evidence += "; at most half of the distance from a bound to the median"
+    if hysteresis > 0.0:
+        settings["hysteresis"] = Setting(hysteresis, evidence)
+
+
+def _add_staleness(measured: Measured, settings: Dict[str, Setting]) -> None:
+    gaps = measured.gaps
+    if gaps.count < LEAST_GAPS:
+        evidence = f"0: never; {count_text(gaps.count, 'gap')} between samples, expected at least {LEAST_GAPS}"
+        settings["stale_after_s"] = Setting(0.0, evidence)
+        return
+    median = gaps.quantile(0.5)
+    stale_s = max(1.0, _rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
+    evidence = f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}"
+    settings["stale_after_s"] = Setting(stale_s, evidence)
+
+
+def _rounded(value: float, rounding: Callable[[float], int]) -> float:
+    """Rounds to two digits, by `math.ceil` 0.123 to 0.13."""
+    if not _TINY < value < _HUGE:
+        return 0.0
+    digits = 1 - math.floor(math.log10(value))
+    scaled = value * 10.0**digits
+    nearest = round(scaled)
+    whole = nearest if abs(scaled - nearest) < 1e-3 else rounding(scaled)
+    return float(round(whole / 10.0**digits, max(0, digits)))

@@ -1,0 +1,134 @@
+"""The text of a proposed thresholds.yaml: settings, their evidence, and what is not watched."""
+
+from __future__ import annotations
+
+import json
+import re
+from itertools import groupby
+from typing import Any, Callable, Iterable, List, Mapping
+
+from ..formatting import count_text, duration_text, number_text, printable
+from .proposal import ORDER, Proposed, Signal
+
+MOST_NOT_WATCHED = 60
+"""Topics that are listed as not watched; of further ones, only the number is given."""
+_MOST_FIELDS = 12
+"""Numbers of one topic that are listed with their ranges, and that are listed without bounds."""
+_PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/.]*\Z")
+_NOT_TEXT = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
+_COLUMN = 36
+"""Column of the comments."""
+
+Alerts = Callable[[str, str, Any], str]
+"""Returns how often a key with a value alerted, for a signal by its name: `0 alerts in 7.4 h; `; empty if unknown."""
+
+
+def thresholds_text(
+    heading: Iterable[str],
+    others: Mapping[str, Any],
+    proposed: Proposed,
+    alerts: Alerts = lambda name, key, value: "",
+    unchanged: Mapping[str, Mapping[str, Any]] = {},
+) -> str:
+    """Returns the file.
+
+    Args:
+        heading: lines of the comment at its head.
+        others: further keys of alert_system.
+        proposed: signals, and what is not watched.
+        alerts: how often the proposed bounds alerted in a replay.
+        unchanged: signals of which nothing is known, by their names.
+    """
+    lines = [*(f"# {line}" for line in heading), "alert_system:", "  ros__parameters:"]
+    lines += [f"    {key}: {yaml_text(value)}" for key, value in others.items()]
+    watched = [signal for signal in proposed.signals if not signal.is_shown_only]
+    lines.append("    signals:" if watched or unchanged else "    signals: {}")
+    for topic, signals in groupby(proposed.signals, key=lambda signal: signal.topic):
+        comments: List[str] = []
+        for signal in signals:
+            if signal.is_shown_only:
+                comments.append(_shown_only(signal))
+            else:
+                lines += _signal(signal, alerts)
+        lines += _at_most(comments, topic, "more of them")
+        reasons = [f"      # {topic}, {reason}" for reason in proposed.fields.get(topic, ())]
+        lines += _at_most(reasons, topic, "more without bounds")
+    for name, settings in unchanged.items():
+        lines += [f"      {name}:", "        # not recorded: unchanged"]
+        lines += [f"        {key}: {yaml_text(value)}" for key, value in settings.items()] or ["        {}"]
+    if proposed.not_watched:
+        lines.append("    # Not watched:")
+        topics = sorted(proposed.not_watched.items())
+        lines += [f"    #   {topic}: {reason}" for topic, reason in topics[:MOST_NOT_WATCHED]]
+        if len(topics) > MOST_NOT_WATCHED:
+            lines.append(f"    #   and {count_text(len(topics) - MOST_NOT_WATCHED, 'other topic')}")
+    return "".join(f"{printable(line)}\n" for line in lines)
+
+
+def _signal(signal: Signal, alerts: Alerts) -> List[str]:
+    measured, settings, suggestion = signal.measured, signal.given, signal.suggestion
+    invalid = f", {measured.bad_samples:,} of them invalid" if _counts_bad(signal) else ""
+    samples = f"{count_text(measured.samples, 'sample')} in {duration_text(measured.duration_s)}{invalid}"
+    lines = [f"      {signal.name}:", f"        # {samples}"]
+    if signal.note:
+        lines.append(f"        # {signal.note}")
+
+    def add(text: str, key: str, comment: str) -> None:
+        unit = "s" if key.endswith("_s") else _unit(settings)
+        lines.append(f"        {text}".ljust(_COLUMN) + "# " + "; ".join(filter(None, [unit, comment])))
+
+    for key, value in settings.items():
+        evidence = alerts(signal.name, key, value).rstrip("; ")
+        if key in suggestion.seen:
+            other, why = suggestion.seen[key]
+            evidence += f"{'; ' * bool(evidence)}suggested: {yaml_text(other)}; {why}"
+        if evidence:
+            add(f"{key}: {yaml_text(value)}", key, f"given; {evidence}")
+        else:
+            lines.append(f"        {key}: {yaml_text(value)}")
+    for key in ORDER:
+        if key in suggestion.settings:
+            value, why = suggestion.settings[key]
+            add(f"{key}: {yaml_text(value)}", key, f"{alerts(signal.name, key, value)}{why}")
+        elif key in suggestion.seen and key not in settings:
+            value, why = suggestion.seen[key]
+            add(f"# {key}: {yaml_text(value)}", key, why)
+    return lines + [f"        # {reason}" for reason in suggestion.left_out]
+
+
+def _counts_bad(signal: Signal) -> bool:
+    field = str(signal.given.get("field", "data"))
+    selects_several = ("*" in field or "?" in field) and not signal.given.get("reduce")
+    return bool(signal.measured.bad_samples) and not selects_several
+
+
+def _shown_only(signal: Signal) -> str:
+    """Returns a signal whose range was not seen for long enough, as one comment that can be made a line."""
+    keys = {**signal.given, **{key: setting.value for key, setting in signal.suggestion.seen.items()}}
+    text = ", ".join(f"{key}: {yaml_text(value)}" for key, value in keys.items())
+    values, unit = signal.measured.values, _unit(signal.given)
+    seen = f"seen {number_text(values.min)} to {number_text(values.max)}{f' {unit}' if unit else ''}"
+    return f"      # {signal.name}: {{{text}}}  # {seen} in {duration_text(signal.measured.duration_s)}"
+
+
+def _at_most(lines: List[str], topic: str, what: str) -> List[str]:
+    more = len(lines) - _MOST_FIELDS
+    return lines if more <= 0 else [*lines[:_MOST_FIELDS], f"      # {topic}: {more} {what}"]
+
+
+def _unit(settings: Mapping[str, Any]) -> str:
+    return "Hz" if settings.get("statistic") == "frequency_hz" else str(settings.get("unit", ""))
+
+
+def yaml_text(value: Any) -> str:
+    """Returns a value as YAML on one line."""
+    if isinstance(value, float):
+        text = repr(value)
+        return text if "." in text else text.replace("e", ".0e")  # YAML reads 1e-05 as text
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{yaml_text(key)}: {yaml_text(element)}" for key, element in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(yaml_text, value))}]"
+    if isinstance(value, str) and _PLAIN.match(value) and value.lower() not in _NOT_TEXT:
+        return value
+    return json.dumps(value, default=str)

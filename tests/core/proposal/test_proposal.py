@@ -1,0 +1,108 @@
+"""From the topics of a robot to the signals that are proposed, on the in-process middleware."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Callable, Dict, List, Tuple
+
+from robot_health_monitor.core.definitions import parse_definition
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.proposal.candidates import Topic
+from robot_health_monitor.core.proposal.proposal import Proposal, Proposed, Signal
+from robot_health_monitor.core.standard_messages import definition
+
+Publisher = Tuple[str, str, float, Callable[[float], Any]]
+"""Topic, type, rate in Hz, and the message at a time in s."""
+
+
+def propose(publishers: List[Publisher], lasts_s: float = 60.0) -> Proposed:
+    clock = [0.0]
+    bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
+    robot, proposal = bus.node("robot"), Proposal()
+    for topic, type_name, rate_hz, message in publishers:
+        robot.advertise(topic, type_name)
+
+        def publish(now_s: float, topic: str = topic, message: Callable[[float], Any] = message) -> None:
+            robot.publish(topic, message(now_s))
+
+        robot.create_timer(1.0 / rate_hz, publish)
+        proposal.take([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
+    proposal.listen(bus.node("survey"), [topic for topic, *_ in publishers])
+    bus.run_until(lasts_s + clock[0])
+    return proposal.result()
+
+
+def by_name(proposed: Proposed) -> Dict[str, Signal]:
+    return {signal.name: signal for signal in proposed.signals}
+
+
+def stamped(age_s: float, **fields: Any) -> Callable[[float], Any]:
+    def message(now_s: float) -> Any:
+        nanoseconds = round((1.7e9 + now_s - age_s) * 1e9)
+        return {"header": {"stamp": {"secs": nanoseconds // 10**9, "nsecs": nanoseconds % 10**9}}, **fields}
+
+    return message
+
+
+def test_a_periodic_topic_has_bounds_of_its_rate_and_of_its_silence() -> None:
+    found = by_name(propose([("/a", "std_msgs/String", 10.0, lambda now_s: {})]))["a_rate"]
+    assert found.settings == {
+        "topic": "a", "type": "std_msgs/String", "field": "", "statistic": "frequency_hz",
+        "warn_below": 7.0, "warn_above": 13.0, "stale_after_s": 1.0,
+    }  # fmt: skip
+
+
+def test_a_topic_that_is_not_periodic_is_listed() -> None:
+    proposed = propose([("/a", "std_msgs/String", 0.1, lambda now_s: {})])
+    assert proposed.signals == []
+    assert proposed.not_watched == {"/a": "6 messages in 50 s; expected at least 20"}
+    assert propose([("/a", "std_msgs/String", 0.001, lambda now_s: {})]).not_watched == {"/a": "no message"}
+
+
+def test_the_age_of_stamps_is_watched_where_it_is_a_delay() -> None:
+    image: Publisher = ("/image", "sensor_msgs/Image", 10.0, stamped(0.05))
+    found = by_name(propose([image]))
+    assert set(found) == {"image_rate", "image_age"}
+    assert (found["image_age"].settings["warn_above"], found["image_age"].settings["for_s"]) == (1.0, 3.0)
+    for age_s, text in ((-0.5, "-0.5 s"), (7200.0, "2 h")):
+        proposed = propose([("/image", "sensor_msgs/Image", 10.0, stamped(age_s))])
+        assert set(by_name(proposed)) == {"image_rate"}
+        (reason,) = proposed.fields["/image"]
+        assert reason.startswith(f"header.stamp: stamps are {text}")
+
+
+def test_a_battery_has_a_charge_in_percent_by_rule_and_a_cell_spread() -> None:
+    message = {"percentage": 0.83, "cell_voltage": [4.0, 4.01], "voltage": 24.0}
+    found = by_name(propose([("/b", "sensor_msgs/BatteryState", 2.0, lambda now_s: message)]))
+    charge, spread = found["b_percentage"].settings, found["b_cell_spread"].settings
+    assert (charge["scale"], charge["unit"], charge["warn_below"], charge["error_below"]) == (100.0, "%", 20.0, 10.0)
+    assert (spread["reduce"], spread["warn_above"], spread["error_above"]) == ("spread", 0.12, 0.2)
+
+
+def test_a_bound_that_the_robot_is_beyond_is_only_shown() -> None:
+    found = by_name(propose([("/b", "sensor_msgs/BatteryState", 2.0, lambda now_s: {"percentage": 15.0})]))
+    charge = found["b_percentage"]
+    assert (charge.settings["scale"], charge.settings["error_below"]) == (1.0, 10.0)
+    assert "warn_below" not in charge.settings
+    assert charge.suggestion.seen["warn_below"].value == 20.0
+
+
+def test_efforts_are_shown_by_joint_and_watched_after_10_minutes() -> None:
+    def message(now_s: float) -> Any:
+        return {"name": ["left"], "effort": [math.sin(now_s)]}
+
+    joints: Publisher = ("/joints", "sensor_msgs/JointState", 5.0, message)
+    short, long = by_name(propose([joints])), by_name(propose([joints], 620.0))
+    assert short["joints_effort_left"].is_shown_only
+    assert long["joints_effort_left"].settings["field"] == 'effort["left"]'
+    assert long["joints_effort_left"].suggestion.has_bounds
+
+
+def test_all_statuses_are_watched_by_one_signal() -> None:
+    message = {"status": [{"level": 0, "name": "motor"}, {"level": 0, "name": "laser"}]}
+    found = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: message)])
+    (signal,) = found.signals
+    assert signal.settings["field"] == 'status["*"]'
+    assert signal.suggestion.settings["stale_after_s"].evidence.startswith("2 statuses seen")
+    empty = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: {})])
+    assert (empty.signals, empty.not_watched) == ([], {"/diagnostics": "no status"})
