@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
 import pytest
@@ -32,7 +33,8 @@ class TestEquivalence(Equivalence):
 
     def test_the_reference_of_the_fields_gives_the_values_worked_out_by_hand(self, harness: LocalHarness) -> None:
         transitions, _ = self.publish_fields(harness)
-        assert [str(line) for line in transitions] == EXPECTED_OF_FIELDS
+        expected = EXPECTED_OF_FIELDS.read_text(encoding="utf-8").splitlines()
+        assert [str(line) for line in transitions] == [line for line in expected if not line.startswith("#")]
 
 
 EXPECTED = [
@@ -69,69 +71,8 @@ EXPECTED = [
 ]
 """The transitions of AlertSystem for tests/data/timeline.csv."""
 
-EXPECTED_OF_FIELDS = [
-    "102.125 cells_min WARN: 3.125 V (cell_voltage[2]) is below 3.25 V (was OK for 2.12 s)",
-    "102.125 cells_spread WARN: 0.625 (cell_voltage[2] to cell_voltage[0]) is above 0.5 (was OK for 2.12 s)",
-    "102.250 left_effort WARN: 8.5 Nm is above 8 Nm (was OK for 2 s)",
-    "103.125 battery_age WARN: 0.75 s is above 0.5 s (was OK for 3.12 s)",
-    "103.125 cells_min OK: 3.75 V (cell_voltage[0]) is no longer below 3.25 V (was WARN for 1 s)",
-    "103.125 cells_spread OK: 0 (cell_voltage[0] to cell_voltage[0]) is no longer above 0.5 (was WARN for 1 s)",
-    "104.125 battery_age OK: 0.0625 s is no longer above 0.5 s (was WARN for 1 s)",
-    "104.125 cells_count ERROR: 3 is below 4 (was OK for 4.12 s)",
-    "104.250 left_effort OK: 2 Nm is no longer above 8 Nm (was WARN for 2 s)",
-    '104.250 wheels WARN: 9.5 (effort["wheel_right"]) is above 9 (was OK for 4 s)',
-    "105.125 battery_age WARN: -0.25 s is below -0.125 s, clocks differ (was OK for 1 s)",
-    "105.125 cells_count OK: 4 is no longer below 4 (was ERROR for 1 s)",
-    "106.125 battery_age OK: 0.0625 s is no longer below -0.125 s (was WARN for 1 s)",
-    "106.125 cells_max WARN: 4.25 (cell_voltage[3]) is above 4.125 (was OK for 6.12 s)",
-    "106.250 left_effort ERROR: invalid data: effort has 2 elements, name has 3 (was OK for 2 s)",
-    "106.250 wheels ERROR: invalid data: effort has 2 elements, name has 3 (was WARN for 2 s)",
-    # A gap of 1.75 s before the arrival at 6.375 s, which is in the window of 4 s until 10.375 s.
-    "106.375 scan_gap WARN: largest gap 1.75 s is above 1 s (was OK for 6.25 s)",
-    "107.125 battery_age ERROR: invalid data: no time stamp (was OK for 1 s)",
-    "107.125 cells_max OK: 3.75 (cell_voltage[0]) is no longer above 4.125 (was WARN for 1 s)",
-    "107.250 left_effort OK: 2 Nm (was ERROR for 1 s)",
-    '107.250 wheels OK: 3 (effort["wheel_right"]) (was ERROR for 1 s)',
-    # 60.0625 - t - 8 < 45 from t = 7.125 on, and for_s.
-    "107.625 charge_soon WARN: forecast 44.44 Ah in 8 s is below 45 Ah (was OK for 7.62 s)",
-    "108.125 battery_age OK: 0.0625 s (was ERROR for 1 s)",
-    "108.125 cells_count ERROR: 0 is below 4 (was OK for 3 s)",
-    "108.125 cells_max ERROR: invalid data: none of 4 elements is measured (was OK for 1 s)",
-    "108.125 cells_mean ERROR: invalid data: none of 4 elements is measured (was OK for 8.12 s)",
-    "108.125 cells_min ERROR: invalid data: none of 4 elements is measured (was OK for 5 s)",
-    "108.125 cells_spread ERROR: invalid data: none of 4 elements is measured (was OK for 5 s)",
-    "108.125 cells_sum ERROR: invalid data: none of 4 elements is measured (was OK for 8.12 s)",
-    "109.125 cells_count OK: 4 is no longer below 4 (was ERROR for 1 s)",
-    "109.125 cells_max OK: 3.75 (cell_voltage[0]) (was ERROR for 1 s)",
-    "109.125 cells_mean OK: 3.75 (was ERROR for 1 s)",
-    "109.125 cells_min OK: 3.75 V (cell_voltage[0]) (was ERROR for 1 s)",
-    "109.125 cells_spread OK: 0 (cell_voltage[0] to cell_voltage[0]) (was ERROR for 1 s)",
-    "109.125 cells_sum OK: 15 (was ERROR for 1 s)",
-    "110.125 cells_count ERROR: 2 is below 4 (was OK for 1 s)",
-    "110.125 cells_sum WARN: 7.5 is below 10 (was OK for 1 s)",
-    # Newer half: three samples are 0.25, 0.75 and 1.25 above the falling line: 0.25 + 9 * 1.9375 / 3.75 = 4.9 more.
-    "110.625 charge_soon OK: forecast 46.34 Ah in 8 s is no longer below 45 Ah (was WARN for 3 s)",
-    "110.875 scan_gap OK: largest gap 0.5 s is no longer above 1 s (was WARN for 4.5 s)",
-    "111.125 cells_count OK: 4 is no longer below 4 (was ERROR for 1 s)",
-    "111.125 cells_sum OK: 15 is no longer below 10 (was WARN for 1 s)",
-    "112.000 left_effort STALE: no sample for 4.75 s (limit 4 s) (was OK for 4.75 s)",
-    "112.125 cells_count ERROR: 0 is below 4 (was OK for 1 s)",
-    "112.125 cells_max ERROR: invalid data: no elements (was OK for 3 s)",
-    "112.125 cells_mean ERROR: invalid data: no elements (was OK for 3 s)",
-    "112.125 cells_min ERROR: invalid data: no elements (was OK for 3 s)",
-    "112.125 cells_spread ERROR: invalid data: no elements (was OK for 3 s)",
-    "112.125 cells_sum ERROR: invalid data: no elements (was OK for 1 s)",
-    "113.000 wheels STALE: no sample for 5.75 s (limit 5 s) (was OK for 5.75 s)",
-    "113.125 cells_count OK: 4 is no longer below 4 (was ERROR for 1 s)",
-    "113.125 cells_max OK: 3.75 (cell_voltage[0]) (was ERROR for 1 s)",
-    "113.125 cells_mean OK: 3.75 (was ERROR for 1 s)",
-    "113.125 cells_min OK: 3.75 V (cell_voltage[0]) (was ERROR for 1 s)",
-    "113.125 cells_spread OK: 0 (cell_voltage[0] to cell_voltage[0]) (was ERROR for 1 s)",
-    "113.125 cells_sum OK: 15 (was ERROR for 1 s)",
-    "114.250 left_effort OK: 2 Nm (was STALE for 2.25 s)",
-    '114.250 wheels OK: 3 (effort["wheel_right"]) (was STALE for 1.25 s)',
-]
-"""Those for `harness/field_timeline.py`."""
+EXPECTED_OF_FIELDS = Path(__file__).parents[1] / "data" / "field_alerts.txt"
+"""The transitions of AlertSystem for `harness/field_timeline.py`; lines with # are comments."""
 
 
 def test_log_lines_name_their_node_and_time() -> None:

@@ -1,7 +1,7 @@
 """A timeline for every kind of field and every statistic: what a robot publishes, as mappings in the shape of ROS 2.
 
 Every number is exact in 32 bits, and every time lies beside the ticks of AlertSystem, so that each middleware judges
-the same values at the same instants. `tests/core/test_local.py` has the alerts, worked out by hand.
+the same values at the same instants. `tests/data/field_alerts.txt` has the alerts, worked out by hand.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple
 
-from harness.port_conformance import FLOAT32, START_S
+from harness.port_conformance import DIAGNOSTICS, FLOAT32, START_S
 
 BATTERY = "sensor_msgs/BatteryState"
 JOINTS = "sensor_msgs/JointState"
@@ -52,6 +52,27 @@ SIGNALS: Dict[str, Any] = {
     "battery_age": {
         "topic": "battery", "type": BATTERY, "field": "header.stamp", "warn_above": 0.5, "warn_below": -0.125,
     },
+    "charge": {"topic": "battery", "type": BATTERY, "field": "charge", "unit": "Ah"},
+    "cells_in_use": {
+        "topic": "battery", "type": BATTERY, "field": "cell_voltage[*]", "reduce": "min", "warn_below": 3.25,
+        "only_if": {"signal": "charge", "between": [57.5, 59.0]},
+    },
+    "cells": {
+        "topic": "battery", "type": BATTERY, "field": "cell_voltage[*]", "unit": "V", "warn_below": 3.25,
+        "stale_after_s": 0.75,
+    },
+    "wheel": {
+        "topic": "joints", "type": JOINTS, "field": 'effort["wheel_*"]', "warn_above": 9.0, "stale_after_s": 2.0,
+        "forget_after_s": 4.0,
+    },
+    "driver_levels": {
+        "topic": "drivers", "type": DIAGNOSTICS, "field": 'status["*"].level', "warn_above": 0.0, "error_above": 1.0,
+        "valid_max": 3.0, "stale_after_s": 2.0,
+    },
+    "hottest": {
+        "topic": "drivers", "type": DIAGNOSTICS, "field": 'status["motor_driver: *"].values["Temperature (C)"]',
+        "reduce": "max", "unit": "degC", "warn_above": 80.0,
+    },
     "left_effort": {
         "topic": "joints", "type": JOINTS, "field": 'effort["wheel_left"]', "unit": "Nm", "warn_above": 8.0,
         "stale_after_s": 4.0,
@@ -64,7 +85,7 @@ SIGNALS: Dict[str, Any] = {
 
 def timeline() -> List[Published]:
     """Returns all messages in the order of their times."""
-    return sorted((*_battery(), *_scan(), *_joints()), key=lambda published: published.time_s)
+    return sorted((*_battery(), *_scan(), *_joints(), *_drivers()), key=lambda published: published.time_s)
 
 
 def _battery() -> Iterator[Published]:
@@ -129,3 +150,22 @@ def _scan() -> Iterator[Published]:
     for elapsed_s in times_s:
         if elapsed_s < 16.0:
             yield Published(START_S + elapsed_s, "/scan", FLOAT32, {"data": 1.0})
+
+
+def _drivers() -> Iterator[Published]:
+    """Two motors and a lidar, which is gone from 9 s on. The left motor is hot, and 7 is no level."""
+    left = {2: 1, 3: 1, 4: 2, 6: 3, 8: 7}
+    for step in range(16):
+        statuses = [
+            _status("motor_driver: left", left.get(step, 0), "90.5" if step in (2, 3, 4) else "60"),
+            _status("motor_driver: right", 0, "n/a" if step == 6 else "61.5"),
+        ]
+        if step < 9:
+            statuses.append(_status("lidar: front", 0, "99"))
+        yield Published(START_S + 0.25 + step, "/drivers", DIAGNOSTICS, {"status": statuses})
+
+
+def _status(name: str, level: int, temperature: str) -> Mapping[str, Any]:
+    messages = {0: "fine", 1: "hot", 2: "too hot", 3: "no answer"}
+    values = [{"key": "Temperature (C)", "value": temperature}]
+    return {"level": level, "name": name, "message": messages.get(level, ""), "hardware_id": "robot1", "values": values}
