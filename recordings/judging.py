@@ -15,12 +15,14 @@ from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Opti
 import numpy as np
 
 from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, read_monitor
+from robot_health_monitor.core.element_signals import element_config, element_signal_name, own_config
+from robot_health_monitor.core.elements import Elements
 from robot_health_monitor.core.middleware import resolve_name
 from robot_health_monitor.core.model import Level, Status, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.quality import as_float
-from robot_health_monitor.core.signal_config import SignalConfig
+from robot_health_monitor.core.signal_config import SignalConfig, template_name
 
 from .middleware import Player, RecordedMiddleware, Subscription
 
@@ -138,6 +140,7 @@ class Judge:
         self._on_samples = on_samples
         self._tapes: Dict[Tuple[str, str, Optional[str]], _Tape] = {}
         self._signals: Dict[Tuple[str, str], _JudgedSignal] = {}
+        self._templates: Dict[Tuple[str, str], SignalConfig] = {}
         self._systems: Dict[str, AlertSystem] = {}
         player.on_gap.append(self._skip)
 
@@ -163,13 +166,13 @@ class Judge:
         self._systems[file] = system
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
-            reason = missing[name]
-            summary = SignalSummary(
-                file, signal, node.resolve(signal.topic), not reason, reason, SignalStatistics(signal)
-            )
+            reason, own = missing[name], own_config(signal)
+            summary = SignalSummary(file, own, node.resolve(signal.topic), not reason, reason, SignalStatistics(own))
             self._signals[file, name] = _JudgedSignal(summary, self._player.wall_s)
+            if signal.is_template:
+                self._templates[file, name] = signal
             if not reason:
-                self._collect(node, summary, system)
+                (self._collect_elements if signal.is_template else self._collect)(node, summary, system)
 
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""
@@ -182,8 +185,28 @@ class Judge:
 
     @property
     def summaries(self) -> List[SignalSummary]:
-        """One per configuration and signal, in the order of the configurations; complete after `run`."""
-        return [signal.summary for signal in self._signals.values()]
+        """One per configuration and signal, in the order of the configurations; complete after `run`.
+
+        Those of elements follow that of their template.
+        """
+        order = {key: place for place, key in enumerate(self._signals)}
+        keys = sorted(self._signals, key=lambda key: (order[key[0], template_name(key[1])], order[key]))
+        return [self._signals[key].summary for key in keys]
+
+    def config_of(self, file: str, signal: str) -> Optional[SignalConfig]:
+        """Returns the configuration of a signal, which may be an element; None: it is not judged."""
+        judged = self._find(file, signal)
+        return None if judged is None else judged.summary.config
+
+    def _find(self, file: str, name: str) -> Optional[_JudgedSignal]:
+        """Returns a signal by its name; that of an element begins to be measured."""
+        key, template_key = (file, name), (file, template_name(name))
+        if key not in self._signals and template_key in self._templates:
+            template = self._signals[template_key]
+            config = element_config(self._templates[template_key], name)
+            summary = SignalSummary(file, config, template.summary.topic, True, "", SignalStatistics(config))
+            self._signals[key] = template.beside(summary)
+        return self._signals.get(key)
 
     def _skip(self, begin_s: float, end_s: float) -> None:
         """Leaves a time out of everything that is measured."""
@@ -193,12 +216,55 @@ class Judge:
             signal.skip(end_s - begin_s)
 
     def _note(self, file: str, event: Event) -> None:
-        if isinstance(event, Transition) and (file, event.signal) in self._signals:
-            self._signals[file, event.signal].note(event, self._player.wall_s)
+        judged = self._find(file, event.signal) if isinstance(event, Transition) else None
+        if judged is not None and isinstance(event, Transition):
+            judged.note(event, self._player.wall_s)
         self._on_event(JudgedEvent(self._player.wall_s, file, event))
 
     def _collect(self, node: RecordedMiddleware, summary: SignalSummary, system: AlertSystem) -> None:
         """Collects the samples of a signal; after alert_system's subscription, so that they have been judged."""
+        config = summary.config
+
+        def subscribe(collect: Callable[[Any, float], None]) -> None:
+            self._player.subscribe(Subscription(node, summary.topic, collect), config.type, config.field or None)
+
+        source = (summary.topic, config.type, config.field or None)
+        if source not in self._tapes:  # one for all configurations
+            self._tapes[source] = _Tape()
+            subscribe(self._tapes[source].collect)
+        self._tapes[source].consumers.append(self._consumers(summary)[0])
+        if config.statistic != "last":
+            judged = self._tape(summary, of_statistic=True)
+            subscribe(lambda _, wall_s: judged.collect(system.monitor.judged_value(config.name), wall_s))
+
+    def _collect_elements(self, node: RecordedMiddleware, summary: SignalSummary, system: AlertSystem) -> None:
+        """Collects the samples of the elements of a template, as `_collect`; its own are how many there are."""
+        file, template, monitor = summary.file, summary.config, system.monitor
+        own = self._tape(summary)
+
+        def collect(value: Any, wall_s: float) -> None:
+            own.collect(monitor.judged_value(template.name) if isinstance(value, Elements) else value, wall_s)
+            for element, datum in value if isinstance(value, Elements) else ():
+                name = element_signal_name(template.name, element)
+                judged = self._find(file, name) if name in monitor.signals() else None
+                if judged is None:  # beyond max_elements
+                    continue
+                self._tape(judged.summary).collect(datum, wall_s)
+                if judged.summary.config.statistic != "last":
+                    self._tape(judged.summary, of_statistic=True).collect(monitor.judged_value(name), wall_s)
+
+        self._player.subscribe(Subscription(node, summary.topic, collect), template.type, template.field)
+
+    def _tape(self, summary: SignalSummary, *, of_statistic: bool = False) -> _Tape:
+        """Returns the tape of a signal: of its samples, or of the values of its statistic."""
+        key = (summary.file, summary.config.name, "" if of_statistic else None)
+        if key not in self._tapes:
+            self._tapes[key] = _Tape()
+            self._tapes[key].consumers.append(self._consumers(summary)[of_statistic])
+        return self._tapes[key]
+
+    def _consumers(self, summary: SignalSummary) -> Tuple[Callable[[Any, Any], None], Callable[[Any, Any], None]]:
+        """Returns what takes the samples of a signal, and the values of its statistic if that is not `last`."""
         config, on_samples, statistics = summary.config, self._on_samples, summary.statistics
         shows_values = config.statistic in ("last", "forecast")
 
@@ -213,18 +279,7 @@ class Judge:
             if on_samples is not None and not shows_values:
                 on_samples(summary.file, config, times_s, values, np.empty(0))
 
-        def subscribe(collect: Callable[[Any, float], None]) -> None:
-            self._player.subscribe(Subscription(node, summary.topic, collect), config.type, config.field or None)
-
-        source = (summary.topic, config.type, config.field or None)
-        if source not in self._tapes:  # one for all configurations
-            self._tapes[source] = _Tape()
-            subscribe(self._tapes[source].collect)
-        self._tapes[source].consumers.append(take)
-        if config.statistic != "last":
-            judged = self._tapes[summary.file, config.name, ""] = _Tape()
-            judged.consumers.append(take_judged)
-            subscribe(lambda _, wall_s: judged.collect(system.monitor.judged_value(config.name), wall_s))
+        return take, take_judged
 
 
 class _Tape:
@@ -276,6 +331,12 @@ class _JudgedSignal:
         self._lasted_s = dict.fromkeys(Level, 0.0)
         self._alerted_s = math.inf  # time of the first alert
         self._sampled_s = math.inf  # time of the first sample
+
+    def beside(self, summary: SignalSummary) -> _JudgedSignal:
+        """Returns another signal that is measured from the same time on."""
+        other = _JudgedSignal(summary, self._begin_s)
+        other._skipped_s = self._skipped_s
+        return other
 
     def skip(self, duration_s: float) -> None:
         self._note_first_sample()

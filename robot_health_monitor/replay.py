@@ -14,7 +14,7 @@ from robot_health_monitor.core.formatting import count_text, duration_text, list
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
-from robot_health_monitor.core.signal_config import SignalConfig
+from robot_health_monitor.core.signal_config import SignalConfig, template_name
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.report import MARK, MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render
@@ -173,6 +173,7 @@ class _Replay:
             file = summary.file if self._several else ""
             plot = PlottedSignal(summary.config, file, self._start_s, span_s, buckets)
             self._plots[summary.file, summary.config.name] = plot
+        self._buckets = buckets
 
     def run(self) -> bool:
         with self._output as output:
@@ -238,7 +239,7 @@ class _Replay:
         event = judged.event
         with self._later():
             if isinstance(event, Transition):
-                plot = self._plots.get((judged.file, event.signal))
+                plot = self._plot_of(judged.file, event.signal) if self._report_file else None
                 if plot is not None:
                     plot.add_level(judged.wall_s, event.to_level.name)
                 (self._differences.add if self._differences else self._show)(judged)
@@ -271,7 +272,19 @@ class _Replay:
             plot.add_gap(begin_s, end_s)
 
     def _plot(self, file: str, config: SignalConfig, times_s: Any, values: Any, bad_times_s: Any) -> None:
-        self._plots[file, config.name].add_samples(times_s, values, bad_times_s)
+        plot = self._plot_of(file, config.name)
+        if plot is not None:
+            plot.add_samples(times_s, values, bad_times_s)
+
+    def _plot_of(self, file: str, signal: str) -> Optional[PlottedSignal]:
+        """Returns the plot of a signal; that of an element begins here."""
+        if (file, signal) not in self._plots and (file, template_name(signal)) in self._plots:
+            config = self._judge.config_of(file, signal)
+            if config is not None:
+                shown_file, span_s = file if self._several else "", self._player.end_s - self._start_s
+                plot = PlottedSignal(config, shown_file, self._start_s, span_s, self._buckets)
+                self._plots[file, signal] = plot
+        return self._plots.get((file, signal))
 
     def _page(self, summaries: List[SignalSummary], verdict: str, problems: List[str]) -> str:
         end_s = self._player.wall_s

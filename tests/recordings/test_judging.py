@@ -8,7 +8,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tup
 
 import numpy as np
 import pytest
-from harness.recorded import START_NS, Recorded, values, write_bag
+from harness.recorded import ROS1, START_NS, Recorded, values, write_bag
 
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Status, Transition
@@ -359,3 +359,35 @@ def test_what_one_announced_twice_and_the_other_once_is_one_difference() -> None
 
 def test_notices_are_not_compared() -> None:
     assert differences(JudgedEvent(1.0, "a.yaml", Notice(1.0, Severity.INFO, "time went back"))) == []
+
+
+def diagnostics(time_s: float, **levels: int) -> Recorded:
+    types = ROS1.types
+    statuses = [
+        types["diagnostic_msgs/msg/DiagnosticStatus"](level=level, name=name, message="m", hardware_id="", values=[])
+        for name, level in levels.items()
+    ]
+    header = types["std_msgs/msg/Header"](0, types["builtin_interfaces/msg/Time"](0, 0), "")
+    return Recorded(time_s, "/diagnostics", types["diagnostic_msgs/msg/DiagnosticArray"](header, statuses))
+
+
+def test_each_element_is_a_signal_of_its_own(tmp_path: Path) -> None:
+    drivers = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]'}
+    messages = [diagnostics(float(n), lidar=2 if 5 <= n < 10 else 0, motor=0) for n in range(21)]
+    result = judge(tmp_path, messages, {"signals": {"drivers": drivers, "z": {"topic": "/z"}}})
+    assert result.transitions == [(5.0, "a", "drivers[lidar]", "ERROR"), (10.0, "a", "drivers[lidar]", "OK")]
+    assert [name for _, name in result.summaries] == ["drivers", "drivers[lidar]", "drivers[motor]", "z"]
+    lidar, motor = (result.summaries["a", f"drivers[{name}]"] for name in ("lidar", "motor"))
+    assert (lidar.alerts, motor.alerts) == (1, 0)
+    assert lidar.shares[Level.ERROR] == pytest.approx(0.25)
+    assert (lidar.statistics.samples, lidar.statistics.bad_samples, lidar.statistics.max) == (21, 0, 2.0)
+    assert result.samples["a", "drivers[lidar]"][4:6] == [(4.0, 0.0), (5.0, 2.0)]
+    assert (result.summaries["a", "drivers"].statistics.max, result.summaries["a", "drivers"].missing) == (2.0, "")
+
+
+def test_elements_beyond_the_limit_are_not_measured(tmp_path: Path) -> None:
+    drivers = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"].level'}
+    signals = {"drivers": {**drivers, "max_elements": 1, "statistic": "mean", "window_s": 4.0}}
+    result = judge(tmp_path, [diagnostics(float(n), lidar=n % 2, motor=0) for n in range(9)], {"signals": signals})
+    assert [name for _, name in result.summaries] == ["drivers", "drivers[lidar]"]
+    assert result.summaries["a", "drivers[lidar]"].statistics.max == pytest.approx(0.6)
