@@ -37,6 +37,8 @@ FORECAST = "robot_health:forecast"
 REPORTED, SCRAPED = "robot_health:reported_at", "robot_health:scraped_at"
 """Recorded series: when a monitor last reported a robot, and when it was last scraped."""
 _SINCE = "robot_health:beyond_bound_since"
+_REPORTED = "reported"
+"""Takes the place of the side of a bound where a driver reports its own level."""
 _ELEMENT = r"\[.+\]"
 _VALUE = "\0"
 """Stands for the value in a text that is escaped."""
@@ -136,6 +138,8 @@ class _Rules:
         for level in ("ERROR", "WARN"):
             found = {side: getattr(signal, f"{level.lower()}_{side}") for side in _OPERATORS}
             bounds = {side: bound for side, bound in found.items() if bound is not None}
+            if signal.is_status:
+                bounds = {_REPORTED: float(Level[level])}
             for side, bound in bounds.items():
                 lines += self._beyond_rule(level, side, bound)
             if bounds:
@@ -145,15 +149,22 @@ class _Rules:
             elif bounds:
                 times = signal.for_s, signal.keep_firing_for_s
                 lines += _alert(self._label, level, self._crossed(level, bounds), self._reason(bounds), *times)
-        return lines + (self._stale() if signal.stale_after_s > 0.0 else [])
+        return lines + (self._stale() if signal.stale_after_s > 0.0 or signal.is_status else [])
 
-    def _metric(self, metric: str, aggregation: str = "max", signal: str = "", over: str = "") -> str:
+    def _metric(
+        self, metric: str, aggregation: str = "max", signal: str = "", over: str = "", condition: str = ""
+    ) -> str:
         """Returns a metric of a signal, one series per robot: several monitors may watch one robot."""
         own = signal_matcher(self._signal, with_template=metric not in ("value", "latest"))
         selected = f"robot_health_{metric}" + _selector(self._robots, f"signal={_string(signal)}" if signal else own)
-        return f"{aggregation} by (robot, signal) ({f'max_over_time({selected}{over})' if over else selected})"
+        return (
+            f"{aggregation} by (robot, signal) ({f'max_over_time({selected}{over})' if over else selected}{condition})"
+        )
 
     def _beyond_rule(self, level: str, side: str, bound: float) -> List[str]:
+        if side == _REPORTED:  # WARN also while a worse level is reported, as for bounds
+            value = self._metric("value", condition=" == 2" if level == "ERROR" else " >= 1")
+            return _record(BEYOND, value, f"level: {level}, side: {side}")
         operator = _OPERATORS[side]
         value = self._judged(side)
         expression = f"{value} {operator} {_number(bound)}"
@@ -203,6 +214,8 @@ class _Rules:
             lost.append("repeat_s: set repeat_interval in Alertmanager")
         if signal.statistic != "last":
             lost.append(f"an undefined {signal.statistic}: the alert ends when the window has too few samples")
+        if signal.is_status:
+            lost.append("the driver's message, which is no metric")
         if signal.statistic == "forecast" and not self._has_scrapes:
             lost.append(f"a forecast from fewer than {LEAST_SAMPLES} scrapes in half of window_s: the monitor's counts")
         self._problems += [f"{signal.name} {level}: not expressed: {each}" for each in lost]
@@ -262,6 +275,8 @@ class _Rules:
     def _reason(self, bounds: Mapping[str, float]) -> str:
         """Returns the template of the reason, worded as in the line of the monitor's alert."""
         signal = self._signal
+        if _REPORTED in bounds:
+            return "reported as {{ if eq $value 2.0 }}error{{ else if eq $value 3.0 }}stale{{ else }}warn{{ end }}"
         value = _escaped(judged_text(signal, _VALUE)).replace(_VALUE, '{{ $value | printf "%.4g" }}')
         named = {side: f"{side} {with_unit(bound_text(bound), self._unit)}" for side, bound in bounds.items()}
         if len(bounds) == 1 and not signal.hysteresis:
@@ -287,7 +302,9 @@ class _Rules:
             f"and ({samples} > 0 or {level[:-1]} offset {longer_than_grace}) == 3)\n"
             f"unless on (robot) robot_health_link_up{_selector(self._robots)} == 0"
         )
-        return _alert(self._label, "STALE", expression, f"no sample (limit {duration_text(signal.stale_after_s)})")
+        reason = f"no sample (limit {duration_text(signal.stale_after_s)})" if signal.stale_after_s > 0.0 else ""
+        reported = "reported as stale" if signal.is_status else ""
+        return _alert(self._label, "STALE", expression, " or ".join(filter(None, (reported, reason))))
 
 
 def _link_rule(robots: Sequence[str]) -> List[str]:

@@ -160,9 +160,10 @@ def loadable(names: Sequence[str], trees: Sequence[Mapping[str, Any]], robot: st
     signals: Dict[str, Dict[str, Any]] = {name: {} for name in names}
     for name, tree in zip(names, trees):
         for key, value in tree.items():
-            signals[name][key] = value
+            before = signals[name]
+            signals[name] = {**before, key: value, **({"forecast_s": 1.0} if value == "forecast" else {})}
             if loaded({"signals": signals}) is None:
-                del signals[name][key]
+                signals[name] = before
     return loaded({"signals": signals, "robot_name": robot})
 
 
@@ -414,7 +415,7 @@ def test_a_whole_number_is_judged_alike_as_int_and_as_float(
             report = player.monitor.report(player.now_s)
             seen[kind] = (
                 [
-                    dataclasses.replace(each, value=float(each.value) if each.value is not None else None)
+                    dataclasses.replace(each, value=float(each.value) if isinstance(each.value, (int, float)) else None)
                     for each in transitions
                 ],
                 report,

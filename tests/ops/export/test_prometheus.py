@@ -19,7 +19,7 @@ from harness.seeds import fixed_seed
 from prometheus_client.parser import text_string_to_metric_families
 
 from robot_health_monitor.core import Level, Sample, Transition, load_config
-from robot_health_monitor.core.elements import Elements
+from robot_health_monitor.core.elements import DriverStatus, Elements
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
@@ -365,6 +365,29 @@ def test_each_element_has_the_alerts_of_its_template(tmp_path: Path) -> None:
     of_signal = {name: {of_step.get(("r1", name)) for of_step in expected} for name in ("cells[0]", "cells[2]", "load")}
     assert Level.ERROR in of_signal["cells[0]"] and Level.STALE in of_signal["cells[2]"]
     assert {of_step.get(("r1", "ahead[wheel left]")) for of_step in expected} >= {Level.OK, Level.WARN}
+
+    findings = promtool_test(tmp_path, [robot], expected)
+
+    assert not findings, findings[:3000]
+
+
+@pytest.mark.newest_python
+@needs_promtool
+@pytest.mark.parametrize("stale_after_s", [0.0, 5.0])
+def test_a_level_that_a_driver_reports_is_an_alert_when_the_monitor_says_so(
+    tmp_path: Path, stale_after_s: float
+) -> None:
+    chance = random.Random(fixed_seed())
+    statuses = {"type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]', "stale_after_s": stale_after_s}
+    robot = Robot("r1", {"drivers": statuses, "slow": {**statuses, "error_for_s": 3.0}})
+    names = ("motor: left", "motor: right", "laser")
+    levels = dict.fromkeys(names, 0)
+    for step in range(STEPS):
+        levels = {name: chance.choice((level, level, level, 0, 1, 2, 3)) for name, level in levels.items()}
+        found = Elements((name, DriverStatus(level, "")) for name, level in levels.items())
+        robot.play(step, {"drivers": found, "slow": found})
+    expected = list(levels_of([robot]))
+    assert {of_step.get(("r1", "drivers[laser]")) for of_step in expected} >= set(Level)
 
     findings = promtool_test(tmp_path, [robot], expected)
 
