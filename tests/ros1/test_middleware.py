@@ -156,7 +156,7 @@ def test_messages_that_do_not_match_their_type_are_one_error_line(ros: Any, type
         message = Garbled()
         message._buff = data
         publisher.publish(message)
-    ros.wait_until(lambda: recorder.values == [19.5])
+    ros.wait_until(lambda: recorder.values == [19.5] and bool(errors(ros)))  # log lines come over /rosout
     publisher.unregister()
     assert len(errors(ros)) == 1
     assert errors(ros)[0].startswith("/garbled: a message does not match std_msgs/Float32: ")
