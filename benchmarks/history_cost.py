@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Sequence
 
 from benchmarks.table import Row
-from benchmarks.targets import ROOT
+from benchmarks.targets import ROOT, compile_source
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.model import Status, Transition
 from robot_health_monitor.ops.configuration import HistorySettings
@@ -47,6 +47,7 @@ print(took_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, states)
 
 def rows() -> Iterator[Row]:
     """Measures and yields the rows of the table."""
+    compile_source(sys.executable)
     with tempfile.TemporaryDirectory() as folder:
         empty, full = Path(folder, "empty.db"), Path(folder, "full.db")
         _write(empty, 0)

@@ -74,7 +74,10 @@ class Monitor:
 
         The transitions are of the signal itself, of signals with a condition on it, and, for `link`, of all signals.
         """
-        name, value, now_s = sample
+        return self.observe_value(*sample)
+
+    def observe_value(self, name: str, value: object, now_s: float) -> Changes:
+        """As `observe` of a sample of these three; faster, for adapters with a message per call."""
         changes = Changes()
         if not self._now_s <= now_s <= _LARGEST:
             now_s = self._unusual_time(now_s, changes)

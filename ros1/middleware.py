@@ -226,8 +226,8 @@ class Ros1Middleware(NativeNode):
             return shared, self._raw_reader(topic, type_name, field)
         return cls, get
 
-    def _raw_reader(self, topic: str, expected: str, field: str) -> _RawReader:
-        return _RawReader(topic, expected, field, self._decoders.setdefault(topic, _Decoder()), self.log)
+    def _raw_reader(self, topic: str, expected: str, field: str) -> Getter:
+        return _RawReader(topic, expected, field, self._decoders.setdefault(topic, _Decoder()), self.log).read
 
 
 class Subscription:
@@ -246,57 +246,63 @@ class Subscription:
 
 
 class _RawReader:
-    """Reads a field from serialized messages, by the type that the publisher's connection header names.
-
-    Returns ABSENT, after one ERROR line, if that type is unknown here, is not the expected one, or has no such field,
-    or if the message does not match it.
-    """
+    """Reads a field from serialized messages, by the type that the publisher's connection header names."""
 
     def __init__(self, topic: str, expected: str, field: str, decoder: _Decoder, log: Log) -> None:
         self._topic, self._field, self._decoder, self._log = topic, field, decoder, log
         self._expected = messages.type_name(messages.message_class(expected)) if expected else ""
         self._readers: Dict[Tuple[str, str], Getter] = {}
+        self._header: Any = None
+        """That of the latest message. All messages of a connection have the same object."""
         self._has_failed = False
 
-    def __call__(self, native: Any) -> Any:
-        header = native._connection_header
-        type_name, checksum = key = header["type"], header.get("md5sum", "")
-        if key not in self._readers:
-            try:
-                self._readers[key] = self._reader(type_name, checksum)
-            except ConfigError as error:
-                self._log(Severity.ERROR, str(error))
-                self._readers[key] = lambda native: ABSENT
+    def read(self, native: Any) -> Any:
+        """Returns the field.
+
+        ABSENT, after one ERROR line, if the type is unknown here, is not the expected one, or has no such field, or if
+        the message does not match it.
+        """
+        if native._connection_header is not self._header:
+            self._header = native._connection_header
+            self._read = self._reader_of(self._header["type"], self._header.get("md5sum", ""))
         try:
-            return self._readers[key](native)
+            return self._read(native._buff)
         except (genpy.MessageException, MessageError) as error:
             if not self._has_failed:
                 self._has_failed = True
-                self._log(Severity.ERROR, f"{self._topic}: a message does not match {type_name}: {error}")
+                self._log(Severity.ERROR, f"{self._topic}: a message does not match {self._header['type']}: {error}")
             return ABSENT
 
-    def _reader(self, type_name: str, checksum: str) -> Getter:
+    def _reader_of(self, type_name: str, checksum: str) -> Getter:
+        key = type_name, checksum
+        if key not in self._readers:
+            try:
+                self._readers[key] = self._new_reader(type_name, checksum)
+            except ConfigError as error:
+                self._log(Severity.ERROR, str(error))
+                self._readers[key] = lambda data: ABSENT
+        return self._readers[key]
+
+    def _new_reader(self, type_name: str, checksum: str) -> Getter:
         if self._expected and type_name != self._expected:
             raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {type_name}")
         get = messages.field_getter(self._topic, type_name, self._field)
         cls, decode = messages.message_class(type_name), self._decoder.decode
         direct = messages.serialized_getter(cls, self._field) if checksum == cls._md5sum else None
-        if direct is not None:
-            return lambda native: direct(native._buff)
-        return lambda native: get(decode(native, cls))
+        return direct or (lambda data: get(decode(data, cls)))
 
 
 class _Decoder:
     """Deserializes each message of a topic once for all its readers."""
 
     def __init__(self) -> None:
-        self._native: Any = None
+        self._data = b""
         self._message: Any = None
 
-    def decode(self, native: Any, cls: Any) -> Any:
-        if native is not self._native:
-            self._message = cls().deserialize(native._buff)
-            self._native = native
+    def decode(self, data: bytes, cls: Any) -> Any:
+        if data is not self._data or type(self._message) is not cls:
+            self._message = cls().deserialize(data)
+            self._data = data
         return self._message
 
 

@@ -243,12 +243,12 @@ class AlertSystem:
         self.samples += 1
         if self._unavailable:
             self._watch_only_without(self._unavailable - {name}, now_s)
-        if self._excused_since_s is not None or self.self_monitor.may_have_paused(now_s):
+        if self._excused_since_s is not None or now_s > self.self_monitor.look_due_s:
             self._look_for_pause(now_s)
             self._excused_since_s = None
         if type(value) is not float:
             value = with_ages(value, self._middleware.stamp_s)
-        changes = self.monitor.observe(Sample(name, value, now_s))
+        changes = self.monitor.observe_value(name, value, now_s)
         if changes or changes.notices:
             self._announce(changes, now_s)
 

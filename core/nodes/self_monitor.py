@@ -112,6 +112,8 @@ class SelfMonitor:
         self._tick_steady_s = self._start_s
         self._last_lateness_s = 0.0
         self._looked: Optional[Tuple[float, float]] = None
+        self.look_due_s = math.inf
+        """At a later time, in s, the process may have been stopped: call `find_pause` before anything else."""
         self._resumed_steady_s = -math.inf
         self._report = replace(
             report,
@@ -128,6 +130,7 @@ class SelfMonitor:
         """
         steady_s, looked = self._middleware.steady_s(), self._looked
         self._looked = (now_s, steady_s)
+        self.look_due_s = now_s + LONGEST_STEP_S
         if looked is None or steady_s - looked[1] <= LONGEST_STEP_S:
             return None
         self._resumed_steady_s = steady_s
@@ -143,10 +146,6 @@ class SelfMonitor:
         """Whether a pause was found in the last 5 s."""
         return self._middleware.steady_s() - self._resumed_steady_s < _RESUME_S
 
-    def may_have_paused(self, now_s: float) -> bool:
-        """Whether `find_pause` could find one at `now_s`, in seconds; a fast check, for each message."""
-        return self._looked is not None and now_s - self._looked[0] > LONGEST_STEP_S
-
     def note_tick(self, now_s: float) -> None:
         """Call at each tick of the node, with the time that the tick was given."""
         steady_s = self._middleware.steady_s()
@@ -160,6 +159,7 @@ class SelfMonitor:
             self._tick_steady_s += duration_s
         if self._looked is not None:
             self._looked = (self._looked[0] + duration_s, self._looked[1] + duration_s)
+            self.look_due_s += duration_s
 
     def check(self, samples: int) -> None:
         """Looks for faults that began or ended; call every `CHECK_PERIOD_S`, with the number of samples so far."""

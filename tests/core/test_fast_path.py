@@ -90,6 +90,16 @@ def test_the_fast_path_gives_what_the_full_path_gives(seed: int) -> None:
         assert repr(replay(signal, calls, float)) == repr(replay(signal, calls, Slow)), (signal, calls)
 
 
+def test_a_value_with_name_and_time_is_judged_as_the_sample_of_them() -> None:
+    by_sample, by_value = (Monitor(load_config({"signals": {"level": {"warn_below": 20.0}}})) for _ in range(2))
+    given = [Sample("level", value, 5.0 - at) for at, value in enumerate((50.0, 19.0, float("nan"), "x", 50.0))]
+    given += [Sample("link", 0.0, 6.0), Sample("unknown", 1.0, float("nan"))]
+    changes = [by_sample.observe(sample) for sample in given]
+    assert repr([by_value.observe_value(*sample) for sample in given]) == repr(changes)
+    assert [change.notices for change in changes].count(()) == 3
+    assert by_value.report(7.0) == by_sample.report(7.0)
+
+
 @pytest.mark.parametrize("number", [float, Slow])
 def test_zeros_beyond_no_bound_are_suspected_all_the_same(number: type) -> None:
     calls = [("level", 0.0)] * 30

@@ -149,8 +149,12 @@ def test_an_accepted_change_is_one_info_line(ros: Any) -> None:
     node.declare_parameters([rate], lambda tree: NOTHING_CHANGED if tree["publish_rate"] == 3.0 else "rate: 1 -> 2")
     for value in (2.0, 3.0):
         assert ros.propose(node, "publish_rate", value) == ""
-    lines = [line.text for line in ros.log_lines() if "parameters changed" in line.text]
-    assert lines == ["parameters changed: rate: 1 -> 2"]
+
+    def changes() -> List[str]:
+        return [line.text for line in ros.log_lines() if "parameters changed" in line.text]
+
+    ros.wait_until(lambda: bool(changes()))  # log lines come over /rosout
+    assert changes() == ["parameters changed: rate: 1 -> 2"]
 
 
 def test_the_log_level_can_be_changed(ros: Any) -> None:
