@@ -6,6 +6,8 @@ does; a tick at the time of a sample comes after it. A test ends with its longes
 Series are in the notation of `promtool test rules`: `25x9` is ten samples (a value and nine repetitions), `15-0.5x20`
 21 from 15 to 5, `20+2x3` four from 20 to 26, `_` a missing one and `_x3` three of them, not four.
 An element has a series under its full name: `cells[3]: "3.9x9"`, `drivers[motor: left]: "0x9 2x3"` (levels).
+Those of a signal with `reduce` are one message: `weakest_cell[3]`. Its own series are its reduced values, in its unit.
+Those of a time are its ages in s.
 Source: https://prometheus.io/docs/prometheus/latest/configuration/unit_testing_rules/#series
 """
 
@@ -19,14 +21,14 @@ from dataclasses import replace
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import MonitorConfig, load_config
-from robot_health_monitor.core.elements import DriverStatus
+from robot_health_monitor.core.elements import DriverStatus, Elements
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
 from robot_health_monitor.core.formatting import count_text, number_text, printable
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping
-from robot_health_monitor.core.signal_config import LINK, is_element_name, template_name
+from robot_health_monitor.core.signal_config import LINK, SignalConfig, is_element_name, template_name
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.runtime.interrupts import Interrupts
 
@@ -200,7 +202,8 @@ def _read_series(
 
 def _is_input(name: str, config: MonitorConfig) -> bool:
     template = config.signals.get(template_name(name))
-    is_element = template is not None and template.is_template and is_element_name(name)
+    has_elements = template is not None and (template.is_template or template.reduce != "")
+    is_element = has_elements and is_element_name(name)
     return is_element or name in config.signals or name == LINK
 
 
@@ -270,13 +273,27 @@ def run_test(config: MonitorConfig, test: ThresholdTest) -> List[Alert]:
     monitor.tick(0.0)
     transitions: List[Transition] = []
     for now_s, samples in _steps(test):
-        for name, value in samples:
-            is_status = template_name(name) in statuses
+        for name, value in _with_reductions(samples, signals):
+            is_status = template_name(name) in statuses and isinstance(value, float)
             datum = DriverStatus(int(value) if value.is_integer() else value, "") if is_status else value
             transitions += monitor.observe(Sample(name, datum, now_s))
         if not samples:
             transitions += monitor.tick(now_s)
     return [Alert(each.now_s, each.signal, each.to_level, each.text) for each in transitions if not each.repeat]
+
+
+def _with_reductions(
+    samples: Sequence[Tuple[str, float]], signals: Mapping[str, SignalConfig]
+) -> Iterator[Tuple[str, Any]]:
+    """Yields the samples of one time, those of the elements of a signal with `reduce` as one message."""
+    messages: Dict[str, Elements] = {}
+    for name, value in samples:
+        signal = template_name(name)
+        if signal != name and signals[signal].reduce:
+            messages.setdefault(signal, Elements()).append((name[len(signal) + 1 : -1], value))
+        else:
+            yield name, value
+    yield from messages.items()
 
 
 def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]]]:

@@ -9,6 +9,7 @@ import pytest
 from harness.line_process import LineProcess
 
 from robot_health_monitor.core import load_config
+from robot_health_monitor.core.signal_config import template_name
 from robot_health_monitor.test_command import read_tests
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,5 +33,5 @@ def test_each_of_its_signals_is_in_a_test(file: Path) -> None:
     config = load_config(ROOT / "config" / file.name.replace(".test.yaml", ".yaml"))
     tested: Set[str] = set()
     for test in read_tests(str(file))[1]:
-        tested.update(test.series)
+        tested.update(map(template_name, test.series))
     assert set(config.signals) <= tested

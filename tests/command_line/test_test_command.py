@@ -61,6 +61,35 @@ def lines(process: LineProcess, stream: str) -> List[str]:
     return [line.text for line in process.lines if line.stream == stream]
 
 
+def elements_tested(tmp_path: Path, text: str) -> List[str]:
+    """Returns the lines of a test of the weakest cell."""
+    (tmp_path / "thresholds.yaml").write_text(
+        "alert_system:\n  ros__parameters:\n    signals:\n"
+        "      weakest: {topic: battery, field: 'cell_voltage[*]', reduce: min, unit: V, warn_below: 3.2}\n"
+    )
+    (tmp_path / "tests.yaml").write_text(f"thresholds: thresholds.yaml\ntests: [{{name: t, {text}, alerts: []}}]\n")
+    config, tests = read_tests(str(tmp_path / "tests.yaml"))
+    return [alert.text for alert in run_test(config, tests[0])]
+
+
+def test_the_elements_of_a_reduction_are_one_message(tmp_path: Path) -> None:
+    assert elements_tested(tmp_path, "input: {'weakest[0]': '3.7 3.7 _', 'weakest[7]': '3.7 3.1 3.7'}") == [
+        "weakest WARN: 3.1 V (cell_voltage[7]) is below 3.2 V (was OK for 1 s)",
+        "weakest OK: 3.7 V (cell_voltage[7]) is no longer below 3.2 V (was WARN for 1 s)",
+    ]
+
+
+def test_a_series_of_a_reduction_itself_is_its_value(tmp_path: Path) -> None:
+    assert elements_tested(tmp_path, "input: {weakest: '3.7 3.1'}") == [
+        "weakest WARN: 3.1 V is below 3.2 V (was OK for 1 s)"
+    ]
+
+
+def test_only_a_signal_with_several_elements_has_elements(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"expected a signal of the thresholds \(weakest, link\)"):
+        elements_tested(tmp_path, "input: {'link[0]': 1}")
+
+
 def test_tests_that_pass_are_one_line(robot_health: Start, files: Path) -> None:
     process = robot_health("test", files / "passes.yaml")
     assert process.wait() == 0

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_health_monitor.core import Monitor, Sample, load_config
+from robot_health_monitor.core.elements import Elements
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "rules.md").read_text(encoding="utf-8")
@@ -35,9 +36,14 @@ def test_the_page_lists_every_key_of_a_status() -> None:
     }  # fmt: skip
     soon = {"statistic": "forecast", "window_s": 20.0, "forecast_s": 60.0, "warn_below": 20.0}
     scan_gap = {"statistic": "largest_gap_s"}
-    monitor = Monitor(
-        load_config({"signals": {"battery_level": signal, "charging": {}, "soon": soon, "scan_gap": scan_gap}})
-    )
+    cells = {"field": "cells[*]"}
+    signals = {
+        "battery_level": signal, "charging": {}, "soon": soon, "scan_gap": scan_gap,
+        "weakest": {**cells, "reduce": "min"}, "spread": {**cells, "reduce": "spread"},
+    }  # fmt: skip
+    monitor = Monitor(load_config({"signals": signals}))
+    for name in ("weakest", "spread"):
+        monitor.observe(Sample(name, Elements([("0", 3.5), ("1", 3.75)]), 0.0))
     for now_s in range(40):
         for name, value in (("battery_level", 25.0 + now_s % 2), ("soon", 80.0 - now_s), ("scan_gap", 1.0)):
             monitor.observe(Sample(name, value, float(now_s)))

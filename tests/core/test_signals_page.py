@@ -39,7 +39,24 @@ def test_the_table_lists_every_source_of_the_host(kind: str) -> None:
 
 def test_the_table_of_fields_shows_paths() -> None:
     paths = re.findall(r"^\| `([a-z][^`]*)` (?:\(left out\) )?\| [a-z]", PAGE, re.M)
-    assert len([parse_field_path(path) for path in paths if "[" in path or "." in path]) == 4
+    assert len([parse_field_path(path) for path in paths if "[" in path or "." in path]) == 9
+
+
+def test_the_lines_about_several_elements_are_what_the_monitor_says() -> None:
+    from robot_health_monitor.core import Monitor, Sample
+    from robot_health_monitor.core.elements import Elements
+
+    (example,) = (example for example in EXAMPLES if "weakest_cell" in example)
+    monitor = Monitor(load_config({"signals": example}))
+    said = [
+        line.text
+        for signal, name, values in (("weakest_cell", "7", (3.7, 3.12)), ("effort", "wheel_left", (2.0, 9.0)))
+        for now_s, value in zip((0.0, 3.0), values)
+        for line in monitor.observe(Sample(signal, Elements([(name, value)]), now_s))
+    ]
+    assert len(said) == 2
+    for text in said:
+        assert f"\n{text}\n" in PAGE
 
 
 def test_the_line_about_the_charger_is_what_the_monitor_says() -> None:

@@ -779,6 +779,13 @@ class PortConformance:
             ),
             ("raspberry_pi", "/memory", FLOAT32, {"data": 90.0}, "memory"),
             ("mixed_fleet", "/battery_state", "sensor_msgs/BatteryState", {"percentage": 0.2}, "battery"),
+            (
+                "battery_and_joints",
+                "/battery_state",
+                "sensor_msgs/BatteryState",
+                {"cell_voltage": [3.7, 3.1]},
+                "weakest_cell",
+            ),
         ],
     )
     def test_the_alert_node_runs_the_examples(
