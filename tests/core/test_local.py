@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
 import pytest
+from harness.bad_input import BAD_INPUT
 from harness.equivalence import Equivalence
+from harness.field_timeline import FIELDS, Scene
 from harness.local import LocalHarness
 from harness.port_conformance import FLOAT32, PortConformance, Recorder
 
@@ -31,11 +33,18 @@ class TestEquivalence(Equivalence):
     def test_the_reference_gives_the_values_worked_out_by_hand(self, harness: LocalHarness) -> None:
         assert [str(line) for line in self.replay(harness)] == EXPECTED
 
-    def test_the_reference_of_the_fields_gives_the_values_worked_out_by_hand(self, harness: LocalHarness) -> None:
-        transitions, _ = self.publish_fields(harness)
-        expected = EXPECTED_OF_FIELDS.read_text(encoding="utf-8").splitlines()
-        assert [str(line) for line in transitions] == [line for line in expected if not line.startswith("#")]
+    @pytest.mark.parametrize(("scene", "file"), [(FIELDS, "field_alerts.txt"), (BAD_INPUT, "bad_input_alerts.txt")])
+    def test_the_reference_of_the_fields_gives_the_values_worked_out_by_hand(
+        self, harness: LocalHarness, scene: Scene, file: str
+    ) -> None:
+        """Each file has the transitions, then the faults; lines with # are comments."""
+        judged = self.publish(harness, scene)
+        expected = (DATA / file).read_text(encoding="utf-8").splitlines()
+        found = [*map(str, judged.transitions), *judged.faults]
+        assert found == [line for line in expected if not line.startswith("#")]
 
+
+DATA = Path(__file__).parents[1] / "data"
 
 EXPECTED = [
     "103.500 battery_level WARN: 19.5 % is below 20 % (was OK for 3 s)",
@@ -70,9 +79,6 @@ EXPECTED = [
     "53.000 battery_level OK: 30 % is no longer below 20 % (was WARN for 2 s)",
 ]
 """The transitions of AlertSystem for tests/data/timeline.csv."""
-
-EXPECTED_OF_FIELDS = Path(__file__).parents[1] / "data" / "field_alerts.txt"
-"""The transitions of AlertSystem for `harness/field_timeline.py`; lines with # are comments."""
 
 
 def test_log_lines_name_their_node_and_time() -> None:

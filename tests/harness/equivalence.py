@@ -1,7 +1,8 @@
 """The promise of one verdict everywhere: a recorded timeline through a real node gives the reference's transitions.
 
 `tests/data/timeline.csv` holds samples, changes of parameters, resets and the course of simulated time;
-`field_timeline.py` holds messages for every kind of field and statistic. A test module per middleware subclasses
+`field_timeline.py` holds messages for every kind of field and statistic, `bad_input.py` those of broken drivers. A test
+module per middleware subclasses
 `Equivalence` and gives it the fixture `harness` of `port_conformance.py`.
 """
 
@@ -10,9 +11,12 @@ from __future__ import annotations
 import csv
 import math
 from pathlib import Path
-from typing import Any, Callable, List, NamedTuple, Sequence, Tuple, Union
+from typing import Any, Callable, List, NamedTuple, Sequence, Union
 
-from harness import field_timeline
+import pytest
+
+from harness.bad_input import BAD_INPUT
+from harness.field_timeline import FIELDS, Scene
 from harness.local import LocalHarness
 from harness.port_conformance import FLOAT32, START_S, TRIGGER, Harness
 from robot_health_monitor.core.middleware import Middleware, Subscription, Timer
@@ -74,6 +78,16 @@ class Refusal(NamedTuple):
         return f"refused: {self.reason}"
 
 
+class Judged(NamedTuple):
+    """What the messages of a robot brought about."""
+
+    transitions: List[Transition]
+    samples: List[int]
+    """How many samples there were after each message."""
+    faults: List[str]
+    """Those of the node itself at the end."""
+
+
 class Equivalence:
     """Replays the timeline; the times are such that every middleware can write them exactly."""
 
@@ -86,35 +100,39 @@ class Equivalence:
         # as texts: a NaN that was judged is not equal to itself
         assert [repr(result) for result in replayed] == [repr(result) for result in reference]
 
-    def test_every_kind_of_field_gives_the_same_transitions(self, harness: Harness) -> None:
-        reference, samples = self.publish_fields(LocalHarness())
+    @pytest.mark.parametrize("scene", [FIELDS, BAD_INPUT], ids=["fields", "bad input"])
+    def test_every_kind_of_field_gives_the_same_transitions(self, harness: Harness, scene: Scene) -> None:
+        reference = self.publish(LocalHarness(), scene)
         try:
-            found, _ = self.publish_fields(harness, samples)
+            found = self.publish(harness, scene, reference.samples)
         finally:
             harness.close()
-        assert [repr(each) for each in found] == [repr(each) for each in reference]
+        assert [repr(each) for each in found.transitions] == [repr(each) for each in reference.transitions]
+        assert found.faults == reference.faults
 
-    def publish_fields(self, harness: Harness, samples: Sequence[int] = ()) -> Tuple[List[Transition], List[int]]:
-        """Returns what the timeline of `field_timeline.py` brings about, and the sum of the samples at each message.
+    def publish(self, harness: Harness, scene: Scene, samples: Sequence[int] = ()) -> Judged:
+        """Returns what the messages of a robot bring about.
 
         Args:
             harness: where to publish.
-            samples: the sums to wait for; empty: messages are delivered while they are published.
+            scene: the messages.
+            samples: their `Judged.samples`, to wait for; empty: messages are delivered while they are published.
         """
-        found: List[Transition] = []
-        sums: List[int] = []
-        parameters = {"robot_name": "robot1", "signals": field_timeline.SIGNALS}
-        node = _Watched(harness.node("alert_system", parameters=parameters))
-        AlertSystem(node, {"test": lambda event: found.append(event) if isinstance(event, Transition) else None})
+        judged = Judged([], [], [])
+        node = _Watched(harness.node("alert_system", parameters={"robot_name": "robot1", "signals": scene.signals}))
+        AlertSystem(
+            node, {"test": lambda event: judged.transitions.append(event) if isinstance(event, Transition) else None}
+        )
         clock = _Clock(harness, node)
-        for number, published in enumerate(field_timeline.timeline()):
+        for number, published in enumerate(scene.messages):
             clock.advance(published.time_s)
             harness.publish(published.topic, published.type_name, published.message)
             if samples:
                 harness.wait_until(lambda expected=samples[number]: node.samples >= expected)
-            sums.append(node.samples)
-        clock.advance(field_timeline.END_S)
-        return found, sums
+            judged.samples.append(node.samples)
+        clock.advance(START_S + scene.seconds)
+        judged.faults.extend(f"{part}: {fault.text}" for part, fault in sorted(node.wrapped.faults.current().items()))
+        return judged
 
     def replay(self, harness: Harness) -> List[Union[Transition, Refusal]]:
         """Returns what the timeline brings about, in order."""

@@ -7,13 +7,12 @@ the same values at the same instants. `tests/data/field_alerts.txt` has the aler
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence
 
 from harness.port_conformance import DIAGNOSTICS, FLOAT32, START_S
 
 BATTERY = "sensor_msgs/BatteryState"
 JOINTS = "sensor_msgs/JointState"
-END_S = START_S + 16.0
 
 
 class Published(NamedTuple):
@@ -23,6 +22,14 @@ class Published(NamedTuple):
     topic: str
     type_name: str
     message: Mapping[str, Any]
+
+
+class Scene(NamedTuple):
+    """Messages, and what is watched."""
+
+    signals: Mapping[str, Any]
+    messages: Sequence[Published]
+    seconds: float
 
 
 SIGNALS: Dict[str, Any] = {
@@ -69,6 +76,9 @@ SIGNALS: Dict[str, Any] = {
         "topic": "drivers", "type": DIAGNOSTICS, "field": 'status["*"].level', "warn_above": 0.0, "error_above": 1.0,
         "valid_max": 3.0, "stale_after_s": 2.0,
     },
+    "drivers": {
+        "topic": "drivers", "type": DIAGNOSTICS, "field": 'status["*"]', "stale_after_s": 2.0,
+    },
     "hottest": {
         "topic": "drivers", "type": DIAGNOSTICS, "field": 'status["motor_driver: *"].values["Temperature (C)"]',
         "reduce": "max", "unit": "degC", "warn_above": 80.0,
@@ -83,7 +93,7 @@ SIGNALS: Dict[str, Any] = {
 }  # fmt: skip
 
 
-def timeline() -> List[Published]:
+def messages() -> List[Published]:
     """Returns all messages in the order of their times."""
     return sorted((*_battery(), *_scan(), *_joints(), *_drivers()), key=lambda published: published.time_s)
 
@@ -157,15 +167,19 @@ def _drivers() -> Iterator[Published]:
     left = {2: 1, 3: 1, 4: 2, 6: 3, 8: 7}
     for step in range(16):
         statuses = [
-            _status("motor_driver: left", left.get(step, 0), "90.5" if step in (2, 3, 4) else "60"),
-            _status("motor_driver: right", 0, "n/a" if step == 6 else "61.5"),
+            status("motor_driver: left", left.get(step, 0), "90.5" if step in (2, 3, 4) else "60"),
+            status("motor_driver: right", 0, "n/a" if step == 6 else "61.5"),
         ]
         if step < 9:
-            statuses.append(_status("lidar: front", 0, "99"))
+            statuses.append(status("lidar: front", 0, "99"))
         yield Published(START_S + 0.25 + step, "/drivers", DIAGNOSTICS, {"status": statuses})
 
 
-def _status(name: str, level: int, temperature: str) -> Mapping[str, Any]:
-    messages = {0: "fine", 1: "hot", 2: "too hot", 3: "no answer"}
+def status(name: str, level: int, temperature: str = "60") -> Mapping[str, Any]:
+    """Returns a DiagnosticStatus."""
+    texts = {0: "fine", 1: "hot", 2: "too hot", 3: "no answer"}
     values = [{"key": "Temperature (C)", "value": temperature}]
-    return {"level": level, "name": name, "message": messages.get(level, ""), "hardware_id": "robot1", "values": values}
+    return {"level": level, "name": name, "message": texts.get(level, ""), "hardware_id": "robot1", "values": values}
+
+
+FIELDS = Scene(SIGNALS, messages(), 16.0)

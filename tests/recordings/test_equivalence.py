@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Callable, List, Mapping
 
 import pytest
-from harness import field_timeline
 from harness.equivalence import Equivalence
+from harness.field_timeline import FIELDS
 from harness.local import LocalHarness
 from harness.port_conformance import START_S
 from harness.recorded import ROS1, ROS2, START_NS, Recorded, message_of, write_bag, write_folder, write_mcap
@@ -25,7 +25,7 @@ def recorded(store: Any) -> List[Recorded]:
     """Returns the messages of the timeline."""
     return [
         Recorded(each.time_s - START_S, each.topic, message_of(store, native_type(each.type_name), later(each.message)))
-        for each in field_timeline.timeline()
+        for each in FIELDS.messages
     ]
 
 
@@ -52,10 +52,10 @@ def later(message: Mapping[str, Any]) -> Mapping[str, Any]:
     ids=["bag", "ros1 mcap", "mcap", "sqlite"],
 )
 def test_a_replay_gives_the_alerts_of_the_run(write: Callable[[Path], str], tmp_path: Path) -> None:
-    reference, _ = Equivalence().publish_fields(LocalHarness())
+    reference = Equivalence().publish(LocalHarness(), FIELDS).transitions
     player = Player(Recordings([write(tmp_path / "run")]))
     found: List[Transition] = []
-    node = player.node("alert_system", {"robot_name": "robot1", "signals": field_timeline.SIGNALS})
+    node = player.node("alert_system", {"robot_name": "robot1", "signals": FIELDS.signals})
     AlertSystem(node, {"test": lambda event: found.append(event) if isinstance(event, Transition) else None})
     player.play()
     assert [(f"{each.now_s - SHIFT_S:.3f}", each.text) for each in found] == [
