@@ -54,8 +54,9 @@ function draw(plot, parent, add) {
   }
   if (!strong.text) return;
   const half = Math.min(strong.text.length * CHARACTER, right - plot.left) / 2;
-  const middle = Math.min(Math.max(x, plot.left + half), right - half);
-  const above = y - 12 > plot.top + 10;
+  // To the left, on the side from which the line does not come.
+  const middle = Math.min(Math.max(x - half, plot.left + half), right - half);
+  const above = strong.to[1] < strong.from[1] ? y + 22 > plot.bottom : y - 12 > plot.top + 10;
   add(parent, "text", {class: "ahead-text", x: middle.toFixed(1), y: (above ? y - 12 : y + 22).toFixed(1), "text-anchor": "middle"}, strong.text);
 }
 
