@@ -8,6 +8,7 @@ import time
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core import explanation
+from robot_health_monitor.core.element_signals import config_of
 from robot_health_monitor.core.explanation import Judgement
 from robot_health_monitor.core.faults import Fault, summary_of
 from robot_health_monitor.core.model import Level
@@ -139,7 +140,7 @@ class RobotReader:
 
     def plot_of(self, signal: str) -> Tuple[str, List[Json]]:
         """Returns the unit of a signal's samples and its bounds; empty if it is not watched."""
-        config = self.alert_system.monitor.configs().get(signal)
+        config = config_of(signal, self.alert_system.monitor.config.signals)  # also of an element that has ended
         if config is None:
             return "", []
         unit = explanation.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit

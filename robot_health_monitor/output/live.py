@@ -120,23 +120,23 @@ class LiveView(Output):
         """Returns the state of the only robot; notes its values if that is `due`."""
         (robot,) = shown.robots
         system = robot.alert_system
-        signals = system.monitor.configs()
+        monitor = system.monitor
+        configs = monitor.configs()
         if due:
-            trends = {name: self._trends.get(name, deque(maxlen=TREND_SAMPLES)) for name in signals}
+            trends = {name: self._trends.get(name, deque(maxlen=TREND_SAMPLES)) for name in configs}
             for name, trend in trends.items():
-                value = system.monitor.shown_value(name)
+                value = monitor.shown_value(name)
                 trend.append(float("nan") if value is None else value)
             self._trends = trends
-        report = system.monitor.report(robot.now_s)
-        rows = [
-            SignalRow(
-                system.status(name) or status,
-                short_bounds(signals[name]) if name in signals else "",
-                tuple(self._trends.get(name, ())),
-            )
-            for name, status in report.statuses.items()
-        ]
-        return _State(report.robot, rows, shown.system_health)
+        known = (system.status(name) for name in monitor.signals())
+        # Before the first call there are none, but the report says that they are waiting.
+        statuses = [status for status in known if status is not None] or monitor.report(robot.now_s).statuses.values()
+        rows = []
+        for status in statuses:
+            config = configs.get(status.name)
+            bounds = "" if config is None else short_bounds(config)
+            rows.append(SignalRow(status, bounds, tuple(self._trends.get(status.name, ()))))
+        return _State(system.robot, rows, shown.system_health)
 
     # In the writer's thread
 

@@ -8,6 +8,8 @@ import {WindowPlot, drawSpark} from "./plots.js";
 
 /** Most alerts of the history in a plot. */
 const MOST_PAST = 300;
+/** Most healthy elements of an array that are shown without being asked for. */
+const MOST_ELEMENTS = 8;
 let details = 0;
 
 /** One opened signal. */
@@ -130,6 +132,7 @@ class SignalRow {
 
   /** Draws the samples of the window. */
   plot() {
+    if (!this.element.isConnected) return;
     const samples = this.parent.samples.get(this.name) || [];
     this.spark.replaceChildren(drawSpark(this.signal, samples));
     if (this.details) this.details.plot.show(this.signal, this.kind, samples, this.page.fleet.now / 1000);
@@ -140,12 +143,33 @@ class SignalRow {
   }
 }
 
+/** The row below an array that stands for its healthy elements. */
+class ElementsRow {
+  constructor(table) {
+    this.names = [];
+    this.isOpen = false;
+    this.button = make("button", {onclick: () => { this.isOpen = !this.isOpen; table.arrange(); }});
+    this.element = makeRow("elements", makeCell("", this.button, 6));
+  }
+
+  get hidden() { return this.isOpen || !this.isShown ? [] : this.names; }
+
+  get isShown() { return this.names.length > MOST_ELEMENTS; }
+
+  show() {
+    setAttribute(this.button, "aria-expanded", String(this.isOpen));
+    setText(this.button, `${this.isOpen ? "Hide" : "Show"} ${this.names.length} elements that are OK`);
+  }
+}
+
 /** The table of one robot's signals. */
 export class SignalTable {
   constructor(robot, page) {
     this.page = page;
     this.robot = robot;
     this.rows = new Map();
+    /** The rows that stand for healthy elements, by the name of the array. */
+    this.arrays = new Map();
     /** Samples in the window of each signal, as [s since 1970, value]. */
     this.samples = new Map();
     Object.assign(this, makeTable("signals", `Signals of ${robot.name}`, ["Level", "Signal", "Value", "Trend", "Reason", "For"]));
@@ -153,14 +177,35 @@ export class SignalTable {
 
   update(robot) {
     this.robot = robot;
-    const rank = (name) => rankOf(robot.kinds.get(name));
-    const names = Object.keys(robot.data.signals).sort((one, other) => rank(one) - rank(other));  // worst first
-    for (const name of names) {
+    for (const name of Object.keys(robot.data.signals)) {
       if (!this.rows.has(name)) this.rows.set(name, new SignalRow(this, name, this.page));
       this.rows.get(name).update(robot.data.signals[name], robot.kinds.get(name));
     }
     for (const name of [...this.rows.keys()]) if (!(name in robot.data.signals)) this.rows.delete(name);
-    setChildren(this.body, names.flatMap((name) => [this.rows.get(name).element, this.rows.get(name).more]));
+    for (const name of [...this.samples.keys()]) if (!this.rows.has(name)) this.samples.delete(name);
+    this.arrange();
+  }
+
+  /** Sorts the rows, worst first, and leaves out the healthy elements of arrays that have many. */
+  arrange() {
+    const {kinds, data: {signals}} = this.robot, rank = (name) => rankOf(kinds.get(name));
+    for (const array of this.arrays.values()) array.names = [];
+    for (const name of Object.keys(signals)) {
+      const [array] = name.split("[");
+      if (array === name || !(array in signals) || kinds.get(name) !== "ok" || this.rows.get(name).details) continue;
+      if (!this.arrays.has(array)) this.arrays.set(array, new ElementsRow(this));
+      this.arrays.get(array).names.push(name);
+    }
+    const hidden = new Set([...this.arrays.values()].flatMap((array) => array.hidden)), elements = [];
+    const names = Object.keys(signals).filter((name) => !hidden.has(name)).sort((one, other) => rank(one) - rank(other));
+    for (const name of names) {
+      const row = this.rows.get(name), array = this.arrays.get(name);
+      elements.push(row.element, row.more);
+      if (array && array.isShown) elements.push(array.element);
+      if (array) array.show();
+    }
+    setChildren(this.body, elements);
+    for (const name of names) if (!this.rows.get(name).spark.firstChild) this.rows.get(name).plot();
   }
 
   tick() {
