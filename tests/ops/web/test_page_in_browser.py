@@ -14,6 +14,8 @@ from harness.line_process import LineProcess
 from harness.waiting import wait_for
 from harness.web import BATTERY, Robots
 
+from robot_health_monitor.core.elements import Elements
+
 TEMPERATURE: Mapping[str, Any] = {"unit": "degC", "warn_above": 80.0, "error_above": 95.0}
 SIGNALS: Mapping[str, Any] = {**BATTERY, "temperature": TEMPERATURE}
 BOUND: Mapping[str, Any] = {"warn_below": 20.0}
@@ -308,6 +310,44 @@ def test_a_healthy_forecast_has_its_bound_beside_its_value(browser: Browser, ser
     browser.open(site.url)
     browser.wait_for_text(".signal .value", "forecast 60 °C in 60 s")
     assert browser.texts(".signal .reason > span") == ["reaches 65 °C in 70 ssilenced"]
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_healthy_elements_of_an_array_are_folded_and_come_and_go(browser: Browser, served: Any, width: int) -> None:
+    joints = {"field": 'temperature["*"]', "unit": "degC", "warn_above": 80.0, "forget_after_s": 10.0}
+    site = served("atlas", signals={"joints": joints, **BATTERY})
+    names = [f"joint_{number}" for number in range(98)] + [LONG * 3]
+
+    def see(names: List[str]) -> None:
+        elements = Elements((name, 90.0 if name == "joint_7" else 50.0) for name in names)
+        site.observe(60.0)
+        site.do(lambda robots: robots.observe(elements, "joints"))
+
+    see(names)
+    browser.open(site.url, width)
+    shown = "[...document.querySelectorAll('.signal-name')].map((each) => each.textContent)"
+    browser.wait_for(f"{shown}.length === 3")
+    assert browser.run(f"return {shown}") == ["joints[joint_7]", "joints", "battery_level"]
+    assert browser.texts(".elements button") == ["Show 98 elements that are OK"]
+    browser.find(".elements button").send_keys(Keys.ENTER)
+    browser.wait_for(f"{shown}.length === 101")
+    assert browser.texts(".elements button") == ["Hide 98 elements that are OK"]
+    browser.wait_for("[...document.querySelectorAll('.spark')].length === 101")
+    size = "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
+    assert len(set(browser.run(size))) == 1
+    browser.run(
+        "[...document.querySelectorAll('.signal-name')].find((each) => each.textContent.endsWith('_3]')).click()"
+    )
+    browser.run("document.querySelector('.elements button').click()")
+    browser.wait_for(f"{shown}.length === 4")  # an open one stays
+    for _ in range(12):
+        see(["joint_3", "joint_7", "new"])
+    browser.wait_for(f"{shown}.length === 5")
+    assert set(browser.run(f"return {shown}")) == {f"joints[{name}]" for name in ("joint_3", "joint_7", "new")} | {
+        "joints", "battery_level"
+    }  # fmt: skip
+    assert browser.run("return document.querySelectorAll('.elements, .plot svg').length") == 1  # the plot
+    assert browser.console() == []
 
 
 def test_the_names_of_bounds_are_beside_the_plot(browser: Browser, served: Any) -> None:

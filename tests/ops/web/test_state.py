@@ -11,6 +11,7 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 
 from harness.web import Robots
 
+from robot_health_monitor.core.elements import Elements
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.ops.matchers import parse_matchers
 from robot_health_monitor.ops.web.state import MOST_SAMPLES, OwnState, RobotReader
@@ -92,6 +93,22 @@ def test_a_forecast_has_its_horizon_trend_and_time_to_the_bound() -> None:
     signal = state.state(window=False)["signals"]["battery_soon"]
     assert [signal[key] for key in keys] == [70.0] + [pytest.approx(each) for each in (40.0, 40.0, 60.0, -30.0, 100.0)]
     assert (signal["text"], signal["outlook"]) == ("forecast 40 % in 60 s", "reaches 20 % in 100 s")
+
+
+def test_elements_have_samples_and_those_that_ended_their_unit_and_bounds() -> None:
+    cells = {"field": "cell_voltage[*]", "unit": "V", "warn_below": 3.2, "forget_after_s": 6.0}
+    robots = Robots(signals={"cells": cells})
+    state = reader(robots)
+    robots.observe(Elements([("0", 3.9), ("7", 3.1)]), "cells")
+    assert [value for _, value in state.samples().signals["cells[7]"]] == [3.1]
+    assert set(state.state(window=False)["signals"]) == {"cells", "cells[0]", "cells[7]"}
+    for second in range(1, 8):
+        robots.at(100.0 + second)
+        robots.observe(Elements([("0", 3.9)]), "cells")
+    assert set(state.samples().signals) == {"cells", "cells[0]"}
+    bounds = [{"level": "WARN", "side": "below", "value": 3.2, "clears": 3.2}]
+    assert state.plot_of("cells[7]") == ("V", bounds)
+    assert state.plot_of("others[7]") == ("", [])
 
 
 def test_bounds_are_numbers_that_json_has() -> None:
