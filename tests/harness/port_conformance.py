@@ -765,6 +765,54 @@ class PortConformance:
         hears("/imu", "sensor_msgs/Imu", {}, "imu", "WARN")
         assert [line for line in harness.log_lines() if "in a callback" in line.text] == []
 
+    @pytest.mark.parametrize("names", [("alert_system", "second"), ("left", "right")])
+    def test_two_alert_nodes_watch_the_diagnostics_of_each_other_without_feedback(
+        self, harness: Harness, names: Tuple[str, str]
+    ) -> None:
+        """One wildcard watches every driver; what the nodes publish themselves is no signal."""
+        common = {"topic": "/diagnostics", "type": DIAGNOSTICS, "stale_after_s": 0.0}
+        nodes = [
+            harness.node(
+                name,
+                parameters={
+                    "robot_name": name,
+                    "signals": {
+                        "drivers": {**common, "field": 'status["*"]'},
+                        "peer": {**common, "field": f'status["{other}: monitor"].values["signals"]'},
+                    },
+                },
+            )
+            for name, other in (names, names[::-1])
+        ]
+        announced: List[Tuple[str, str]] = []
+        systems = [AlertSystem(node, {"test": levels_to(announced)}) for node in nodes]
+        monitors = [system.monitor for system in systems]
+
+        def report(level: int) -> None:
+            harness.publish("/diagnostics", DIAGNOSTICS, {"status": [{**STATUS, "level": level}]})
+            harness.set_time(nodes[0].now_s() + 1.0)
+
+        def hear_each_other() -> bool:
+            report(0)
+            return all(monitor.fresh_value("peer") is not None for monitor in monitors)
+
+        element = f"drivers[{STATUS['name']}]"
+        harness.wait_until(hear_each_other)
+        harness.wait_until(lambda: all(element in monitor.signals() for monitor in monitors))
+        reports = harness.listen("/diagnostics", DIAGNOSTICS)
+        for level, word in ((2, "ERROR"), (0, "OK"), (3, "STALE"), (1, "WARN"), (0, "OK")):
+            before = len(announced)
+            report(level)
+            harness.wait_until(lambda before=before: len(announced) >= before + 2)
+            assert announced[before:] == [(element, word)] * 2
+            for _ in range(3):
+                report(level)
+        assert [list(monitor.signals()) for monitor in monitors] == [["drivers", element, "peer"]] * 2
+        assert len(announced) == 10
+        # The three signals and the node itself; after a transition, one of them.
+        harness.wait_until(lambda: len(reports) >= 40)
+        assert max(len(message["status"]) for message in reports) == 4
+
     @pytest.mark.parametrize(
         ("example", "topic", "type_name", "message", "signal"),
         [
