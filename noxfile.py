@@ -50,7 +50,13 @@ ROS1_PACKAGES = [
 RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 """Of the tests of recordings, the one that needs ROS 1."""
 
-TOOLS = [["prometheus"], ["prometheus-alertmanager"], ["faketime"], ["chromium", "chromium-driver"]]
+TOOLS = [
+    ["prometheus"],
+    ["prometheus-alertmanager"],
+    ["prometheus-node-exporter"],
+    ["faketime"],
+    ["chromium", "chromium-driver"],
+]
 """Debian's packages that some tests use; those of a list are installed together."""
 
 ROS2_WHEELS = [
