@@ -1,7 +1,7 @@
 """The benchmarks: measures, then prints one table. `make bench` prepares their environment and starts them.
 
     make bench                     everything that can run here
-    make bench ARGS=observe        one part: observe, messages, signals, footprint, rosbridge,
+    make bench ARGS=observe        one part: observe, messages, signals, host, footprint, rosbridge,
                                    recordings, history, notifications, web, fleet,
                                    forecast, cells
     make bench ARGS=--write        everything, and writes the tables of docs/reference/benchmarks.md
@@ -40,6 +40,13 @@ def signals() -> Iterator[Row]:
     from benchmarks import signals_cost
 
     yield from on_every_middleware(signals_cost.rows, "many signals, and arrivals of one")
+
+
+def host() -> Iterator[Row]:
+    """CPU time of measuring this computer and its processes."""
+    from benchmarks import host_cost
+
+    yield from host_cost.rows()
 
 
 def footprint() -> Iterator[Row]:
@@ -125,6 +132,7 @@ PARTS = {
     "observe": observe,
     "messages": messages,
     "signals": signals,
+    "host": host,
     "footprint": footprint,
     "rosbridge": rosbridge,
     "recordings": recordings,

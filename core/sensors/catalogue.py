@@ -134,7 +134,7 @@ def _rate(fields: Tuple[str, ...], scale: float = 1.0) -> Callable[..., Source]:
 
 
 def _can_rate(computer: Computer, interface: str = "") -> Source:
-    return network.CounterRate(("errin", "errout"), 1.0, computer, interface, network.can_interfaces)
+    return network.CounterRate(network.ERRORS, 1.0, computer, interface, network.can_interfaces)
 
 
 def _space(value: Callable[[disks.Space], float]) -> Callable[..., Source]:
@@ -223,10 +223,10 @@ HOST_SOURCES: Mapping[str, HostSource] = {
     "battery_plugged": HostSource("", "1 while the charger is connected, else 0", _battery(Battery.is_plugged)),
     "battery_voltage": HostSource("V", "battery voltage", _battery(Battery.volts)),
     "battery_current": HostSource("A", "battery current, negative when discharging", _battery(Battery.amperes)),
-    "network_receive": HostSource("MB/s", "data received", _rate(("bytes_recv",), 1e-6), *_OF_INTERFACE),
-    "network_send": HostSource("MB/s", "data sent", _rate(("bytes_sent",), 1e-6), *_OF_INTERFACE),
-    "network_errors": HostSource("1/s", "packets with errors", _rate(("errin", "errout")), *_OF_INTERFACE),
-    "network_drops": HostSource("1/s", "dropped packets", _rate(("dropin", "dropout")), *_OF_INTERFACE),
+    "network_receive": HostSource("MB/s", "data received", _rate(("received",), 1e-6), *_OF_INTERFACE),
+    "network_send": HostSource("MB/s", "data sent", _rate(("sent",), 1e-6), *_OF_INTERFACE),
+    "network_errors": HostSource("1/s", "packets with errors", _rate(network.ERRORS), *_OF_INTERFACE),
+    "network_drops": HostSource("1/s", "dropped packets", _rate(("drops_received", "drops_sent")), *_OF_INTERFACE),
     "network_carrier": HostSource(
         "", "1 while there is a carrier (cable connected, Wi-Fi associated), else 0", _reading(network.carrier),
         (_CARRIER,), _listed("interface", network.interfaces),

@@ -202,6 +202,8 @@ def sorted_paths(pattern: str) -> List[str]:
         parts = re.split(r"(\d+)", os.path.basename(path))
         return tuple(int(part) if part.isdigit() else part for part in parts)
 
+    if not os.path.isdir(os.path.dirname(pattern.partition("*")[0])):  # most computers lack most folders
+        return []
     return sorted(glob.glob(pattern), key=key)
 
 

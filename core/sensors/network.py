@@ -9,13 +9,19 @@ from __future__ import annotations
 import os
 import socket
 import struct
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Tuple
 
-from .computer import Computer, HostPaths, call_psutil, read_bytes, read_text
+from .computer import Computer, HostPaths, read_bytes, read_text
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 __all__ = ["CounterRate", "bitrate", "can_interfaces", "carrier", "interfaces", "signal_dbm", "wifi_interfaces"]
 
+_COLUMNS = (
+    *("received", "packets_received", "errors_received", "drops_received", "fifo", "frame", "compressed", "multicast"),
+    *("sent", "packets_sent", "errors_sent", "drops_sent"),
+)
+"""Of /proc/net/dev, the first of them."""
+ERRORS = "errors_received", "errors_sent"
 _CAN_TYPE = "280"
 """ARPHRD_CAN of if_arp.h."""
 _GET_RATE = 0x8B21
@@ -33,16 +39,16 @@ class CounterRate:
         interface: str = "",
         among: Optional[Callable[[HostPaths], List[str]]] = None,
     ) -> None:
-        """Adds up counters of psutil, of one interface or, without a name, of all of `among`.
+        """Adds up counters of one interface or, without a name, of all of `among`.
 
         Args:
-            fields: names of the counters.
+            fields: names of the counters, of `_COLUMNS`.
             scale: the rate is multiplied by it.
             computer: whose interfaces.
             interface: name of one; empty: all together.
             among: returns the names that `interface` may have; None: any, and all together without the loopback.
         """
-        self._fields = fields
+        self._columns = [_COLUMNS.index(field) for field in fields]
         self._scale = scale
         self._computer = computer
         self._interface = interface
@@ -84,13 +90,26 @@ class CounterRate:
             available = ", ".join(sorted(counters if self._among is None else allowed)) or "none"
             name = f" {self._interface}" if self._interface else ""
             raise SensorError(f"this machine has no network interface{name}; available: {available}")
-        return sum(int(getattr(counter, field)) for counter in chosen for field in self._fields)
+        try:
+            return sum(int(columns[column]) for columns in chosen for column in self._columns)
+        except ValueError as error:
+            raise SensorError(f"the network counters are no numbers: {error}") from None
 
 
-def _counters(paths: HostPaths) -> Mapping[str, Any]:
-    # nowrap: psutil would remember an interface's counters for the life of the process
-    counters: Mapping[str, Any] = call_psutil("net_io_counters", "network counters", paths, pernic=True, nowrap=False)
-    return counters
+def _counters(paths: HostPaths) -> Dict[str, List[bytes]]:
+    """Returns the columns of /proc/net/dev by interface."""
+    file = os.path.join(paths.proc, "net", "dev")
+    try:
+        lines = read_bytes(file).split(b"\n")[2:]
+    except OSError as error:
+        raise SensorError(f"the network counters cannot be read: {error}") from None
+    found = {}
+    for line in lines:
+        name, _, numbers = line.partition(b":")
+        columns = numbers.split()
+        if len(columns) >= len(_COLUMNS):
+            found[name.strip().decode("utf-8", "replace")] = columns
+    return found
 
 
 def interfaces(paths: HostPaths) -> List[str]:

@@ -28,10 +28,21 @@ def memory(paths: HostPaths) -> object:
 
 def swap_percent(paths: HostPaths) -> float:
     """Returns the swap in use, in %."""
-    swap = call_psutil("swap_memory", "swap", paths)
-    if not swap.total:
+    # Not psutil, which reads several files for it.
+    file = os.path.join(paths.proc, "meminfo")
+    try:
+        content = read_bytes(file)
+    except OSError as error:
+        raise SensorError(f"the swap cannot be read: {error}") from None
+    total, free = (_kilobytes(content, name, file) for name in (b"SwapTotal:", b"SwapFree:"))
+    if not total:
         raise NoSuchSensor("this machine has no swap")
-    return float(swap.percent)
+    return 100.0 * (total - free) / total
+
+
+def _kilobytes(content: bytes, name: bytes, file: str) -> float:
+    _, _, rest = content.partition(b"\n" + name)
+    return _number(rest.split(None, 1)[0].decode("ascii", "replace") if rest else "", file)
 
 
 def pressure_percent(paths: HostPaths, resource: str) -> float:

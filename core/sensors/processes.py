@@ -236,6 +236,7 @@ class Processes:
         wanted = set().union(*(each.pids for each in selected if len(each.pids) <= MOST_MATCHES))
         found = {pid: reading for pid in wanted for reading in [self._read(pid, now_s)] if reading is not None}
         for each in selected:
+            # Some may have ended, or their numbers are now those of others.
             each.use(now_s, [found[pid] for pid in each.pids if pid in found])
         return self
 
@@ -290,7 +291,7 @@ class Processes:
             each.pids.discard(pid)
 
     def _read(self, pid: int, now_s: float) -> Optional[Reading]:
-        """Returns what a process uses; None if it has ended, or its number is now that of one that is not selected."""
+        """Returns what a process uses; None if it has ended."""
         try:
             stat = read_line(f"{self._proc}/{pid}/stat")
             fields = stat[stat.rindex(b")") + 2 :].split(None, 22)  # the name may contain anything
@@ -304,11 +305,12 @@ class Processes:
             self._forget(pid)
             return None
         process = self._known[pid]
-        if process.start not in (None, reading.identity[1]):
-            self._young[pid] = now_s
-            self._identify(pid)
-        process.start = reading.identity[1]
-        return reading if any(pid in each.pids for each in self._selected.values()) else None
+        if process.start != reading.identity[1]:
+            if process.start is not None:
+                self._young[pid] = now_s
+                self._identify(pid)
+            process.start = reading.identity[1]
+        return reading
 
 
 def node_names(words: List[str]) -> FrozenSet[str]:

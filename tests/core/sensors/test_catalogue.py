@@ -375,11 +375,6 @@ def test_this_machine_has_a_root_disk() -> None:
         "cpu_percent",
         "memory_percent",
         "memory_available",
-        "swap_percent",
-        "network_receive",
-        "network_send",
-        "network_errors",
-        "network_drops",
     ],
 )
 def test_without_psutil_the_sources_that_need_it_say_what_to_install(

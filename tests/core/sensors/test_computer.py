@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import List
 
 import pytest
+from harness.waiting import wait_for
 
 from robot_health_monitor.core.sensors.computer import (
     Computer,
@@ -92,17 +93,6 @@ def test_a_disk_that_hangs_delays_nothing_and_comes_back() -> None:
     calls = DetachedCalls("test", patience_s=0.0)
     computer, disk, other = Computer(background=calls), Disk(), Disk()
 
-    def wait_for(reads: Disk) -> None:
-        """Lets the threads of the pool finish what they have."""
-        finished = threading.Event()
-        while calls._busy:
-            for thread in list(calls._busy):
-                if reads.answers.is_set():
-                    thread.finished.wait(10.0)
-            finished.wait(0.001)
-            calls._idle += [thread for thread in calls._busy if thread.finished.is_set()]
-            calls._busy = [thread for thread in calls._busy if not thread.finished.is_set()]
-
     disk.answers.clear()
     for now_s in (0.0, 1.0, 4.9):
         with pytest.raises(NotMeasuredYet, match=r"no answer from the disk yet"):
@@ -111,13 +101,13 @@ def test_a_disk_that_hangs_delays_nothing_and_comes_back() -> None:
         with pytest.raises(SensorError, match=r"no answer from the disk for more than 5 s") as caught:
             computer.ask(now_s, 0.0, "the disk", disk.read)
         assert not isinstance(caught.value, NotMeasuredYet)
-    assert disk.reads == 1  # one thread hangs, however often it is read
     other.answers.clear()
     with pytest.raises(NotMeasuredYet):
         computer.ask(6.0, 0.0, "another disk", other.read)
     disk.answers.set()
     other.answers.set()
-    wait_for(disk)
+    wait_for(lambda: all(thread.finished.is_set() for thread in calls._busy))
+    assert disk.reads == 1  # one thread hangs, however often it is read
     assert computer.ask(7.0, 0.0, "the disk", disk.read) == 1  # the late answer
     calls.close()
 

@@ -64,7 +64,7 @@ def test_a_firmware_that_is_not_understood_is_no_zero(machine: Machine) -> None:
     with pytest.raises(NoSuchSensor, match=r"^no Raspberry Pi"):
         operating_system.throttled(machine.paths)
     machine({THROTTLED: "?"})
-    with pytest.raises(SensorError, match=r"expected a hexadecimal number, got '\\?'"):
+    with pytest.raises(SensorError, match=r"expected a hexadecimal number, got '\?'"):
         operating_system.throttled(machine.paths)
 
 

@@ -410,8 +410,9 @@ def live(metric: str, computer: Computer, node: str) -> Callable[[float], float]
     return HOST_SOURCES[metric].make(computer, node=node).read
 
 
-def test_a_real_process_reads_as_psutil_and_ps_show_it() -> None:
+def test_a_real_process_reads_as_psutil_and_ps_show_it(monkeypatch: pytest.MonkeyPatch) -> None:
     psutil = pytest.importorskip("psutil")
+    monkeypatch.setattr(psutil, "PROCFS_PATH", "/proc")  # other tests read other machines
     child = Child(WORKS, "leaks_and_spins")
     try:
         computer = Computer()
