@@ -256,7 +256,7 @@ def _bind(steps: Sequence[Step]) -> Getter:
             return _whole(message) if isinstance(steps[-1], str) else _element_value(message)
         elements = _listed(message)
         if every.pattern is None:
-            is_plain = not after and elements and type(elements[0]) is not dict
+            is_plain = not after and elements and type(elements[0]) not in (dict, list)
             return numbered_elements(elements, None if is_plain else read)
         beside = _names_beside(elements, above, array)
         if beside is None:

@@ -7,6 +7,7 @@ from typing import Any, Callable, Dict, List, Mapping, Tuple, Type
 import pytest
 from harness.parameters import set_parameter
 
+from robot_health_monitor.core.elements import NOT_A_NUMBER
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.hints import Answer
 from robot_health_monitor.core.mapping_node import MappingNode, MappingSubscription, read_clock
@@ -177,3 +178,50 @@ def test_a_boolean_is_no_number_unless_the_type_has_one(type_name: str, value: A
     subscription.deliver({"data": value})
     assert received == [expected]
     assert type(received[0]) is type(expected)
+
+
+@pytest.mark.parametrize(
+    ("field", "message", "value"),
+    [
+        ("cells[*]", {"cells": [3.5, None]}, "[('0', 3.5), ('1', nan)]"),
+        ('effort["*"]', {"name": ["a", "b"], "effort": [None, 2.5]}, "[('a', nan), ('b', 2.5)]"),
+        ('effort["a"]', {"name": ["a"], "effort": [None]}, "nan"),
+        ("cells[1]", {"cells": [3.5]}, "None"),
+        ("packs[*].cells[1]", {"packs": [{"cells": [3.5]}]}, "[('0', None)]"),
+        ('effort["*"]', {"name": ["a", 7], "effort": [1.5, 2.5]}, "name[1] is not a text: 7"),
+        ('effort["a"]', {"name": "a", "effort": [1.5]}, ""),
+        ("stamp", {"stamp": {"sec": None, "nanosec": 0}}, "not a time stamp: None"),
+        ("stamp", {"stamp": {"sec": 1e300, "nanosec": 0}}, "not a time stamp: 1e+300 s"),
+        (
+            "stamp",
+            {"stamp": {"secs": 5, "nsecs": 10**400}},
+            f"not a time stamp: 1{36 * '0'}... ns",
+        ),
+        ("stamp", {"stamp": {"sec": True, "nanosec": 0}}, "not a time stamp: True"),
+        ('status["*"]', {"status": [{"name": "lidar", "level": 7, "message": "?"}]}, "[('lidar', (7, '?'))]"),
+        ("cells[*]", {"cells": "not base64!"}, ""),
+        ("cells[*]", {"cells": {"0": 3.5}}, ""),
+        ("cells[*]", {"cells": [[1.0], {"a": 1}]}, f"[('0', {NOT_A_NUMBER}), ('1', {NOT_A_NUMBER})]"),
+    ],
+)
+def test_whatever_json_brings_for_elements_and_times_is_a_value_or_one_error_line(
+    field: str, message: Mapping[str, Any], value: str
+) -> None:
+    node = Node()
+    subscription, received = node.subscription(field, FromJson)
+    subscription.deliver(message)
+    subscription.deliver(message)
+    if value:
+        assert [_text(each) for each, _ in received] == [value, value]
+        assert node.lines == []
+    else:
+        assert received == []
+        assert [text.partition(";")[0] for _, text in node.lines] == [f"/in has no field {field}"]
+
+
+def _text(value: Any) -> str:
+    return (
+        repr([(name, tuple(each) if isinstance(each, tuple) else each) for name, each in value])
+        if isinstance(value, list)
+        else str(value)
+    )

@@ -15,6 +15,7 @@ from harness.recorded import ROS1, ROS2, definition, fields_of, random_message, 
 
 from robot_health_monitor.core.definitions import SEQUENCE, Definition, Field, parse_definition
 from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.field_path import ABSENT
 from robot_health_monitor.core.proposal.candidates import Topic, list_candidates
 from robot_health_monitor.recordings.decoding import Deserializer, Types
 from robot_health_monitor.recordings.recording import Channel
@@ -106,6 +107,45 @@ def test_a_type_of_the_robot_is_read_by_the_definition_in_the_recording() -> Non
     assert types.field_getter("")(data) == {
         "cells": [{"volts": 3.5}, {"volts": 3.75}], "first": {"volts": 4.0}, "pair": [1.0, 2.0], "state": 7
     }  # fmt: skip
+
+
+DYNAMIC_JOINT_STATE = (
+    "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n"
+    + "=" * 80
+    + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    + "=" * 80
+    + "\nMSG: control_msgs/InterfaceValue\nstring[] interface_names\nfloat64[] values\n"
+)
+
+
+def ros1_strings(*texts: str) -> bytes:
+    return struct.pack("<I", len(texts)) + b"".join(struct.pack("<I", len(text)) + text.encode() for text in texts)
+
+
+def test_the_interfaces_of_a_dynamic_joint_state_are_read_by_joint_and_name() -> None:
+    types = Types(channel("ros1", "control_msgs/DynamicJointState", DYNAMIC_JOINT_STATE))
+    data = struct.pack("<III", 7, 1_700_000_000, 500_000_000) + struct.pack("<I", 0)
+    data += ros1_strings("wheel_left", "arm") + struct.pack("<I", 2)
+    data += ros1_strings("position", "effort") + struct.pack("<I2d", 2, 0.5, 7.5)
+    data += ros1_strings("effort") + struct.pack("<I1d", 1, 8.5)
+    expected = {
+        'interface_values["wheel_left"].values["effort"]': 7.5,
+        'interface_values["arm"].values["position"]': ABSENT,
+        'interface_values["*"].values["effort"]': [("wheel_left", 7.5), ("arm", 8.5)],
+        'interface_values["wheel_left"].values["*"]': [("position", 0.5), ("effort", 7.5)],
+        "header.stamp": 1_700_000_000.5,
+    }
+    assert {field: types.field_getter(field)(data) for field in expected} == expected
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_the_stamp_of_an_image_is_read_without_the_image(encoding: str) -> None:
+    store = ROS1 if encoding == "ros1" else ROS2
+    get = Types(channel(encoding, "sensor_msgs/Image")).field_getter("header.stamp")
+    message = random_message(random.Random(3), store, "sensor_msgs/msg/Image")
+    message.header.stamp.sec, message.header.stamp.nanosec = 1_700_000_000, 250_000_000
+    # The bytes end behind the stamp: nothing else is read.
+    assert get(bytes(serialized(message, encoding))[:12]) == 1_700_000_000.25
 
 
 def test_an_array_of_one_number_is_an_array() -> None:

@@ -48,6 +48,28 @@ def test_alert_system_judges_a_recording_at_its_times(tmp_path: Path) -> None:
     ]
 
 
+def test_the_age_of_a_stamp_is_that_at_its_log_time(tmp_path: Path) -> None:
+    def temperature(time_s: float, age_s: float) -> Recorded:
+        stamp_ns = START_NS + round((time_s - age_s) * 1e9)
+        kinds = ROS2.types
+        stamp = kinds["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+        header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+        message = kinds["sensor_msgs/msg/Temperature"](header=header, temperature=20.0, variance=0.0)
+        return Recorded(time_s, "/board", message)
+
+    path = write_folder(tmp_path / "bag", [temperature(0.0, 0.25), temperature(1.0, 2.0), temperature(2.0, -1.0)])
+    age = {"topic": "board", "type": "sensor_msgs/Temperature", "field": "header.stamp", "warn_above": 0.5}
+    said: List[str] = []
+    player = Player(Recordings([str(path)]))
+    node = player.node("alert_system", {"signals": {"age": age}})
+    AlertSystem(node, {"test": lambda event: said.append(getattr(event, "text", ""))}, log_alerts=False)
+    player.play()
+    assert said == [
+        "age WARN: 2 s is above 0.5 s (was OK for 1 s)",
+        "age OK: -1 s is no longer above 0.5 s, clocks differ (was WARN for 1 s)",
+    ]
+
+
 def test_a_silence_inside_a_recording_is_an_alert_and_its_end_is_none(tmp_path: Path) -> None:
     messages = [*values("/battery_level", [25, 25]), Recorded(20.0, "/battery_level", 25), Recorded(21.0, "/x", 1.0)]
     found = transitions(Player(Recordings([write_bag(tmp_path / "a.bag", messages)])))
