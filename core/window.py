@@ -331,7 +331,11 @@ class Window:
         if front and back:
             # The references first: their difference is exact where they are close; sums with the means are not.
             apart = (front_reference - back_reference) + (front_mean - back_mean)
-        squares = max(0.0, front_squares) + max(0.0, back_squares) + apart * apart * front * back / count
+        squares = apart * apart * front * back / count
+        if front_squares > 0.0:
+            squares += front_squares
+        if back_squares > 0.0:
+            squares += back_squares
         return back_reference + back_mean + apart * front / count, squares / count, scale
 
 

@@ -43,6 +43,13 @@ def test_a_signal_whose_topic_nobody_publishes_has_a_hint() -> None:
     assert signal["hint"].startswith("no publisher on /robot")
 
 
+def test_a_questionable_forecast_has_a_hint() -> None:
+    robots = Robots(signals={"cell_soon": {"statistic": "forecast", "forecast_s": 600.0, "unit": "V"}})
+    robots.observe(3.9, "cell_soon")
+    signal = reader(robots).state(window=False)["signals"]["cell_soon"]
+    assert signal["hint"] == "a forecast of a voltage is questionable; prefer the charge in %"
+
+
 def test_a_link_that_is_down_is_the_cause_and_the_others_are_unreachable() -> None:
     robots = Robots()
     robots.observe(19.0)
