@@ -382,6 +382,7 @@ class Monitor:
         observed = template.observe(value, now_s, partial(self._begin, now_s=now_s, changes=changes), changes)
         if len(template.signals) > number:
             self._arrange(self._single)
+        if len(template.signals) > number or template.own.staleness.waiting:
             template.count(now_s, changes)
         if self._followers:
             for signal in observed:

@@ -115,6 +115,8 @@ class SignalMonitor:
                 quality.latest = value
                 quality.good_samples += 1
                 return None
+        if type(value) is DriverStatus and self._note_calm_status(value, now_s):
+            return None
         return self._judge(value, now_s)
 
     def tick(self, now_s: float) -> Optional[Transition]:
@@ -284,6 +286,19 @@ class SignalMonitor:
             return None
         ended = self.judgement(now_s)._replace(level=_OK, rule=None, is_invalid=False, flapping=False, hint="")
         return self._announcer.announce(ended, "no longer watched")
+
+    def _note_calm_status(self, status: DriverStatus, now_s: float) -> bool:
+        """Processes the status of a driver that is OK while everything is at rest; returns False if it is not."""
+        staleness = self.staleness
+        is_ok = type(status.level) is int and status.level == 0 and self._calm_min < 0.0 <= self._calm_max
+        if not is_ok or now_s - staleness.silent_since_s > staleness.limit_s:
+            return False
+        self.window.add(0.0, now_s)
+        self.judged = 0.0
+        staleness.last_seen_s = staleness.silent_since_s = now_s
+        self._quality.latest = status
+        self._quality.good_samples += 1
+        return True
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
         self._calm_max = -math.inf

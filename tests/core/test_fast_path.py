@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import random
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 import pytest
 
 from robot_health_monitor.core import Level, Monitor, Sample, load_config
+from robot_health_monitor.core.elements import DriverStatus, Elements
 
 
 class Slow(float):
@@ -120,3 +121,46 @@ def test_a_thousand_ordinary_samples_are_all_in_the_window() -> None:
         monitor.observe(Sample("level", 30.0 + number % 10, number / 100.0))
     values = monitor.report(10.0).statuses["level"].values
     assert (values["window_samples"], values["mean"], values["min"], values["max"]) == ("1000", "34.5", "30", "39")
+
+
+STATUS_SETTINGS: Mapping[str, Sequence[Any]] = {
+    name: SETTINGS[name]
+    for name in ("for_s", "keep_firing_for_s", "invalid_for_s", "latch", "flap_detection", "stale_after_s", "repeat_s")
+}
+
+
+def replay_statuses(signal: Dict[str, Any], calls: List[Tuple[str, int]], level: Callable[[int], Any]) -> List[Any]:
+    """Returns what the monitor says and shows; a level that is a byte takes the full path."""
+    drivers = {"field": 'status["*"]', "flap_low": 0.0, "only_if": {"signal": "charging", "is": 0.0}, **signal}
+    monitor = Monitor(load_config({"signals": {"drivers": drivers, "charging": {}}}), "robot1")
+    now_s = 100.0
+    results: List[Any] = []
+    for what, argument in calls:
+        now_s += 0.5 + (argument if what == "tick" else 0.0)
+        if what == "tick":
+            results.append(monitor.tick(now_s))
+        elif what == "report":
+            results.append(monitor.report(now_s))
+        elif what == "many":
+            for step in range(60):
+                now_s += 0.01
+                statuses = Elements([("a", DriverStatus(level(argument if step == 30 else 0), f"message {step % 3}"))])
+                results.append(monitor.observe(Sample("drivers", statuses, now_s)))
+        elif what == "drivers":
+            statuses = Elements([("a", DriverStatus(level(argument), "message")), ("b", DriverStatus(level(0), "ok"))])
+            results.append(monitor.observe(Sample("drivers", statuses, now_s)))
+        else:
+            results.append(monitor.observe(Sample(what, float(argument), now_s)))
+    return [*results, monitor.report(now_s)]
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_statuses_of_drivers_give_the_same_on_both_paths(seed: int) -> None:
+    random_ = random.Random(seed)
+    signal = {name: random_.choice(values) for name, values in STATUS_SETTINGS.items() if random_.random() < 0.4}
+    levels = {
+        "drivers": (0, 0, 0, 1, 2, 3), "many": (0, 0, 2), "tick": (0, 1, 4), "report": (0,), "charging": (0, 1),
+        "link": (0, 1),
+    }  # fmt: skip
+    calls = [(what, random_.choice(levels[what])) for what in random_.choices(list(levels), (6, 2, 2, 1, 1, 1), k=60)]
+    assert replay_statuses(signal, calls, int) == replay_statuses(signal, calls, lambda level: bytes([level]))

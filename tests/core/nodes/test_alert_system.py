@@ -259,6 +259,7 @@ class TestItself:
             "clients": "3",
             "pending_notifications": "0",
             "silenced": "0",
+            "fingerprint": "c40d595e85da3536",  # sha256 of "robot1", a zero byte, and the name
         }
         assert values_of(status(arrays[-2], "alert_system: monitor"))["samples_per_s"] == "7"
 
