@@ -33,6 +33,10 @@ OWN_KEY = "fingerprint"
 """Key of a value in every status of this package's nodes."""
 
 
+_OLDEST_S = 1e9
+"""An age above this, 31 years, is that of a stamp that counts from the start of a machine."""
+
+
 class BadDatum(str):
     """A datum that is invalid whatever the configuration says; its text is the reason."""
 
@@ -54,9 +58,11 @@ class Age(float):
     __slots__ = ()
 
     @property
-    def clocks_differ(self) -> bool:
-        """Whether the stamp lies in the future."""
-        return self < 0.0
+    def remark(self) -> str:
+        """What an odd age says of the clocks; empty: it is not odd."""
+        if self < 0.0:
+            return "clocks differ"
+        return "the stamp does not count from 1970" if self > _OLDEST_S else ""
 
 
 class DriverStatus(NamedTuple):

@@ -196,8 +196,8 @@ def reason(judgement: Judgement) -> str:
     text = _invalid_reason(judgement) if judgement.is_invalid else _value_reason(judgement)
     if judgement.suspicion:
         text = f"{text}, {judgement.suspicion}"
-    if isinstance(judgement.latest, (Age, Reduced)) and judgement.latest.clocks_differ:
-        text = f"{text}, clocks differ"
+    if isinstance(judgement.latest, (Age, Reduced)) and judgement.latest.remark:
+        text = f"{text}, {judgement.latest.remark}"
     return f"{text}, no sample for {silence}" if judgement.is_stale else text
 
 

@@ -8,6 +8,7 @@ from typing import Any, Callable, List, Mapping, Optional, Sequence
 from .definitions import TEXTS
 from .dialect import Dialect, FieldType
 from .elements import (
+    MOST_ELEMENTS,
     NAME_ARRAYS,
     NOT_A_NUMBER,
     STATUS_TYPE,
@@ -132,7 +133,7 @@ class _Binder:
         """Returns the steps with that to several elements, from each of which `read` reads; None: as they are."""
         if found.element == STATUS_TYPE and read is not None:
             read = _of_others(read)
-        plain: Getter = as_it_is if found.message else self._dialect.plain
+        plain: Getter = as_it_is if found.message else self._plain_list
         if every.pattern is None:
             return [*steps, lambda elements: numbered_elements(plain(elements), read)]
         pattern, read_one = every.pattern, read or as_it_is
@@ -153,6 +154,10 @@ class _Binder:
             return named_elements(plain(elements), names, beside, pattern, read_one)
 
         return [*steps[:-1], get]
+
+    def _plain_list(self, elements: Sequence[Any]) -> Any:
+        """Returns an array as a list, unless it is too long to be read: an image has a million elements."""
+        return elements if len(elements) > MOST_ELEMENTS else self._dialect.plain(elements)
 
     def _value(self, found: FieldType, *, is_selected: bool, is_element: bool) -> List[Getter]:
         """Returns the functions that make of a native value what a path returns. `is_selected`: it is in an array."""

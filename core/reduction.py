@@ -22,7 +22,7 @@ class Element(NamedTuple):
 class Reduced(float):
     """The value of a reduction, in the unit of the signal; NaN: no element is measured."""
 
-    __slots__ = ("clocks_differ", "decided", "measured", "skipped")
+    __slots__ = ("decided", "measured", "remark", "skipped")
 
     decided: Tuple[Element, ...]
     """The elements that decided: the smallest, the largest, or for `spread` both in this order. Empty for others."""
@@ -30,8 +30,8 @@ class Reduced(float):
     """Number of elements that are measured."""
     skipped: int
     """Number of elements that are not."""
-    clocks_differ: bool
-    """Whether the age of an element is negative."""
+    remark: str
+    """That of the first element with an odd age; empty: there is none."""
 
     def __new__(
         cls,
@@ -39,11 +39,11 @@ class Reduced(float):
         decided: Tuple[Element, ...] = (),
         measured: int = 0,
         skipped: int = 0,
-        clocks_differ: bool = False,
+        remark: str = "",
     ) -> Reduced:
         """Creates a value of `reduce`; the arguments are the attributes."""
         new = super().__new__(cls, value)
-        new.decided, new.measured, new.skipped, new.clocks_differ = decided, measured, skipped, clocks_differ
+        new.decided, new.measured, new.skipped, new.remark = decided, measured, skipped, remark
         return new
 
     @property
@@ -84,8 +84,8 @@ def reduced(elements: Elements, reduction: str, number_of: Callable[[object], fl
         result = decided[-1].value - decided[0].value if reduction == "spread" else decided[0].value
     if result is None or (not numbers and reduction != "count"):
         result = math.nan
-    clocks_differ = any(type(value) is Age and value < 0.0 for _, value in elements)
-    return Reduced(result, decided, measured, len(elements) - measured, clocks_differ)
+    remark = next((value.remark for _, value in elements if type(value) is Age and value.remark), "")
+    return Reduced(result, decided, measured, len(elements) - measured, remark)
 
 
 def _is_present(value: object) -> bool:

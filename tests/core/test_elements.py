@@ -49,8 +49,20 @@ def test_a_stamp_that_is_no_time_is_a_bad_datum(seconds: object, nanoseconds: ob
 
 def test_a_stamp_becomes_its_age_by_the_clock_of_stamps() -> None:
     age = with_ages(Stamp(1_700_000_000.0), lambda: 1_700_000_002.5)
-    assert (type(age), age, age.clocks_differ) == (Age, 2.5, False)
-    assert with_ages(Stamp(1_700_000_000.0), lambda: 1_699_999_999.5).clocks_differ
+    assert (type(age), age, age.remark) == (Age, 2.5, "")
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "remark"),
+    [
+        (1_700_000_000.5, "clocks differ"),
+        (1_700_000_000.0, ""),
+        (1_600_000_000.0, ""),
+        (300.0, "the stamp does not count from 1970"),  # seconds since the start of the robot
+    ],
+)
+def test_an_odd_age_says_what_is_wrong_with_the_clocks(stamp_s: float, remark: str) -> None:
+    assert with_ages(Stamp(stamp_s), lambda: 1_700_000_000.0).remark == remark
 
 
 def test_a_zero_stamp_is_no_time_stamp() -> None:

@@ -306,3 +306,14 @@ def test_a_message_without_a_name_has_none_to_begin_with() -> None:
 def test_a_path_does_not_begin_with_an_index(field: str) -> None:
     with pytest.raises(ConfigError, match="a path starts with the name of a field"):
         mapping_getter(field)
+
+
+def test_an_array_that_is_too_long_is_not_made_plain_first() -> None:
+    def fail(value: Any) -> Any:
+        raise AssertionError("must not be called")
+
+    own = NativeMessages(MESSAGES._dialect._replace(plain=fail))
+    message = new(CLASSES["demo/Everything"])
+    message.temperatures = bytes(6_000_000)
+    read_all = own.field_getter("/in", "demo/Everything", "temperatures[*]")
+    assert read_all(message) == "6000000 elements (limit 10000)"

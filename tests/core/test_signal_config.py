@@ -64,6 +64,13 @@ def test_an_unknown_reduction_is_refused_with_those_that_exist() -> None:
     )
 
 
+def test_statuses_as_a_whole_can_be_counted_but_are_no_numbers() -> None:
+    assert signal(field='status["lidar*"]', reduce="count").reduce == "count"
+    assert refusal(field='status["*"]', reduce="max") == (
+        'reduce: expected a field with numbers such as status["*"].level, got \'status["*"]\''
+    )
+
+
 def test_a_field_selects_several_elements_once() -> None:
     assert refusal(field="packs[*].cells[*]", reduce="min").startswith(
         "field: expected the path of a field, got 'packs[*].cells[*]': only one part of a path may select several"
@@ -254,10 +261,10 @@ def test_an_unknown_key_is_refused_with_a_hint() -> None:
     ("condition", "problem"),
     [
         ({"is": 0}, "only_if.signal: is missing; expected the name of another signal"),
-        ({"signal": "link"}, "only_if: expected one of is, is_not, below, above, got none"),
+        ({"signal": "link"}, "only_if: expected one of is, is_not, below, above, between, got none"),
         (
             {"signal": "link", "is": 1, "above": 2},
-            "only_if: expected one of is, is_not, below, above, got is and above",
+            "only_if: expected one of is, is_not, below, above, between, got is and above",
         ),
         (
             {"signal": "battery_level", "is": 1},
