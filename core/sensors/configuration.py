@@ -115,7 +115,8 @@ def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
     source = replace(_SOURCE, default=tree.get("sensors") or _SOURCE.default)
     sections = {metric: (source, *parameters[1:]) for metric, parameters in METRIC_PARAMETERS.items()}
     for metric, found in _host_sections(tree, ()).items():
-        sections[f"{HOST_SECTION}.{metric}"] = _host_parameters(found["source"])
+        parameters = _host_parameters(found["source"])
+        sections[f"{HOST_SECTION}.{metric}"] = (replace(parameters[0], default=found["source"]), *parameters[1:])
     return tuple(
         replace(parameter, name=f"{section}.{parameter.name}")
         for section, parameters in sections.items()

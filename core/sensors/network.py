@@ -77,17 +77,18 @@ class CounterRate:
         return self._rate
 
     def _count(self, now_s: float) -> int:
+        among = None if self._among is None else self._among(self._computer.paths)  # may raise NoSuchSensor
         counters = self._computer.once(now_s, _counters)
-        allowed = [name for name in counters if name != "lo" or self._interface == "lo"]
-        if self._among is not None:
-            names = self._among(self._computer.paths)  # raises NoSuchSensor
-            allowed = [name for name in names if name in counters]
+        if among is None:
+            allowed = [name for name in counters if name != "lo" or self._interface == "lo"]
+        else:
+            allowed = [name for name in among if name in counters]
         if self._interface == "" and allowed:
             chosen = [counters[name] for name in allowed]
         elif self._interface in allowed:
             chosen = [counters[self._interface]]
         else:
-            available = ", ".join(sorted(counters if self._among is None else allowed)) or "none"
+            available = ", ".join(sorted(counters if among is None else allowed)) or "none"
             name = f" {self._interface}" if self._interface else ""
             raise SensorError(f"this machine has no network interface{name}; available: {available}")
         try:

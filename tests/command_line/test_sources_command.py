@@ -94,6 +94,29 @@ def test_every_kind_of_source_is_listed_whatever_the_machine_lacks(machine: Mach
     assert all((item["value"] is None) == (item["problem"] is not None) for item in found)
 
 
+def test_processes_are_listed_by_the_nodes_that_run(machine: Machine) -> None:
+    machine({"/proc/uptime": "100.0 1.0", "/proc/70/stat": f"70 (amcl) S {'1 ' * 40}"})
+    (machine.root / "proc/70/cmdline").write_bytes(b"/x/amcl\0__name:=localization\0")
+    lines = lines_of(io.StringIO(), machine)
+    assert '{source: process_running, node: "localization"}: 1' in lines
+    assert '{source: process_threads, node: "localization"}: 1' in lines
+
+
+def test_what_is_missing_is_said_with_the_reason(machine: Machine) -> None:
+    machine({"/proc/uptime": "100.0 1.0", "/proc/1/stat": f"1 (init) S {'1 ' * 40}", "/proc/1/cmdline": "/sbin/init"})
+    lines = lines_of(io.StringIO(), machine)
+    assert '{source: process_memory, command: "*/amcl *"}: no process matches command */amcl *' in lines
+    for kind, reason in (
+        ("throttled", "no Raspberry Pi: there is no "),
+        ("can_errors", "no CAN interface in "),
+        ("gpu_percent, device: 0", "no graphics processor of NVIDIA: its driver is not loaded"),
+        ("clock_offset_ms", "no time daemon: "),
+        ("fan_rpm", "this machine has no fan"),
+        ("pressure_io", "this kernel does not measure pressure: "),
+    ):
+        assert any(line.startswith(f"{{source: {kind}}}: {reason}") for line in lines), kind
+
+
 @pytest.mark.parametrize(
     "options",
     [

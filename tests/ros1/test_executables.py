@@ -54,6 +54,19 @@ def test_battery_sensor_publishes_its_three_metrics(ros: Any, start: Any) -> Non
     assert levels == sorted(levels, reverse=True)
 
 
+def test_battery_sensor_publishes_this_computer_and_its_processes(ros: Any, start: Any, parameters: Any) -> None:
+    parameters("/battery_sensor/host_preset", "standard")
+    parameters("/battery_sensor/host/own/source", "process_memory")
+    parameters("/battery_sensor/host/own/command", "*battery_sensor*")
+    parameters("/battery_sensor/host/own/reduce", "max")
+    process = start("battery_sensor", "_publish_rate:=20")
+    process.wait_for_text("systemd_failed, own")
+    heard = {name: ros.listen(f"/{name}", FLOAT32) for name in ("disk_percent", "memory_percent", "own")}
+    ros.wait_until(lambda: all(len(messages) >= 3 for messages in heard.values()))
+    assert 0.0 < heard["disk_percent"][-1]["data"] < 100.0
+    assert 10.0 < heard["own"][-1]["data"] < 1000.0  # MB
+
+
 def test_system_health_is_the_average_of_the_three(ros: Any, start: Any) -> None:
     process = start("aggregator", "_publish_rate:=20")
     process.wait_for_text(READY["aggregator"])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
-from typing import Any, List, Mapping
+from typing import Any, Callable, List, Mapping, Tuple
 
 import pytest
 from harness.machine import Machine
 from harness.parameters import set_parameter
+from harness.port_conformance import levels_to
 from harness.stage import Stage, status, values_of
 
 from robot_health_monitor.core.errors import ConfigError
@@ -70,6 +72,58 @@ def test_defaults_that_a_middleware_fills_in_are_no_change(stage: Stage) -> None
     middleware.set_parameters(unflatten({**dict(flatten({"sensor_name": "other"})), **defaults}))
     stage.bus.run_until(4.0)
     assert levels == [100.0, 99.0, 98.0, 97.0]
+
+
+def test_a_disk_that_hangs_is_stale_and_delays_no_other_metric(stage: Stage, machine: Machine) -> None:
+    machine({"/proc/vmstat": "nr_free_pages 1\noom_kill 0"})
+    started: List[Callable[[], None]] = []
+
+    def background(function: Callable[[], None]) -> bool:
+        """A thread whose disk hangs from the second read on, until it is let go on."""
+        started.append(function)
+        if len(started) != 2:
+            function()
+        return len(started) != 2
+
+    host = {"disk": {"source": "disk_free"}, "kills": {"source": "oom_kills"}}
+    off = {metric: {"source": "none"} for metric in configuration.METRICS}
+    disk, kills = stage.listen("disk", "data"), stage.listen("kills", "data")
+    alerts: List[Tuple[str, str]] = []
+    stage.alert_system({"signals": {"disk": {}, "kills": {}}}, {"test": levels_to(alerts)})
+    node = stage.bus.node("battery_sensor", parameters={**off, "host": host})
+    BatterySensor(node, Computer(machine.paths, background))
+    stage.bus.run_until(20.0)
+    assert (len(disk), len(kills)) == (1, 20)
+    assert alerts == [("disk", "STALE")]
+    line = "disk is not published: no answer from the disk at / for more than 5 s"
+    assert stage.log(Severity.WARN).count(line) == 1
+    started[1]()
+    stage.bus.run_until(22.0)
+    assert alerts == [("disk", "STALE"), ("disk", "OK")]
+    assert len(started) == 3  # one thread hung, however often the disk was to be read
+
+
+def test_a_node_that_dies_is_an_alert_and_its_other_metrics_are_stale(stage: Stage, machine: Machine) -> None:
+    stat = "S 1 1 1 0 -1 4194560 0 0 0 0 5 5 0 0 20 0 3 0 500 0 5000 1 0 0"
+    amcl = {"/proc/70/stat": f"70 (amcl) {stat}", "/proc/70/cmdline": "/x/amcl"}
+    machine({"/proc/uptime": "100.0 1.0", "/proc/1/stat": f"1 (init) {stat}", "/proc/1/cmdline": "/sbin/init"}, amcl)
+    host = {
+        "running": {"source": "process_running", "command": "*/amcl*"},
+        "threads": {"source": "process_threads", "command": "*/amcl*"},
+    }
+    off = {metric: {"source": "none"} for metric in configuration.METRICS}
+    alerts: List[Tuple[str, str]] = []
+    signals = {"running": {"error_below": 0.5}, "threads": {"warn_above": 10.0}}
+    stage.alert_system({"signals": signals}, {"test": levels_to(alerts)})
+    BatterySensor(stage.bus.node("battery_sensor", parameters={**off, "host": host}), machine.computer)
+    stage.bus.run_until(10.0)
+    assert alerts == []
+    shutil.rmtree(machine.root / "proc" / "70")
+    stage.bus.run_until(20.0)
+    assert alerts == [("running", "ERROR"), ("threads", "STALE")]
+    machine(amcl)
+    stage.bus.run_until(22.0)
+    assert alerts[2:] == [("running", "OK"), ("threads", "OK")]
 
 
 def test_a_metric_without_a_source_is_not_published(stage: Stage) -> None:
