@@ -20,7 +20,7 @@ from robot_health_monitor.core.proposal.proposal import Proposal, Proposed, Sign
 from robot_health_monitor.core.proposal.suggestion import suggest
 from robot_health_monitor.core.proposal.survey import Survey
 from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
-from robot_health_monitor.core.signal_config import BOUNDS
+from robot_health_monitor.core.signal_config import BOUNDS, template_name
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.recordings.decoding import types_of
 from robot_health_monitor.recordings.judging import Judge, JudgedEvent
@@ -55,7 +55,7 @@ class _Group:
 
 
 class _Alerts:
-    """The alerts of a replay, and how long each signal was beyond its bounds."""
+    """The alerts of a replay, and how long each signal was beyond its bounds. Elements count for their template."""
 
     def __init__(self) -> None:
         self.by_bound: Counter[Tuple[str, Optional[float]]] = Counter()  # alerts by signal and bound
@@ -68,10 +68,11 @@ class _Alerts:
         if not isinstance(event, Transition) or event.repeat:
             return
         self._end(event.signal, judged.wall_s)
+        configured = template_name(event.signal)
         if event.to_level is Level.STALE:
-            self.stale[event.signal] += 1
+            self.stale[configured] += 1
         elif event.to_level is not Level.OK and event.bound is not None:
-            self.by_bound[event.signal, event.bound] += 1
+            self.by_bound[configured, event.bound] += 1
             self._since_s[event.signal] = judged.wall_s
 
     def end_recording(self, wall_s: float) -> None:
@@ -80,7 +81,8 @@ class _Alerts:
 
     def _end(self, signal: str, wall_s: float) -> None:
         lasted_s = wall_s - self._since_s.pop(signal, wall_s)
-        self.longest_s[signal] = max(lasted_s, self.longest_s.get(signal, 0.0))
+        configured = template_name(signal)
+        self.longest_s[configured] = max(lasted_s, self.longest_s.get(configured, 0.0))
 
 
 class _Study:
@@ -205,7 +207,7 @@ class _Study:
             name: {
                 key: value
                 for key, value in settings.items()
-                if not (key in ("only_if", "latch_release_if") and value["signal"] not in signals)
+                if not (key in ("only_if", "latch_release_if") and template_name(value["signal"]) not in signals)
             }
             for name, settings in signals.items()
         }

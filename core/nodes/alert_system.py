@@ -101,7 +101,7 @@ class AlertSystem:
         self.outlets.add(node.DIAGNOSTICS, self._publish_change)
         self_report = replace(
             self_report,
-            signals=lambda: len(self.monitor.config.signals),
+            signals=lambda: len(self.monitor.configs() or self.monitor.config.signals),
             simulated=lambda: filter(self.is_simulated, self._config.signals),
             without_sensor=lambda: sorted(self._unavailable),
             silenced=self.count_silenced,
