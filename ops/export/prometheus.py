@@ -122,8 +122,9 @@ class _Rules:
         self._signal = signal
         self._robots = robots
         self._problems = problems
-        self._label = "" if signal.is_template else signal.name
-        """Label of the alerts; empty: the elements are signals, and their series have it."""
+        # `promtool check rules` reports rules with the same labels as written. Those of elements are in their series.
+        self._label = f"{{{{/* {signal.name} */}}}}{{{{ $labels.signal }}}}" if signal.is_template else signal.name
+        self._recorded = f"{'template' if signal.is_template else 'signal'}: {signal.name}"
         self._unit = _escaped(judged_unit(signal))
         is_forecast = signal.statistic == "forecast" and bool(signal.bounds)
         self._has_scrapes = signal.window_s / 2.0 >= LEAST_SAMPLES * interval_s
@@ -164,7 +165,7 @@ class _Rules:
     def _beyond_rule(self, level: str, side: str, bound: float) -> List[str]:
         if side == _REPORTED:  # WARN also while a worse level is reported, as for bounds
             value = self._metric("value", condition=" == 2" if level == "ERROR" else " >= 1")
-            return _record(BEYOND, value, f"level: {level}, side: {side}")
+            return _record(BEYOND, value, f"{self._recorded}, level: {level}, side: {side}")
         operator = _OPERATORS[side]
         value = self._judged(side)
         expression = f"{value} {operator} {_number(bound)}"
@@ -172,7 +173,7 @@ class _Rules:
             clears_at = _number(self._clears_at(side, bound))
             before = self._beyond(level, f', side="{side}"')
             expression += f"\nor ({value} {operator} {clears_at} and on (robot, signal) {before})"
-        return _record(BEYOND, expression, f"level: {level}, side: {side}")
+        return _record(BEYOND, expression, f"{self._recorded}, level: {level}, side: {side}")
 
     def _judged(self, side: str) -> str:
         """Returns the statistic that the bounds of a side apply to; of several monitors, the worst counts."""
@@ -197,7 +198,7 @@ class _Rules:
         expression += "".join(f"\n  and count_over_time({found}) >= {LEAST_SAMPLES}" for found in (older, newer))
         if signal.window_min_s:
             expression += f"\n  and {latest} offset {_duration(signal.window_min_s)}"
-        return _record(FORECAST, expression + "\n)")
+        return _record(FORECAST, expression + "\n)", self._recorded)
 
     def _beyond(self, level: str, further: str = "") -> str:
         return BEYOND + _selector(self._robots, f'{signal_matcher(self._signal)}, level="{level}"{further}')
@@ -245,8 +246,9 @@ class _Rules:
         crossed, lines = self._crossed("ERROR", bounds), []
         if for_s > shorter_s:
             since = _SINCE + _selector(self._robots, signal_matcher(self._signal))
-            expression = f"(\n{since} or time() + 0 * (\n{crossed}\n)\n)\nand on (robot, signal) (\n{crossed}\n)"
-            lines = _record(_SINCE, expression)
+            began = f"{since} or on (robot, signal) time() + 0 * (\n{crossed}\n)"
+            expression = f"(\n{began}\n)\nand on (robot, signal) (\n{crossed}\n)"
+            lines = _record(_SINCE, expression, self._recorded)
             firing = f'{signal_matcher(self._signal)}, level="ERROR", alertname="{ALERT}", alertstate="firing"'
             lasted = f"time() - {since} >= {_number(for_s - shorter_s)} or ALERTS{_selector(self._robots, firing)}"
             crossed = f"({crossed})\nand on (robot, signal) ({lasted})"
@@ -351,12 +353,12 @@ def _alert(
     signal: str, level: str, expression: str, reason: str, for_s: float = 0.0, keep_firing_for_s: float = 0.0
 ) -> List[str]:
     times = {"for": for_s, "keep_firing_for": keep_firing_for_s}
-    summary = json.dumps(f"{_ROBOT}{signal or '{{ $labels.signal }}'} {level}: {reason}")
-    label = f"signal: {signal}, " if signal else ""
+    summary = json.dumps(f"{_ROBOT}{signal} {level}: {reason}")
+    label = json.dumps(signal) if "{" in signal else signal
     return [
         "", f"      - alert: {ALERT}", *_expr(expression),
         *(f"        {key}: {_duration(time_s)}" for key, time_s in times.items() if time_s > 0.0),
-        f"        labels: {{{label}level: {level}, severity: {SEVERITIES[Level[level]]}}}",
+        f"        labels: {{signal: {label}, level: {level}, severity: {SEVERITIES[Level[level]]}}}",
         f"        annotations: {{summary: {summary}}}",
     ]  # fmt: skip
 

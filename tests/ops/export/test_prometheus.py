@@ -49,7 +49,7 @@ def promtool(folder: Path, *arguments: str) -> str:
 def test_promtool_accepts_the_rules_of_every_shipped_configuration(tmp_path: Path, file: str) -> None:
     (tmp_path / "rules.yaml").write_text(export_rules(load_config(ROOT / "config" / file)).text)
 
-    assert promtool(tmp_path, "check", "rules", "rules.yaml") == ""
+    assert promtool(tmp_path, "check", "rules", "--lint-fatal", "rules.yaml") == ""
 
 
 @needs_promtool
@@ -63,12 +63,28 @@ def test_promtool_accepts_the_rules_of_every_shipped_configuration(tmp_path: Pat
             {"a": {"statistic": "forecast", "window_s": 600.001, "forecast_s": 0.001, "error_above": -1e-9}},
             id="forecast",
         ),
+        pytest.param(
+            {
+                "a": {"field": "x[*]", "statistic": "forecast", "forecast_s": 60.0, "warn_below": 1.0},
+                "b": {
+                    "statistic": "forecast",
+                    "forecast_s": 60.0,
+                    "warn_below": 1.0,
+                    "error_below": 0.0,
+                    "error_for_s": 9.0,
+                },
+                "c": {"field": "y[*]", "warn_below": 1.0, "error_below": 0.0, "error_for_s": 9.0},
+                "d": {"field": "z[*]", "warn_below": 1.0, "error_below": 0.0, "error_for_s": 9.0},
+                "e": {"field": 'status["*"]', "error_for_s": 9.0},
+            },
+            id="several of each",
+        ),
     ],
 )
 def test_promtool_accepts_the_rules_of_odd_configurations(tmp_path: Path, signals: Mapping[str, Any]) -> None:
     (tmp_path / "rules.yaml").write_text(exported(signals, robots=['r"1\\', "ä|b", "x.y"]).text)
 
-    assert promtool(tmp_path, "check", "rules", "rules.yaml") == ""
+    assert promtool(tmp_path, "check", "rules", "--lint-fatal", "rules.yaml") == ""
 
 
 @needs_promtool
@@ -398,8 +414,9 @@ def test_the_alerts_of_elements_have_the_label_of_their_series() -> None:
     text = exported({"cells": {"field": "cell_voltage[*]", "warn_below": 3.2}}).text
     rules = [rule for rule in yaml.safe_load(text)["groups"][0]["rules"] if "alert" in rule]
     (warn,) = [rule for rule in rules if rule["labels"]["level"] == "WARN"]
-    assert warn["labels"] == {"level": "WARN", "severity": "warning"}
-    assert warn["annotations"]["summary"].startswith("{{ $labels.robot }}: {{ $labels.signal }} WARN: ")
+    signal = "{{/* cells */}}{{ $labels.signal }}"  # a comment, so that it differs between templates
+    assert warn["labels"] == {"signal": signal, "level": "WARN", "severity": "warning"}
+    assert warn["annotations"]["summary"].startswith(f"{{{{ $labels.robot }}}}: {signal} WARN: ")
 
 
 class Scraped:
