@@ -237,7 +237,7 @@ def _read_signals(tree: Mapping[str, Any], path: Path) -> Dict[str, SignalConfig
         raise ConfigError("is missing; expected a mapping of signal names to their settings", path)
     signals = require_mapping(tree["signals"], path)
     if not signals:
-        raise ConfigError("expected at least one signal, got none", path)
+        raise ConfigError("expected at least one signal, got none; `robot-health init` writes them", path)
     problems = Problems()
     read: Dict[str, SignalConfig] = {}
     for name, found in signals.items():

@@ -36,6 +36,7 @@ from .tables import (
     rank,
     short_bounds,
     signal_lines,
+    watches_nothing,
 )
 
 _STYLE_OF_SEVERITY = {Severity.WARN: STYLE_OF_LEVEL[Level.WARN], Severity.ERROR: "red", Severity.FATAL: "bold red"}
@@ -201,8 +202,9 @@ class LiveView(Output):
         else:
             title = Text(self._shown(state.robot), style="bold")
             title.append(" is ", style="not bold")
-            worst = max((row.status for row in state.rows), key=rank, default=None)
-            title.append(level_text(worst) if worst else Text("OK", style=STYLE_OF_LEVEL[Level.OK]))
+            nothing = watches_nothing(state.rows)
+            worst = None if nothing else max((row.status for row in state.rows), key=rank)
+            title.append(level_text(worst) if worst else Text("not watched", style="cyan"))
             if state.system_health is not None and width >= 60:
                 title.append(f"   system_health {state.system_health:.1f}", style="not bold")
         minutes, seconds = divmod(int(time.monotonic() - self._started_s), 60)

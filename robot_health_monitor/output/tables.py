@@ -33,6 +33,7 @@ _BARS = "▁▂▃▄▅▆▇█"
 TREND_SAMPLES = 16
 """Width of the trend, in samples and in cells."""
 _STATISTICS = ("mean", "min", "max")
+_NOTHING = "no signal is watched: run `robot-health init`"
 _GAP = 2
 """Blanks between columns."""
 _INDENT = "  "
@@ -138,12 +139,19 @@ def short_bounds(config: SignalConfig) -> str:
     )
 
 
+def watches_nothing(rows: Sequence[SignalRow]) -> bool:
+    """Whether no signal is watched; a link that is up is none."""
+    return all(row.status.name == LINK and rank(row.status) == 0 for row in rows)
+
+
 def signal_lines(rows: Sequence[SignalRow], width: int, room: int, shown: Escape, bars: bool = True) -> List[Text]:
     """Returns the lines of the table of one robot: at most `room`, of at most `width` cells.
 
     The signals are in the order of `rows`, but the worst come first if not all fit. A link that is up takes no line.
     `bars` draws trends, which need UTF-8.
     """
+    if watches_nothing(rows):
+        return [Text(part) for part in wrapped(_NOTHING, width)]
     rows = [row for row in rows if row.status.name != LINK or rank(row.status) > 0]
     columns = _SignalColumns(rows, width, shown, bars)
     blocks = [(rank(row.status), columns.row(row)) for row in rows]

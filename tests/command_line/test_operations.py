@@ -171,7 +171,7 @@ def test_a_robot_that_is_started_anew_continues_its_alert(operations: Operations
 
 def test_a_wrong_configuration_of_a_robot_is_an_error_and_it_can_be_started_again(operations: Operations) -> None:
     node = LocalBus().node("alert_system", parameters={"robot_name": "r3", "signals": {}})
-    with pytest.raises(ConfigError, match=r"^signals: expected at least one signal, got none$"):
+    with pytest.raises(ConfigError, match=r"^signals: expected at least one signal, got none; `robot-health init`"):
         operations.start(node)
     robot = Robot(operations)
     robot.publish(10.0)

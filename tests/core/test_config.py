@@ -92,7 +92,7 @@ def test_the_defaults_of_the_default_signals_are_those_that_are_watched() -> Non
     ("source", "problem"),
     [
         ({}, "signals: is missing; expected a mapping of signal names to their settings"),
-        ({"signals": {}}, "signals: expected at least one signal, got none"),
+        ({"signals": {}}, "signals: expected at least one signal, got none; `robot-health init` writes them"),
         ({"signals": None}, "signals: expected a mapping of keys to values, got nothing"),
         ({"signals": {"a": None}}, "signals.a: expected a mapping of keys to values, got nothing"),
         ({"signals": {1: {}}}, "signals.1: expected text as a key, got 1; quote it"),

@@ -38,7 +38,12 @@ class Robot {
     /** How many further signals are not OK. With the link down, all are unknown for that one reason. */
     this.others = this.kinds.get(LINK) === "nolink" ? 0 : Math.max(0, this.bad.length - 1);
     this.silenced = signals.filter(([, signal]) => signal.silenced).length;
-    this.kind = this.bad.length ? this.kinds.get(this.bad[0][0]) : signals.length ? "ok" : "waiting";
+    this.kind = this.bad.length ? this.kinds.get(this.bad[0][0]) : this.isEmpty ? "waiting" : "ok";
+  }
+
+  /** Whether no signal is watched. */
+  get isEmpty() {
+    return Object.keys(this.data.signals).every((name) => name === LINK);
   }
 
   /** The reason for the kind, in one line; empty if OK. */

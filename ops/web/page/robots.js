@@ -31,7 +31,8 @@ class RobotRow {
     this.robot = robot;
     this.badge.show(robot.kind);
     setAttribute(this.element, "class", `robot ${robot.kind}`);
-    setText(this.reason, robot.cause || countText(robot.kinds.size, "signal"));
+    const text = robot.isEmpty ? "no signal is watched: run `robot-health init`" : countText(robot.kinds.size, "signal");
+    setText(this.reason, robot.cause || text);
     setText(this.more, robot.others ? ` and ${robot.others} more` : "");
     this.silenced.hidden = !robot.silenced;
     setText(this.silenced.lastChild, robot.silenced ? `${robot.silenced} silenced` : "");

@@ -239,6 +239,14 @@ def test_an_unknown_level_looks_like_neither_ok_nor_an_alarm(state: str, monkeyp
     assert not re.search(r"\b(STALE|OK|ERROR)\b", rows[3])
 
 
+def test_a_monitor_without_a_signal_is_not_ok_and_says_what_to_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    for statuses in ([], [status("link", 0, "up")]):
+        rows = draw(statuses, 80, monkeypatch)
+        assert rows[0].startswith("atlas is not watched ")
+        assert rows[1:] == ["no signal is watched: run `robot-health init`"]
+    assert draw([status("link", 2, "down: refused")], 80, monkeypatch)[0].startswith("atlas is ERROR ")
+
+
 def test_an_alarm_counts_more_than_an_unknown_level(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = draw(
         [status("a", 1, "19.5 % is below 20 %"), status("b", 3, "no sample yet", state="waiting")], 80, monkeypatch

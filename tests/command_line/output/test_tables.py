@@ -159,6 +159,13 @@ def test_a_terminal_without_utf8_has_no_trend() -> None:
     assert all(line.plain.isascii() for line in signal_lines(rows, 80, 20, printable, bars=False))
 
 
+def test_without_a_signal_there_is_what_to_run() -> None:
+    text = "no signal is watched: run `robot-health init`"
+    assert lines([]) == lines([row(LINK, 0, "up")]) == [text]
+    assert lines([row(LINK, 2, "down: refused")])[1] == "link    ERROR  down: refused"
+    assert " ".join(lines([], width=20)) == text
+
+
 def test_a_link_that_is_up_takes_no_line() -> None:
     assert len(lines([row(LINK, 0, "up"), row("a", 0, "1")])) == 2
     assert lines([row(LINK, 2, "down: refused")])[1] == "link    ERROR  down: refused"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping
 
@@ -347,6 +348,23 @@ def test_the_healthy_elements_of_an_array_are_folded_and_come_and_go(browser: Br
         "joints", "battery_level"
     }  # fmt: skip
     assert browser.run("return document.querySelectorAll('.elements, .plot svg').length") == 1  # the plot
+    assert browser.console() == []
+
+
+def test_a_robot_without_signals_is_not_ok_and_says_what_to_run(browser: Browser, served: Any) -> None:
+    site = served("atlas")
+    site.observe(50.0)
+    browser.open(site.url)
+    browser.wait_for_text(".cause", "1 signal")
+
+    def watch_nothing(robots: Robots) -> None:
+        monitor = robots.all[0].monitor
+        monitor.configure(replace(monitor.config, signals={}))
+
+    site.do(watch_nothing)
+    browser.wait_for_text(".cause", "no signal is watched: run `robot-health init`")
+    assert browser.find("#summary").text == "atlas: waiting"
+    assert browser.texts(".signal") == []
     assert browser.console() == []
 
 
