@@ -24,6 +24,7 @@ COMMANDS = {
     "run": "monitor this machine or a simulated robot, without ROS",
     "connect": "monitor robots over rosbridge, without ROS",
     "check": "check configuration files, without starting anything",
+    "init": "write a first thresholds.yaml from a live robot",
     "sources": "list the metrics available on this machine",
     "replay": "show the alerts that recordings would have raised",
     "suggest": "write thresholds from recordings of healthy robots",

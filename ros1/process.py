@@ -74,6 +74,12 @@ class Ros1Process:
         self.middlewares.append(served)
         return served
 
+    def create_listener(self, name: str) -> Ros1ServedMiddleware:
+        """Creates a node that only listens, and runs it at once."""
+        listener = Ros1ServedMiddleware(name)
+        self.middlewares.append(listener)
+        return listener
+
     def recover_node(self, name: str, failed: Ros1Middleware) -> Optional[Ros1Middleware]:
         """Creates a node again with the parameters with which it ran last; None: no others are known.
 

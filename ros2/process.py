@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
+import threading
 import time
 import warnings
-from typing import TYPE_CHECKING, Any, Callable, List, Tuple
+from typing import TYPE_CHECKING, Any, Callable, List, Optional, Tuple
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -39,6 +41,8 @@ _IDLE_S = 0.2
 _MAX_IDLE_LOAD = 0.1
 """Share of a core above which an executor that has nothing to do is taken for a busy loop."""
 _SPIN_S = 3600.0
+_LISTEN_S = 0.2
+"""How often a listener looks whether it is to end, in s."""
 _MAX_DOMAIN_ID = 232
 """Ports of DDS: 7400 + 250 per domain (https://docs.ros.org/en/jazzy/Concepts/Intermediate/About-Domain-ID.html)."""
 
@@ -51,6 +55,8 @@ class Ros2Process:
         self.middlewares: List[Ros2Middleware] = []
         self._interrupts = interrupts
         self._log_problem = ""
+        self._listening: Optional[threading.Thread] = None
+        self._listened = threading.Event()
 
     def start(self) -> None:
         """Reads the command line and the parameter files."""
@@ -93,6 +99,21 @@ class Ros2Process:
         self.middlewares.append(served)
         return served
 
+    def create_listener(self, name: str) -> Ros2ServedMiddleware:
+        """Creates a node that only listens, and runs it at once, in a thread."""
+        listener = Ros2ServedMiddleware(name)
+        self.middlewares.append(listener)
+        executor, _ = choose_executor("auto", [listener.node], listener.log)
+
+        def run() -> None:
+            with contextlib.suppress(ExternalShutdownException):
+                while not self._listened.is_set():
+                    executor.spin_until_future_complete(Future(), _LISTEN_S)
+
+        self._listening = threading.Thread(target=run, name="listener", daemon=True)
+        self._listening.start()
+        return listener
+
     def recover_node(self, name: str, failed: Ros2Middleware) -> None:
         """Returns None: parameters that were set at run time end with their node."""
 
@@ -119,6 +140,9 @@ class Ros2Process:
 
     def close(self) -> None:
         """Closes every node and shuts rclpy down."""
+        self._listened.set()
+        if self._listening is not None:
+            self._listening.join()
         uninstall_signal_handlers()
         for middleware in self.middlewares:
             middleware.close()

@@ -21,6 +21,7 @@ _LONGEST_NAME = 200
 _MOST_WALKED = 2_000
 _DEEPEST = 16
 _OF_MIDDLEWARE = ("/clock", "/rosout", "/rosout_agg", "/parameter_events", "/client_count", "/connected_clients")
+_ENDINGS_OF_MIDDLEWARE = ("/_action/status", "/_action/feedback", "/_executor_probe")
 _NAME = re.compile(r"/[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 _DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
@@ -113,9 +114,9 @@ class Candidate(NamedTuple):
 class Names:
     """Gives signals names of letters, digits and `_`, each once."""
 
-    def __init__(self) -> None:
-        """Starts without names."""
-        self._used: Set[str] = set()
+    def __init__(self, taken: Iterable[str] = ()) -> None:
+        """Starts with names that are taken."""
+        self._used: Set[str] = set(taken)
 
     def new(self, *words: str) -> str:
         """Returns a name for a topic or a field that has not been returned before."""
@@ -156,7 +157,7 @@ def list_candidates(
     problems: List[str] = []
     known: Dict[str, Topic] = {}
     for each in sorted(topics, key=lambda each: each.topic):
-        if each.topic in _OF_MIDDLEWARE or each.topic.endswith("/_action/status"):
+        if each.topic in _OF_MIDDLEWARE or each.topic.endswith(_ENDINGS_OF_MIDDLEWARE):
             left_out[each.topic] = "a topic of the middleware"
         elif not _NAME.match(each.topic):
             problems.append(f"{each.topic}: left out, its name is not valid in ROS")

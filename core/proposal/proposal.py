@@ -13,7 +13,7 @@ from ..signal_config import BOUNDS, read_signal
 from .candidates import FRACTIONS, Candidate, Names, Topic, list_candidates
 from .measured import Measured
 from .suggestion import Setting, Suggestion, suggest
-from .survey import Survey, read_signals
+from .survey import Survey
 
 ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s")
 """Keys that are proposed, in the order in which they are written."""
@@ -65,14 +65,14 @@ class Proposed:
 class Proposal:
     """Listens to the topics of a robot, and proposes what to watch. Serves recordings and live robots alike."""
 
-    def __init__(self, namespace: str = "", *, ages_of_bulk: bool = True) -> None:
-        """Starts without topics; the arguments are those of `list_candidates`."""
+    def __init__(self, namespace: str = "", *, ages_of_bulk: bool = True, taken: Iterable[str] = ()) -> None:
+        """Starts without topics; `taken` are names of signals not to use, the others as of `list_candidates`."""
         self.topics: Dict[str, str] = {}
         """Types of the topics that are listened to, by their absolute names."""
         self.problems: List[str] = []
         self._namespace = namespace
         self._ages_of_bulk = ages_of_bulk
-        self._names = Names()
+        self._names = Names(taken)
         self._survey = Survey()
         self._candidates: Dict[str, Candidate] = {}
         self._left_out: Dict[str, str] = {}
@@ -87,19 +87,20 @@ class Proposal:
         self._candidates.update((each.name, each) for each in listing.candidates)
 
     def listen(self, node: Middleware, topics: Container[str]) -> None:
-        """Subscribes to topics that were taken, by their absolute names. Raises ConfigError: a type is unknown."""
-        wanted = {name: each.settings for name, each in self._candidates.items() if each.topic in topics}
-        if wanted:
-            self._survey.listen(node, read_signals(wanted))
+        """Subscribes to topics that were taken, by their absolute names; one that cannot be subscribed is left out."""
+        for name, candidate in list(self._candidates.items()):
+            if candidate.topic in topics:
+                try:
+                    self._survey.listen(node, {name: read_signal(name, candidate.settings)})
+                except ConfigError as error:
+                    del self._candidates[name]
+                    self._left_out.setdefault(candidate.topic, error.problem)
 
     @property
     def samples(self) -> int:
         """Messages that were heard until now."""
-        return sum(
-            measured.samples
-            for name, measured in self._survey.measured.items()
-            if self._candidates[name].kind in ("rate", "statuses")
-        )
+        arrivals = [name for name, each in self._candidates.items() if each.kind in ("rate", "statuses")]
+        return sum(self._survey.measured[name].samples for name in arrivals if name in self._survey.measured)
 
     def result(self, longest_s: Optional[Mapping[str, float]] = None) -> Proposed:
         """Returns what is proposed; `longest_s` has the longest healthy excursion of signals, as `suggest` takes it."""

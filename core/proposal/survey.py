@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Callable, Dict, List, Mapping
 
-from ..config import Section, read_monitor
 from ..elements import DriverStatus, Elements, with_ages
 from ..middleware import Middleware
 from ..signal_config import BOUNDS, SignalConfig
@@ -78,8 +77,3 @@ def _taker(config: SignalConfig, measured: Measured) -> Callable[[object, float]
 def _unbounded(config: SignalConfig) -> SignalConfig:
     none = dict.fromkeys(BOUNDS)
     return replace(config, **none, stale_after_s=0.0, only_if=None, latch_release_if=None)  # type: ignore[arg-type]
-
-
-def read_signals(signals: Mapping[str, Mapping[str, object]]) -> Mapping[str, SignalConfig]:
-    """Returns the configuration of signals; raises ConfigError."""
-    return read_monitor(Section((), {"signals": signals})).signals

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import Any, Dict
 
 from robot_health_monitor.core.local import LocalBus
-from robot_health_monitor.core.proposal.survey import MOST_ELEMENTS, Survey, read_signals
+from robot_health_monitor.core.proposal.survey import MOST_ELEMENTS, Survey
+from robot_health_monitor.core.signal_config import read_signal
 
 
 def heard(config: Dict[str, Any], type_name: str, *messages: Any) -> Survey:
     bus = LocalBus(start_s=100.0, wall_time_s=lambda: 1.7e9)
     robot, survey = bus.node("robot"), Survey()
     robot.advertise("topic", type_name)
-    survey.listen(bus.node("survey"), read_signals({"x": {"topic": "topic", "type": type_name, **config}}))
+    survey.listen(bus.node("survey"), {"x": read_signal("x", {"topic": "topic", "type": type_name, **config})})
     for number, message in enumerate(messages):
         bus.run_until(100.0 + number)
         robot.publish("topic", message)
@@ -58,7 +59,7 @@ def test_the_time_between_two_recordings_is_no_gap() -> None:
         bus = LocalBus(start_s=start_s)
         robot = bus.node("robot")
         robot.advertise("topic", "std_msgs/Float32")
-        survey.listen(bus.node("survey"), read_signals({"x": {"topic": "topic", "type": "std_msgs/Float32"}}))
+        survey.listen(bus.node("survey"), {"x": read_signal("x", {"topic": "topic", "type": "std_msgs/Float32"})})
         for number in range(3):
             bus.run_until(start_s + number)
             robot.publish("topic", {"data": 1.0})

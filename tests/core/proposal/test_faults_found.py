@@ -1,0 +1,97 @@
+"""What `init` proposes for a whole robot: silent for the ten minutes that follow, and then 20 faults are found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Dict, List, Tuple
+
+import pytest
+import yaml
+from harness.whole_robot import FAULTS, WholeRobot
+
+from robot_health_monitor.core.definitions import parse_definition
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.proposal.candidates import Topic
+from robot_health_monitor.core.proposal.proposal import Proposal
+from robot_health_monitor.core.proposal.thresholds_file import thresholds_text
+from robot_health_monitor.core.standard_messages import definition
+
+FAULT_S = 40.0
+RECOVERY_S = 50.0
+Lines = List[Tuple[str, str]]
+
+
+def listened(lasts_s: float) -> Tuple[LocalBus, WholeRobot, str]:
+    """Returns the robot and the proposed file after some virtual time."""
+    bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
+    robot, proposal = WholeRobot(bus.node("robot")), Proposal()
+    for topic, type_name in bus.graph().topics.items():
+        proposal.take([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
+    listener = bus.node("init")
+    proposal.listen(listener, proposal.topics)
+    bus.run_until(lasts_s)
+    listener.close()
+    return bus, robot, thresholds_text(["Test."], {}, proposal.result())
+
+
+def watched(bus: LocalBus, text: str) -> List[Transition]:
+    heard: List[Transition] = []
+
+    def hear(event: Event) -> None:
+        if isinstance(event, Transition):
+            heard.append(event)
+
+    parameters = yaml.safe_load(text)["alert_system"]["ros__parameters"]
+    AlertSystem(bus.node("alert_system", parameters=parameters), {"test": hear}, log_alerts=False)
+    return heard
+
+
+@pytest.fixture(scope="module")
+def found() -> Dict[str, Lines]:
+    """The alerts of each fault, and of the ten minutes before them (key "")."""
+    bus, robot, text = listened(610.0)
+    heard = watched(bus, text)
+    alerts: Dict[str, Lines] = {}
+    bus.run_until(bus.now_s + 600.0)
+    alerts[""] = [(each.signal, each.text) for each in heard]
+    for fault in FAULTS:
+        heard.clear()
+        robot.fault = fault
+        bus.run_until(bus.now_s + FAULT_S)
+        robot.fault = ""
+        bus.run_until(bus.now_s + RECOVERY_S)
+        alerts[fault] = [(f"{each.signal} {each.to_level.name}", each.text) for each in heard]
+        heard.clear()
+    return alerts
+
+
+def test_a_healthy_robot_raises_no_alert_in_the_ten_minutes_that_follow(found: Dict[str, Lines]) -> None:
+    assert found[""] == []
+
+
+def test_a_file_after_one_minute_is_silent_for_ten_minutes_too() -> None:
+    bus, _, text = listened(60.0)
+    heard = watched(bus, text)
+    bus.run_until(bus.now_s + 600.0)
+    assert [each.text for each in heard] == []
+    assert "# joint_states_effort_elbow: {" in text
+    assert "    #   /event: " in text
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_found_with_its_cause(found: Dict[str, Lines], fault: str) -> None:
+    assert FAULTS[fault] in [name for name, _ in found[fault]]
+
+
+def test_every_fault_ends(found: Dict[str, Lines]) -> None:
+    for fault, lines in found.items():
+        last = {name.rpartition(" ")[0]: name.rpartition(" ")[2] for name, _ in lines}
+        assert set(last.values()) <= {Level.OK.name}, fault
+
+
+def test_the_page_lists_the_faults_and_their_alerts() -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "statistics.md").read_text(encoding="utf-8")
+    assert "".join(f"| {fault} | `{alert}` |\n" for fault, alert in FAULTS.items()) in page
