@@ -175,9 +175,19 @@ class Monitor:
         return {name: (signal.level, signal.state) for name, signal in self._signals.items()}
 
     def without_samples(self, now_s: float) -> List[SignalConfig]:
-        """Returns the signals without a sample for half of the time allowed, or longer, while the link is up."""
-        configs = ((signal, signal.config) for signal in self._signals.values())
-        return [config for signal, config in configs if signal.staleness.is_half_over(now_s, config.startup_grace_s)]
+        """Returns the signals whose topic has brought no sample for half of the time allowed, while the link is up."""
+        latest_s: Dict[str, float] = {}
+        for name, each in self._signals.items():
+            # A template counts its elements; it receives nothing itself.
+            if name not in self._templates and not each.staleness.waiting:
+                topic = each.config.topic
+                latest_s[topic] = max(each.staleness.silent_since_s, latest_s.get(topic, -math.inf))
+        configs = ((each.config, each.staleness) for each in self._signals.values())
+        return [
+            config
+            for config, staleness in configs
+            if staleness.is_half_over(now_s, config.startup_grace_s, latest_s.get(config.topic, -math.inf))
+        ]
 
     def note_hint(self, signal: str, hint: str) -> None:
         """Sets the hint of a signal without samples, until its next one (`Middleware.why_silent`); empty: unknown."""

@@ -72,10 +72,13 @@ class Staleness:
         """Notes why there are no samples; valid until the next one."""
         self._hint, self._hint_since_s = hint, self.silent_since_s
 
-    def is_half_over(self, now_s: float, startup_grace_s: float) -> bool:
-        """Whether the link is up and half of the limit has passed (of the startup grace if staleness is disabled)."""
+    def is_half_over(self, now_s: float, startup_grace_s: float, since_s: float = -math.inf) -> bool:
+        """Whether the link is up and half of the limit has passed (of the startup grace if staleness is disabled).
+
+        It is counted from the latest sample, or from `since_s` if that is later.
+        """
         limit_s = startup_grace_s if self.waiting and math.isinf(self.limit_s) else self.limit_s
-        return self.unreachable_since_s is None and now_s - self.silent_since_s >= limit_s / 2.0
+        return self.unreachable_since_s is None and now_s - max(self.silent_since_s, since_s) >= limit_s / 2.0
 
     def arrive(self, now_s: float) -> None:
         """Processes a sample, good or bad."""
