@@ -99,7 +99,8 @@ def _options(host_source: HostSource, computer: Computer) -> List[Dict[str, Any]
     if not host_source.options:
         return [{}]
     try:
-        available = list(host_source.available(computer.paths))
+        # In a thread: to list graphics processors, a driver is asked, which may hang.
+        available = list(computer.ask(time.monotonic(), 0.0, "the list", host_source.available))
     except SensorError:
         available = []
     return available or [{option.name: option.default for option in host_source.options[:1]}]

@@ -11,7 +11,7 @@ import os
 from dataclasses import dataclass
 from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence
 
-from ..formatting import list_text
+from ..formatting import list_text, printable
 from .computer import HOST_PATHS, HostPaths, call_psutil, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
@@ -120,13 +120,13 @@ def read_temperatures(paths: HostPaths = HOST_PATHS) -> Dict[str, List[Temperatu
         for chip in (folder, os.path.join(folder, "device")):
             temperatures = _chip_temperatures(chip)
             if temperatures:
-                chips.setdefault(read_text(chip, "name") or "unknown", []).extend(temperatures)
+                chips.setdefault(_name(chip, "name") or "unknown", []).extend(temperatures)
                 break
     if not chips:  # boards such as Jetson have thermal zones only
         for zone in sorted_paths(f"{paths.sys}/class/thermal/thermal_zone*"):
             number = read_float(zone, "temp")
             if number is not None:
-                name = read_text(zone, "type") or "unknown"
+                name = _name(zone, "type") or "unknown"
                 chips.setdefault(name, []).append(Temperature("", number / 1000.0))
     return chips
 
@@ -145,12 +145,12 @@ def read_chips(paths: HostPaths, kind: str) -> Dict[str, float]:
     """Returns the readings of all sensors of a kind (fan, in) by chip/label, or by chip/name without a unique label."""
     found: Dict[str, float] = {}
     for folder in sorted_paths(f"{paths.sys}/class/hwmon/hwmon*"):
-        chip = read_text(folder, "name") or "unknown"
+        chip = _name(folder, "name") or "unknown"
         for file in sorted_paths(f"{folder}/{kind}[0-9]*_input"):
             number = read_float(file)
             if number is not None:
                 sensor = os.path.basename(file)[: -len("_input")]
-                name = f"{chip}/{read_text(folder, f'{sensor}_label') or sensor}"
+                name = f"{chip}/{_name(folder, f'{sensor}_label') or sensor}"
                 found[name if name not in found else f"{chip}{len(found)}/{sensor}"] = number
     return found
 
@@ -265,5 +265,10 @@ def _by_name(chips: Mapping[str, Sequence[Temperature]]) -> Dict[str, float]:
 
 def _chip_temperatures(chip: str) -> List[Temperature]:
     names = [os.path.basename(file)[: -len("_input")] for file in sorted_paths(f"{chip}/temp*_input")]
-    readings = [(read_text(chip, f"{name}_label") or "", read_float(chip, f"{name}_input")) for name in names]
+    readings = [(_name(chip, f"{name}_label"), read_float(chip, f"{name}_input")) for name in names]
     return [Temperature(label, number / 1000.0) for label, number in readings if number is not None]
+
+
+def _name(folder: str, file: str) -> str:
+    """Returns the name of a chip or sensor, as it can be shown; empty if it has none."""
+    return printable((read_text(folder, file) or "")[:60])

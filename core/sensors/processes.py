@@ -220,9 +220,9 @@ class Processes:
         """Lists the processes and reads those that are selected. Called once per period."""
         try:
             now_s = self._uptime_s()
-            pids = {int(name) for name in os.listdir(self._proc) if name.isdigit()}
+            pids = {int(name) for name in os.listdir(self._proc) if name.isdecimal()}
         except (OSError, ValueError, IndexError) as error:
-            raise SensorError(f"cannot read the processes in {self._proc}: {error}") from None
+            raise SensorError(f"cannot read the processes in {self._proc}: {str(error)[:100]}") from None
         for pid in self._known.keys() - pids:
             self._forget(pid)
         self._identify_again(now_s)

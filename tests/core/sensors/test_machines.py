@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 from typing import Any, Dict, Mapping, Union
 
@@ -138,3 +139,51 @@ def test_every_source_of_a_machine_has_a_value_or_one_line_with_the_reason(machi
             else:
                 continue
             assert reason.isprintable() and 10 < len(reason) < 300
+
+
+WRONG = [
+    b"",
+    b"\n",
+    b"\0" * 9,
+    b"\xff\xfe",
+    b"nan",
+    b"-1",
+    b"9" * 5000,
+    b"1e999",
+    b"a b",
+    b": : :",
+    b"=",
+    b"some avg10=\n",
+    b"x" * 70_000,
+]
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_kernel_that_writes_anything_breaks_no_source(machine: Machine, name: str) -> None:
+    noise = random.Random(name)
+    process = {
+        "/proc/uptime": "100.00 200.00",
+        "/proc/70/stat": f"70 (amcl) S {'1 ' * 40}",
+        "/proc/70/cmdline": "/x/amcl",
+    }
+    machine(MACHINES[name], process)
+    files = sorted(path for path in machine.root.rglob("*") if path.is_file())
+    sources = []
+    for made in HOST_SOURCES.values():
+        options: Dict[str, Any] = {option.name: option.default for option in made.options}
+        if made.required:
+            options["command"] = "*amcl*"
+        sources.append(made.make(machine.computer, **options))
+    for step in range(60):
+        for file in noise.sample(files, 3):
+            content = file.read_bytes()
+            cut = noise.randrange(len(content) + 1)
+            file.write_bytes(noise.choice([content[:cut], content[:cut] + noise.choice(WRONG), noise.choice(WRONG)]))
+        for source in sources:
+            try:
+                source.read(float(step))
+            except SensorError as error:
+                reason = str(error)
+            else:
+                continue
+            assert reason.isprintable() and len(reason) < 1000
