@@ -1,8 +1,8 @@
 """The benchmarks: measures, then prints one table. `make bench` prepares their environment and starts them.
 
     make bench                     everything that can run here
-    make bench ARGS=observe        one part: observe, messages, signals, host, footprint, rosbridge,
-                                   recordings, history, notifications, web, fleet,
+    make bench ARGS=observe        one part: observe, messages, signals, statuses, host, footprint,
+                                   rosbridge, recordings, history, notifications, web, fleet,
                                    forecast, cells
     make bench ARGS=--write        everything, and writes the tables of docs/reference/benchmarks.md
 
@@ -40,6 +40,13 @@ def signals() -> Iterator[Row]:
     from benchmarks import signals_cost
 
     yield from on_every_middleware(signals_cost.rows, "many signals, and arrivals of one")
+
+
+def statuses() -> Iterator[Row]:
+    """CPU time with 200 statuses, each a signal of its own."""
+    from benchmarks import statuses_cost
+
+    yield from on_every_middleware(statuses_cost.rows, "200 statuses through one wildcard")
 
 
 def host() -> Iterator[Row]:
@@ -132,6 +139,7 @@ PARTS = {
     "observe": observe,
     "messages": messages,
     "signals": signals,
+    "statuses": statuses,
     "host": host,
     "footprint": footprint,
     "rosbridge": rosbridge,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import sys
 import time
-from typing import Callable, Iterator, List
+from typing import Callable, Dict, Iterator, List, Tuple
 
 BARE, WATCHED = "/bare", "/watched"
 """Topics of the two contestants, or the prefixes of their topics."""
@@ -16,6 +16,17 @@ def battery_levels() -> Iterator[float]:
     noise = random.Random(1)
     while True:
         yield min(99.0, max(30.0, 60.0 + noise.gauss(0.0, 5.0)))
+
+
+STATUSES = 200
+"""Statuses of a message on /diagnostics."""
+
+
+def statuses(number: int) -> Iterator[Tuple[str, str, Dict[str, str]]]:
+    """Yields name, message and key-values of each status of a message, by its number: every driver is OK."""
+    for driver in range(STATUSES):
+        values = {"temperature": f"{40.0 + number % 10 + driver / 10.0:.1f}", "errors": "0", "firmware": "2.4.1"}
+        yield f"driver_{driver}: status", f"running for {number} s", values
 
 
 def topics_below(name: str, count: int) -> List[str]:

@@ -2,7 +2,7 @@
 
 `empty`: a node that does nothing. `exercise`: publishes three numbers at 1 Hz and subscribes to them. `subscriber`:
 counts the messages on `/bare`, or on TOPICS topics below it, in as few lines as possible. `publisher`: publishes as
-`pacing.serve` reads from stdin.
+`pacing.serve` reads from stdin. `diagnostics_subscriber` and `diagnostics_publisher` do so with arrays of statuses.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import sys
 import rospy
 from std_msgs.msg import Float32
 
-from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, topics_below
+from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, statuses, topics_below
 
 
 def empty(topics: int) -> None:
@@ -58,7 +58,42 @@ def publisher(topics: int) -> None:
     serve(lambda: all(one.get_num_connections() > 0 for of_one in publishers for one in of_one), publish)
 
 
+def diagnostics_subscriber(topics: int) -> None:
+    """Receives statuses."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    received = 0
+
+    def count(message: DiagnosticArray) -> None:
+        nonlocal received
+        received += len(message.status)
+
+    rospy.Subscriber(BARE, DiagnosticArray, count, tcp_nodelay=True)
+    rospy.spin()
+
+
+def diagnostics_publisher(topics: int) -> None:
+    """As `publisher`, of arrays of statuses."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    publishers = [rospy.Publisher(name, DiagnosticArray, queue_size=100, tcp_nodelay=True) for name in (BARE, WATCHED)]
+
+    def publish(number: int) -> None:
+        message = DiagnosticArray(
+            status=[
+                DiagnosticStatus(0, name, text, "robot1", [KeyValue(*pair) for pair in values.items()])
+                for name, text, values in statuses(number)
+            ]
+        )
+        message.header.stamp = rospy.Time.now()
+        for one in publishers[:: 1 if number % 2 else -1]:
+            one.publish(message)
+
+    serve(lambda: all(one.get_num_connections() > 0 for one in publishers), publish)
+
+
 if __name__ == "__main__":
     rospy.init_node(f"peer_{sys.argv[1]}", anonymous=True)
-    role = {"empty": empty, "exercise": exercise, "subscriber": subscriber, "publisher": publisher}[sys.argv[1]]
+    roles = (empty, exercise, subscriber, publisher, diagnostics_subscriber, diagnostics_publisher)
+    role = {role.__name__: role for role in roles}[sys.argv[1]]
     role(int(sys.argv[2]))

@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.task import Future
 
-from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, topics_below
+from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, statuses, topics_below
 
 
 def empty(node: Node, topics: int) -> None:
@@ -79,10 +79,54 @@ def publisher(node: Node, topics: int) -> None:
     serve(lambda: all(one.get_subscription_count() > 0 for of_one in publishers for one in of_one), publish)
 
 
+def diagnostics_subscriber(node: Node, topics: int) -> None:
+    """Receives statuses."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.experimental import EventsExecutor
+
+    received = 0
+
+    def count(message: DiagnosticArray) -> None:
+        nonlocal received
+        received += len(message.status)
+
+    node.create_subscription(DiagnosticArray, BARE, count, 10)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    executor.spin_until_future_complete(Future(), 3600.0)
+
+
+def diagnostics_publisher(node: Node, topics: int) -> None:
+    """As `publisher`, of arrays of statuses."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    publishers = [node.create_publisher(DiagnosticArray, name, 10) for name in (BARE, WATCHED)]
+
+    def publish(number: int) -> None:
+        message = DiagnosticArray()
+        message.header.stamp = node.get_clock().now().to_msg()
+        message.status = [
+            DiagnosticStatus(
+                level=DiagnosticStatus.OK,
+                name=name,
+                message=text,
+                hardware_id="robot1",
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+            for name, text, values in statuses(number)
+        ]
+        for one in publishers[:: 1 if number % 2 else -1]:
+            one.publish(message)
+
+    serve(lambda: all(one.get_subscription_count() > 0 for one in publishers), publish)
+
+
 if __name__ == "__main__":
     rclpy.init()
     try:
-        roles = (empty, exercise, subscriber, events_subscriber, publisher)
+        roles = (
+            empty, exercise, subscriber, events_subscriber, publisher, diagnostics_subscriber, diagnostics_publisher,
+        )  # fmt: skip
         role = {role.__name__: role for role in roles}[sys.argv[1]]
         role(Node(f"peer_{sys.argv[1]}"), int(sys.argv[2]))
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -20,7 +20,14 @@ SETTLE_S = 0.2
 
 
 def compare(
-    target: Target, bare: Process, watching: Process, topics: int, rate_hz: float, slice_s: float, rounds: int
+    target: Target,
+    bare: Process,
+    watching: Process,
+    topics: int,
+    rate_hz: float,
+    slice_s: float,
+    rounds: int,
+    publisher: str = "publisher",
 ) -> Tuple[str, str, float]:
     """Feeds two running processes slice after slice; ends them.
 
@@ -32,6 +39,7 @@ def compare(
         rate_hz: messages per second and contestant, over all its topics.
         slice_s: length of a slice in s.
         rounds: how many slices count; one more warms up and fills the windows.
+        publisher: role of the peer that feeds them.
 
     Returns:
         The median CPU time per message of the one and of the other, as text, and the median of their ratios.
@@ -41,12 +49,12 @@ def compare(
     with contextlib.ExitStack() as running:
         for process in contestants.values():
             running.callback(process.end)
-        publisher = target.peer("publisher", topics)
-        running.callback(publisher.end)
-        publisher.order(f"{rate_hz} {slice_s}")
+        feeding = target.peer(publisher, topics)
+        running.callback(feeding.end)
+        feeding.order(f"{rate_hz} {slice_s}")
         for _ in range(rounds):
             begin_s = {name: process.cpu_s() for name, process in contestants.items()}
-            sent = publisher.order(f"{rate_hz} {slice_s}")
+            sent = feeding.order(f"{rate_hz} {slice_s}")
             time.sleep(SETTLE_S)
             for name, process in contestants.items():
                 found[name].append((process.cpu_s() - begin_s[name]) / sent * 1e6)

@@ -36,7 +36,7 @@ class Process:
             env=variables,
             cwd=tempfile.gettempdir(),
             stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE if "publisher" in command else self._log,
+            stdout=subprocess.PIPE if any(word.endswith("publisher") for word in command) else self._log,
             stderr=self._log,
             text=True,
             start_new_session=True,
