@@ -11,9 +11,9 @@ import rospy
 
 from robot_health_monitor.core.definitions import ROS1_KINDS
 from robot_health_monitor.core.dialect import Dialect, FieldType
-from robot_health_monitor.core.fixed_fields import number_getter
 from robot_health_monitor.core.native_fields import as_it_is
 from robot_health_monitor.core.native_messages import NativeMessages, find_generated
+from robot_health_monitor.core.serialized_statuses import serialized_getter as serialized_getter_of
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
 
@@ -56,8 +56,8 @@ service_class = native.service_class
 to_mapping = native.to_mapping
 to_native = native.to_native
 field_getter = native.field_getter
-serialized_getter = functools.partial(number_getter, field_types, is_cdr=False)
-"""Returns a getter of a number from serialized messages of a class, by its field; None if it needs all of them."""
+serialized_getter = functools.partial(serialized_getter_of, field_types, is_cdr=False)
+"""Returns a getter of a field from serialized messages of a class; None if it needs all of them."""
 
 
 @functools.lru_cache(maxsize=None)

@@ -7,8 +7,8 @@ import re
 from typing import Any, Mapping
 
 from robot_health_monitor.core.dialect import Dialect, FieldType
-from robot_health_monitor.core.fixed_fields import number_getter
 from robot_health_monitor.core.native_messages import NativeMessages, find_generated
+from robot_health_monitor.core.serialized_statuses import serialized_getter as serialized_getter_of
 
 _KINDS = {"boolean": "bool", "float": "float32", "double": "float64"}
 """Kinds of types that rosidl names differently. (A `char` is a uint8 there.)"""
@@ -56,5 +56,5 @@ service_class = native.service_class
 to_mapping = native.to_mapping
 to_native = native.to_native
 field_getter = native.field_getter
-serialized_getter = functools.partial(number_getter, field_types, is_cdr=True)
-"""Returns a getter of a number from serialized messages of a class, by its field; None if it needs all of them."""
+serialized_getter = functools.partial(serialized_getter_of, field_types, is_cdr=True)
+"""Returns a getter of a field from serialized messages of a class; None if it needs all of them."""

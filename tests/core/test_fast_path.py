@@ -164,3 +164,11 @@ def test_statuses_of_drivers_give_the_same_on_both_paths(seed: int) -> None:
     }  # fmt: skip
     calls = [(what, random_.choice(levels[what])) for what in random_.choices(list(levels), (6, 2, 2, 1, 1, 1), k=60)]
     assert replay_statuses(signal, calls, int) == replay_statuses(signal, calls, lambda level: bytes([level]))
+
+
+def test_a_status_whose_level_is_false_or_no_whole_number_is_invalid() -> None:
+    for level in (False, 0.0, "0", [], None):
+        monitor = Monitor(load_config({"signals": {"level": {}}}))
+        for at, each in enumerate((0, 0, 0, level)):
+            monitor.observe(Sample("level", DriverStatus(each, "ok"), float(at)))
+        assert monitor.levels()["level"] == (Level.ERROR, "invalid"), level

@@ -92,6 +92,29 @@ def test_a_class_that_is_not_a_message_is_an_unknown_type(type_name: str) -> Non
         message_class(type_name)
 
 
+def test_statuses_are_read_from_serialized_messages_as_from_others() -> None:
+    import io
+
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    from robot_health_monitor.ros1.messages import field_getter, serialized_getter
+
+    statuses = [
+        DiagnosticStatus(level, f"driver {level}: größe", "x" * level, "hw", [KeyValue("k" * level, "v")] * level)
+        for level in range(-1, 9)
+    ]
+    statuses.append(DiagnosticStatus(2, "renamed: level", "low", "hw", [KeyValue("fingerprint", "00aa")]))
+    buffer = io.BytesIO()
+    DiagnosticArray(status=statuses).serialize(buffer)
+    for field, number in (('status["*"]', 10), ('status["driver ?: *"]', 9), ('status["none*"]', None)):
+        get = serialized_getter(DiagnosticArray, field)
+        assert get is not None
+        found = get(buffer.getvalue())
+        message = DiagnosticArray().deserialize(buffer.getvalue())
+        assert found == field_getter("/d", "diagnostic_msgs/DiagnosticArray", field)(message)
+        assert (None if number is None else len(found)) == number
+
+
 def test_numbers_are_read_from_serialized_messages() -> None:
     import io
 

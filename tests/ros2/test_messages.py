@@ -121,6 +121,31 @@ def test_a_class_that_is_not_a_message_is_an_unknown_type(type_name: str) -> Non
         message_class(type_name)
 
 
+def test_statuses_are_read_from_serialized_messages_as_from_others() -> None:
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from rclpy.serialization import serialize_message
+
+    statuses = [
+        DiagnosticStatus(
+            level=bytes([level]),
+            name=f"driver {level}: größe",
+            message="x" * level,
+            hardware_id="hw",
+            values=[KeyValue(key="k" * level, value="v")] * level,
+        )
+        for level in range(10)
+    ]
+    own = KeyValue(key="fingerprint", value="00aa")
+    statuses.append(DiagnosticStatus(level=b"\2", name="renamed: level", message="low", values=[own]))
+    message = DiagnosticArray(status=statuses)
+    for field, number in (('status["*"]', 10), ('status["driver ?: *"]', 10), ('status["none*"]', None)):
+        get = serialized_getter(DiagnosticArray, field)
+        assert get is not None
+        found = get(serialize_message(message))
+        assert found == field_getter("/d", "diagnostic_msgs/DiagnosticArray", field)(message)
+        assert (None if number is None else len(found)) == number
+
+
 def test_a_number_is_read_from_serialized_messages() -> None:
     from geometry_msgs.msg import Vector3
     from rclpy.serialization import serialize_message
