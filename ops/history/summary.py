@@ -18,7 +18,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.patterns import matches_pattern
-from robot_health_monitor.core.signal_config import LINK
+from robot_health_monitor.core.signal_config import LINK, template_name
 from robot_health_monitor.core.state_reader import Saved
 
 from .queries import pattern_condition
@@ -149,7 +149,9 @@ class _Robot:
         for name in sorted(self.signals):
             self._advance(name, self._end_s)
             signal = self.signals[name]
-            signal.end_ok(lasting_s.get((robot, name), math.inf))
+            # An element without a state has ended (forget_after_s): what came after is not known.
+            has_ended = name != template_name(name) and (robot, name) not in lasting_s
+            signal.end_ok(0.0 if has_ended else lasting_s.get((robot, name), math.inf))
             shares = {level: seconds / duration_s for level, seconds in sorted(signal.times.items()) if seconds > 0.0}
             unknown = max(0.0, 1.0 - sum(shares.values()))
             yield SignalSummary(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
@@ -14,6 +15,8 @@ from harness.web import Robots
 from prometheus_client.parser import text_string_to_metric_families
 
 from robot_health_monitor.core.elements import DriverStatus, Elements
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.ops.history.summary import summarize
 from robot_health_monitor.ops.matchers import Matcher, parse_matchers
 from robot_health_monitor.ops.metrics import Metrics
 from robot_health_monitor.ops.web.state import OwnState, RobotReader
@@ -88,6 +91,21 @@ def test_a_silence_of_an_element_with_an_odd_name_matches_it_alone(tmp_path: Pat
     robots.silences.add([Matcher("signal", True, f"drivers[{ODD}]")], for_s=60.0, reason="test")
     assert robots.silence_text("atlas", f"drivers[{ODD}]") == "test"
     assert robots.silence_text("atlas", "drivers[lidar]") is None
+
+
+def test_time_after_an_element_ended_is_unknown_in_the_summary(tmp_path: Path) -> None:
+    robots = Robots(signals=DRIVERS, history_file=str(tmp_path / "history.db"))
+    report(robots, lidar=0)
+    for second in range(101, 201):
+        robots.at(float(second))
+    robots.all[0].close()
+    assert robots.history is not None
+    robots.history.close()
+    with sqlite3.connect(str(tmp_path / "history.db")) as connection:
+        (lidar,) = summarize(connection, robots.wall_s(), signal="drivers[lidar]")
+    # OK until 106, STALE until 121, then no longer watched until 200.
+    assert lidar.shares == pytest.approx({Level.OK: 0.06, Level.STALE: 0.15})
+    assert lidar.unknown == pytest.approx(0.79)
 
 
 def test_a_history_restores_elements_and_ends_those_that_are_no_longer_configured(tmp_path: Path) -> None:
