@@ -35,3 +35,14 @@ def test_each_of_its_signals_is_in_a_test(file: Path) -> None:
     for test in read_tests(str(file))[1]:
         tested.update(map(template_name, test.series))
     assert set(config.signals) <= tested
+
+
+def test_the_forecast_in_the_default_thresholds_works_once_its_comment_marks_are_removed(tmp_path: Path) -> None:
+    lines = (ROOT / "config" / "thresholds.yaml").read_text().splitlines()
+    start = next(number for number, line in enumerate(lines) if line.strip() == "# battery_soon:")
+    end = next(number for number, line in enumerate(lines) if number > start and not line.strip().startswith("#"))
+    lines[start:end] = [line.replace("# ", "", 1) for line in lines[start:end]]
+    file = tmp_path / "thresholds.yaml"
+    file.write_text("\n".join(lines))
+    soon = load_config(file).signals["battery_soon"]
+    assert (soon.topic, soon.statistic, soon.forecast_s, soon.for_s) == ("battery_level", "forecast", 1800.0, 300.0)
