@@ -45,7 +45,8 @@ class Quality:
     """Judges and counts the samples of one signal."""
 
     __slots__ = (
-        "_config", "_converts", "_valid_max", "_valid_min", "bad_samples", "good_samples", "latest", "suspicion",
+        "_config", "_converts", "_number_of_element", "_valid_max", "_valid_min", "bad_samples", "good_samples",
+        "latest", "suspicion",
     )  # fmt: skip
 
     suspicion: Suspicion
@@ -62,7 +63,9 @@ class Quality:
     def configure(self, config: SignalConfig) -> None:
         """Applies a new configuration; the counts stay."""
         self._config = config
-        self._converts = (config.scale != 1.0 or bool(config.placeholders)) and not config.reduce
+        converts = config.scale != 1.0 or bool(config.placeholders)
+        self._converts = converts and not config.reduce
+        self._number_of_element = self._converted_element if converts else as_float
         self._valid_min = -_LARGEST if config.valid_min is None else config.valid_min
         self._valid_max = _LARGEST if config.valid_max is None else config.valid_max
         self.suspicion = Suspicion(config)
@@ -75,7 +78,7 @@ class Quality:
     def judge(self, value: object) -> float:
         """Processes a datum; returns the number in the signal's unit, NaN if it is bad."""
         if type(value) is Elements and self._config.reduce:
-            value = reduced(value, self._config.reduce, self._element_number)
+            value = reduced(value, self._config.reduce, self._number_of_element)
         self.latest = value
         raw = value if type(value) is float else as_float(value)
         number = converted(self._config, raw) if self._converts else raw
@@ -89,13 +92,14 @@ class Quality:
         suspicion.see_bad(raw, number)
         return math.nan
 
-    def _element_number(self, value: object) -> float:
-        raw = value if type(value) is float else as_float(value)
-        return _in_unit(self._config, raw)
+    def _converted_element(self, value: object) -> float:
+        return _in_unit(self._config, as_float(value))
 
 
 def as_float(value: object) -> float:
     """Returns the number that `value` is; NaN if it is not a number or too large for a double."""
+    if type(value) is float:
+        return value
     try:
         if isinstance(value, numbers.Real):
             return float(value)

@@ -311,8 +311,6 @@ def _mistakes(signal: SignalConfig, given: Mapping[str, Any]) -> Iterator[Tuple[
         yield "field", f"expected the path of a field, got {describe(signal.field)}: {error}"
     if signal.reduce and every_step(signal.field) is None:
         yield "reduce", f'expected a field with [*] or a pattern such as ["*"], got {describe(signal.field)}'
-    if signal.reduce not in ("", "count") and replace(signal, reduce="").is_status:
-        yield "reduce", f'expected a field with numbers such as status["*"].level, got {describe(signal.field)}'
     if signal.scale == 0.0:
         yield "scale", "expected a number other than 0, got 0"
     if signal.flap_low > signal.flap_high:

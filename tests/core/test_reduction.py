@@ -152,6 +152,13 @@ def test_nothing_measured_is_invalid_data_with_the_reason(elements: Any, reason:
     ]
 
 
+def test_the_number_of_a_whole_status_is_its_level() -> None:
+    statuses = Elements([("lidar", DriverStatus(0, "")), ("motor", DriverStatus(2, "")), ("odd", DriverStatus(7, ""))])
+    assert lines([statuses], field='status["*"]', unit="", reduce="max", warn_above=1.0) == [
+        'cells WARN: 2 (status["motor"]) is above 1 (was unknown for 0 s)'
+    ]
+
+
 def test_a_count_of_nothing_is_zero_and_never_a_placeholder() -> None:
     assert lines([cells(), cells(math.nan)], reduce="count", placeholders=[0.0], unit="", warn_below=1.0) == [
         "cells WARN: 0 is below 1 (was unknown for 0 s)"

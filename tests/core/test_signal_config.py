@@ -64,13 +64,6 @@ def test_an_unknown_reduction_is_refused_with_those_that_exist() -> None:
     )
 
 
-def test_statuses_as_a_whole_can_be_counted_but_are_no_numbers() -> None:
-    assert signal(field='status["lidar*"]', reduce="count").reduce == "count"
-    assert refusal(field='status["*"]', reduce="max") == (
-        'reduce: expected a field with numbers such as status["*"].level, got \'status["*"]\''
-    )
-
-
 def test_a_field_selects_several_elements_once() -> None:
     assert refusal(field="packs[*].cells[*]", reduce="min").startswith(
         "field: expected the path of a field, got 'packs[*].cells[*]': only one part of a path may select several"
