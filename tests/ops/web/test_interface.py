@@ -775,7 +775,6 @@ def test_a_silence_is_added_shown_and_expired() -> None:
             {"robot": "x" * 1000, "for_s": 60},
             {"robot": 3, "for_s": 60},
             {"robot": "\ud800", "for_s": 60},
-            {"robot": 'a "quoted" name', "for_s": 60},
             {"robot": "two\nlines", "for_s": 60},
         ):
             assert (await site.post("/api/silence", bad))[0] == 400, bad
