@@ -40,7 +40,7 @@ def messages() -> List[Published]:
 def _batteries() -> Iterator[Published]:
     stamps: Dict[int, Dict[str, int]] = {
         4: {"sec": 0, "nanosec": 0},
-        5: {"sec": 2**31 - 1, "nanosec": 999_999_999},
+        5: {"sec": 1_000_000, "nanosec": 999_999_999},
         6: {"sec": 0, "nanosec": 1},
     }
     cells: Dict[int, List[float]] = {
@@ -52,7 +52,7 @@ def _batteries() -> Iterator[Published]:
         7: [3.0],
     }
     for step in range(12):
-        time_s = START_S + step + 0.25
+        time_s = START_S + step + (0.25 if step else 0.0)
         stamp = stamps.get(step, {"sec": int(time_s), "nanosec": 0})
         message = {"header": {"stamp": stamp}, "cell_voltage": cells.get(step, [3.75, 3.75, 3.75])}
         yield Published(time_s, "/battery", BATTERY, message)
