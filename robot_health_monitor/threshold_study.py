@@ -104,6 +104,8 @@ class _Study:
         self._proposal = Proposal(namespace)
         self._survey = Survey()
         """Measures the signals of a file."""
+        self._forecasts: Dict[str, int] = {}
+        """Which of `FORECASTS` each forecast uses."""
 
     def _open(self, paths: Sequence[str]) -> Tuple[List[_Group], List[Any]]:
         found: List[_Group] = []
@@ -158,10 +160,21 @@ class _Study:
             reasons = [f"{topic}: {reason}" for topic, reason in sorted(proposed.not_watched.items())]
             raise ConfigError(f"nothing to watch: {list_text(reasons, 5)}")
         alerts = self._replay(proposed)
-        refined = self._proposed(alerts.longest_s)
-        if [signal.settings for signal in refined.signals] != [signal.settings for signal in proposed.signals]:
-            alerts = self._replay(refined)
-        return self._text(refined, alerts)
+        longest_s = alerts.longest_s
+        while True:
+            self._step_forecasts(proposed, alerts)
+            refined = self._proposed(longest_s)
+            if _settings(refined) == _settings(proposed):
+                return self._text(refined, alerts)
+            proposed, alerts = refined, self._replay(refined)
+
+    def _step_forecasts(self, proposed: Proposed, alerts: _Alerts) -> None:
+        """Moves forecasts that alerted to the next of their settings; after the last, they are no more than shown."""
+        for signal in proposed.signals:
+            bounds = [setting.value for key, setting in signal.suggestion.settings.items() if key in BOUNDS]
+            is_forecast = signal.given.get("statistic") == "forecast" and not signal.is_given
+            if is_forecast and any(alerts.by_bound[signal.name, bound] for bound in bounds):
+                self._forecasts[signal.name] = self._forecasts.get(signal.name, 0) + 1
 
     def _measure(self, group: _Group) -> None:
         with Recordings(group.paths) as recordings:
@@ -178,7 +191,7 @@ class _Study:
 
     def _proposed(self, longest_s: Mapping[str, float]) -> Proposed:
         if self._file is None:
-            return self._proposal.result(longest_s)
+            return self._proposal.result(longest_s, self._forecasts)
         signals = []
         for name, given in self._given.items():
             measured = self._survey.measured[name]
@@ -246,6 +259,10 @@ class _Study:
 
         others = {key: value for key, value in self._section.tree.items() if key != "signals"}
         return thresholds_text(heading, others, proposed, alerts_of, self._unchanged)
+
+
+def _settings(proposed: Proposed) -> List[Dict[str, Any]]:
+    return [signal.settings for signal in proposed.signals]
 
 
 def _topic(channel: Any) -> Topic:

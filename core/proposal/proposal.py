@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Container, Dict, Iterable, List, Mapping, Optional
 
@@ -12,13 +13,19 @@ from ..middleware import Middleware
 from ..signal_config import BOUNDS, read_signal
 from .candidates import FRACTIONS, Candidate, Names, Topic, list_candidates
 from .measured import Measured
-from .suggestion import Setting, Suggestion, suggest
+from .suggestion import LEAST_RANGE_S, Setting, Suggestion, rounded, suggest
 from .survey import Survey
 
 ORDER = (*BOUNDS, "hysteresis", "for_s", "stale_after_s")
 """Keys that are proposed, in the order in which they are written."""
 OLDEST_S = 1.0
 """Largest age of stamps, in s, that is taken for a delay: older ones are of another clock, or of other times."""
+
+FORECASTS = ((600.0, 1800.0, 300.0), (600.0, 600.0, 300.0), (1200.0, 1200.0, 600.0))
+"""`window_s`, `forecast_s` and `for_s` of forecasts: the first that raises no alert in recordings is proposed."""
+
+EARLIEST_S = 0.001
+"""Times are rounded: a stamp may be this much younger than its arrival, in s."""
 
 _OF_BOUNDS = ("hysteresis", "for_s")
 """Keys that refer to the bounds: they are not proposed for bounds that were given."""
@@ -102,8 +109,14 @@ class Proposal:
         arrivals = [name for name, each in self._candidates.items() if each.kind in ("rate", "statuses")]
         return sum(self._survey.measured[name].samples for name in arrivals if name in self._survey.measured)
 
-    def result(self, longest_s: Optional[Mapping[str, float]] = None) -> Proposed:
-        """Returns what is proposed; `longest_s` has the longest healthy excursion of signals, as `suggest` takes it."""
+    def result(
+        self, longest_s: Optional[Mapping[str, float]] = None, forecasts: Optional[Mapping[str, int]] = None
+    ) -> Proposed:
+        """Returns what is proposed.
+
+        `longest_s` has the longest healthy excursion of signals, as `suggest` takes it. `forecasts` has which of
+        `FORECASTS` a forecast uses, 0 if it is not there; None: forecasts are only shown, since nothing was replayed.
+        """
         proposed = Proposed([], dict(self._left_out))
         rates: Dict[str, Signal] = {}
         for name, candidate in sorted(self._candidates.items(), key=lambda each: each[1].topic):
@@ -114,11 +127,14 @@ class Proposal:
                 continue
             for signal in self._signals(candidate, measured, longest_s or {}):
                 self._sort_in(candidate, signal, proposed, rates)
+                if candidate.rules and candidate.kind == "number" and not signal.given.get("reduce"):
+                    proposed.signals += _forecast(signal, forecasts)
         for topic, rate in rates.items():
             others = any(signal.topic == topic and not signal.is_shown_only for signal in proposed.signals)
             if rate.suggestion.has_bounds:
                 at = next((at for at, each in enumerate(proposed.signals) if each.topic >= topic), None)
-                proposed.signals.insert(len(proposed.signals) if at is None else at, rate)
+                at = len(proposed.signals) if at is None else at
+                proposed.signals[at:at] = [rate, *_gap(rate)]
             elif not others:
                 proposed.not_watched[topic] = rate.suggestion.left_out[0].replace("no bounds: ", "")
         return proposed
@@ -218,10 +234,42 @@ def _not_a_delay(measured: Measured) -> str:
     values = measured.values
     if not values.count:
         return "no stamps"
-    if values.min < 0.0 or values.max > OLDEST_S:
+    if values.min < -EARLIEST_S or values.max > OLDEST_S:
         ages = f"{duration_text(values.min)} to {duration_text(values.max)}"
         return f"stamps are {ages} old, expected 0 to {duration_text(OLDEST_S)}"
     return ""
+
+
+def _forecast(signal: Signal, forecasts: Optional[Mapping[str, int]]) -> List[Signal]:
+    """Returns the forecast of a charge or a temperature, towards the bound of its WARN; none if there is no such."""
+    name = f"{signal.name}_soon"
+    option = (forecasts or {}).get(name, 0)
+    key = next((key for key in ("warn_below", "warn_above") if key in signal.suggestion.settings), None)
+    if key is None:
+        return []
+    window_s, forecast_s, for_s = FORECASTS[min(option, len(FORECASTS) - 1)]
+    given = {**signal.given, "statistic": "forecast", "window_s": window_s, "forecast_s": forecast_s}
+    settings = {
+        key: signal.suggestion.settings[key]._replace(evidence=f"the value in {duration_text(forecast_s)}"),
+        "for_s": Setting(for_s, "half of the window: noise that looks like a trend is no alert"),
+        "stale_after_s": signal.suggestion.settings["stale_after_s"],
+    }
+    is_tried = forecasts is not None and option < len(FORECASTS) and signal.measured.duration_s > 2.0 * window_s
+    found = Suggestion(settings, {}, []) if is_tried else Suggestion({}, settings, [])
+    return [Signal(name, signal.topic, given, found, signal.measured)]
+
+
+def _gap(rate: Signal) -> List[Signal]:
+    """Returns the largest gap of a topic so fast that staleness and rate miss short gaps; none for other topics."""
+    measured, stale_s = rate.measured, rate.suggestion.settings["stale_after_s"].value
+    bound_s = rounded(max(2.0 * measured.gaps.max, 5.0 * measured.gaps.quantile(0.5)), math.ceil)
+    if measured.duration_s < LEAST_RANGE_S * 0.999 or not 0.0 < bound_s < stale_s:
+        return []
+    seen = f"longest gap {duration_text(measured.gaps.max)}, median {duration_text(measured.gaps.quantile(0.5))}"
+    settings = {"warn_above": Setting(bound_s, seen), "stale_after_s": rate.suggestion.settings["stale_after_s"]}
+    given = {**rate.given, "statistic": "largest_gap_s"}
+    name = f"{rate.name[: -len('_rate')]}_gap"
+    return [Signal(name, rate.topic, given, Suggestion(settings, {}, []), measured)]
 
 
 def _plain(name: str) -> str:

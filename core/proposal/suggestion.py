@@ -89,7 +89,7 @@ def suggest(measured: Measured, longest_excursion_s: Optional[float] = None, rul
         if settings:
             _add_hysteresis(measured, settings)
             if longest_excursion_s and not from_extreme:
-                for_s = _rounded(1.5 * max(longest_excursion_s, 0.001), math.ceil)
+                for_s = rounded(1.5 * max(longest_excursion_s, 0.001), math.ceil)
                 evidence = f"longest healthy excursion beyond a bound {duration_text(longest_excursion_s)}"
                 settings["for_s"] = Setting(for_s, evidence)
     seen: Dict[str, Setting] = {}
@@ -118,8 +118,8 @@ def _add_rate_bounds(measured: Measured, settings: Dict[str, Setting], left_out:
     margin = SHORT_RATE_MARGIN if is_short else RATE_MARGIN
     seen = f", seen for {lasted} only" if is_short else ""
     why = f"margin {margin * 100.0:.0f} %{seen}"
-    low = _rounded(lowest * (1.0 - margin), math.floor)
-    high = _rounded(highest * (1.0 + margin), math.ceil)
+    low = rounded(lowest * (1.0 - margin), math.floor)
+    high = rounded(highest * (1.0 + margin), math.ceil)
     settings["warn_below"] = Setting(low, f"lowest {measured.text(lowest)}; {why}")
     settings["warn_above"] = Setting(high, f"highest {measured.text(highest)}; {why}")
 
@@ -210,9 +210,9 @@ def _add_hysteresis(measured: Measured, settings: Dict[str, Setting]) -> None:
     bounds = [settings[key].value for key in ("warn_below", "warn_above") if key in settings]
     room = min(abs(bound - median) for bound in bounds)
     evidence = f"95 % of the steps between samples are at most {measured.text(noise)}"
-    hysteresis = _rounded(noise, math.ceil)
+    hysteresis = rounded(noise, math.ceil)
     if hysteresis > room / 2.0:
-        hysteresis = _rounded(room / 2.0, math.floor)
+        hysteresis = rounded(room / 2.0, math.floor)
         evidence += "; at most half of the distance from a bound to the median"
     if hysteresis > 0.0:
         settings["hysteresis"] = Setting(hysteresis, evidence)
@@ -225,12 +225,12 @@ def _add_staleness(measured: Measured, settings: Dict[str, Setting]) -> None:
         settings["stale_after_s"] = Setting(0.0, evidence)
         return
     median = gaps.quantile(0.5)
-    stale_s = max(1.0, _rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
+    stale_s = max(1.0, rounded(max(2.0 * gaps.max, 5.0 * median), math.ceil))
     evidence = f"longest gap {duration_text(gaps.max)}, median {duration_text(median)}"
     settings["stale_after_s"] = Setting(stale_s, evidence)
 
 
-def _rounded(value: float, rounding: Callable[[float], int]) -> float:
+def rounded(value: float, rounding: Callable[[float], int]) -> float:
     """Rounds to two digits, by `math.ceil` 0.123 to 0.13."""
     if not _TINY < value < _HUGE:
         return 0.0

@@ -117,7 +117,9 @@ def _at_most(lines: List[str], topic: str, what: str) -> List[str]:
 
 
 def _unit(settings: Mapping[str, Any]) -> str:
-    return "Hz" if settings.get("statistic") == "frequency_hz" else str(settings.get("unit", ""))
+    return {"frequency_hz": "Hz", "largest_gap_s": "s"}.get(
+        settings.get("statistic", ""), str(settings.get("unit", ""))
+    )
 
 
 def yaml_text(value: Any) -> str:

@@ -16,7 +16,10 @@ Publisher = Tuple[str, str, float, Callable[[float], Any]]
 
 
 def propose(publishers: List[Publisher], lasts_s: float = 60.0) -> Proposed:
-    clock = [0.0]
+    return proposal_of(publishers, lasts_s).result()
+
+
+def proposal_of(publishers: List[Publisher], lasts_s: float) -> Proposal:
     bus = LocalBus(wall_time_s=lambda: 1.7e9 + bus.now_s)
     robot, proposal = bus.node("robot"), Proposal()
     for topic, type_name, rate_hz, message in publishers:
@@ -28,8 +31,8 @@ def propose(publishers: List[Publisher], lasts_s: float = 60.0) -> Proposed:
         robot.create_timer(1.0 / rate_hz, publish)
         proposal.take([Topic(topic, type_name, parse_definition(type_name, definition(type_name), "msg"))])
     proposal.listen(bus.node("survey"), [topic for topic, *_ in publishers])
-    bus.run_until(lasts_s + clock[0])
-    return proposal.result()
+    bus.run_until(lasts_s)
+    return proposal
 
 
 def by_name(proposed: Proposed) -> Dict[str, Signal]:
@@ -106,3 +109,21 @@ def test_all_statuses_are_watched_by_one_signal() -> None:
     assert signal.suggestion.settings["stale_after_s"].evidence.startswith("2 statuses seen")
     empty = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: {})])
     assert (empty.signals, empty.not_watched) == ([], {"/diagnostics": "no status"})
+
+
+def test_the_gap_of_a_fast_topic_is_watched_once_it_was_seen_for_10_minutes() -> None:
+    fast: Publisher = ("/a", "std_msgs/String", 20.0, lambda now_s: {})
+    assert set(by_name(propose([fast]))) == {"a_rate"}
+    gap = by_name(propose([fast], 620.0))["a_gap"].settings
+    assert (gap["statistic"], gap["warn_above"], gap["stale_after_s"]) == ("largest_gap_s", 0.25, 1.0)
+
+
+def test_a_forecast_of_charge_is_shown_and_watched_where_it_was_replayed() -> None:
+    battery: Publisher = ("/b", "sensor_msgs/BatteryState", 0.5, lambda now_s: {"percentage": 0.9 - now_s * 1e-5})
+    proposal = proposal_of([battery], 1300.0)
+    assert by_name(proposal.result())["b_percentage_soon"].is_shown_only
+    first = by_name(proposal.result({}, {}))["b_percentage_soon"].settings
+    assert (first["window_s"], first["forecast_s"], first["for_s"], first["warn_below"]) == (600.0, 1800.0, 300.0, 20.0)
+    second = by_name(proposal.result({}, {"b_percentage_soon": 1}))["b_percentage_soon"]
+    assert (second.settings["window_s"], second.settings["forecast_s"]) == (600.0, 600.0)
+    assert by_name(proposal.result({}, {"b_percentage_soon": 3}))["b_percentage_soon"].is_shown_only
