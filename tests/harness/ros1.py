@@ -79,9 +79,13 @@ class Ros1Harness:
     def listen(self, topic: str, type_name: str) -> List[Mapping[str, Any]]:
         messages: List[Mapping[str, Any]] = []
         cls = roslib.message.get_message_class(type_name)
-        self._subscribers.append(
-            rospy.Subscriber(topic, cls, lambda native: messages.append(_as_mapping(native)), tcp_nodelay=True)
-        )
+
+        def hear(native: Any) -> None:
+            # A node in this process may read the bytes, and a process has one class per topic.
+            message = cls().deserialize(native._buff) if isinstance(native, rospy.AnyMsg) else native
+            messages.append(_as_mapping(message))
+
+        self._subscribers.append(rospy.Subscriber(topic, cls, hear, tcp_nodelay=True))
         self._wait_for_connections(topic)
         return messages
 
