@@ -77,7 +77,8 @@ class Judgement(NamedTuple):
     silence_s: float
     """Time without samples, without the downtime of the link, in seconds."""
     statistics: Mapping[str, float]
-    """The statistics of the window that can be computed, and the judged one where it is defined."""
+    """The statistics of the window that can be computed, the judged one where it is defined, and the trend of a
+    forecast (`trend_per_min`)."""
     forecast: Optional[Forecast]
     """None: the statistic is not `forecast`, it is undefined, or the latest value is not known (`latest_good`)."""
     window_samples: int
@@ -118,10 +119,8 @@ def status(judgement: Judgement, message: Optional[str] = None) -> Status:
     values.update((name, number_text(value)) for name, value in judgement.statistics.items())
     values.update(_reduction_values(judgement))
     forecast = judgement.forecast
-    if forecast is not None:
-        values["trend_per_min"] = number_text(forecast.slope_per_s * 60.0)
-        if forecast.time_to_bound_s is not None:
-            values["time_to_bound_s"] = number_text(forecast.time_to_bound_s)
+    if forecast is not None and forecast.time_to_bound_s is not None:
+        values["time_to_bound_s"] = number_text(forecast.time_to_bound_s)
     for name in ("window_samples", "good_samples", "bad_samples"):
         values[name] = str(getattr(judgement, name))
     if judgement.seen:

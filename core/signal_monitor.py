@@ -222,6 +222,9 @@ class SignalMonitor:
             statistics.pop(self.config.statistic, None)
         elif with_statistics:
             statistics[self.config.statistic] = self.judged
+        forecast = window.forecast() if latest_good is not None and isinstance(window, ForecastWindow) else None
+        if forecast is not None and with_statistics:
+            statistics["trend_per_min"] = forecast.slope_per_s * 60.0
         return Judgement(
             config=self.config,
             robot=self._robot,
@@ -243,7 +246,7 @@ class SignalMonitor:
             last_seen_s=staleness.last_seen_s,
             silence_s=staleness.silence_s(now_s),
             statistics=statistics,
-            forecast=window.forecast() if latest_good is not None and isinstance(window, ForecastWindow) else None,
+            forecast=forecast,
             window_samples=len(self.window),
             window_is_long_enough=self.window.is_long_enough,
             suspicion=quality.suspicion.text,

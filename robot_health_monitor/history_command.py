@@ -319,7 +319,7 @@ def _show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, s
         stream.write(f"  {name}: {printable(value)}\n")
     if samples:
         width = min(shutil.get_terminal_size().columns, _PLOT_COLUMNS)
-        bound = transition.bound if transition.statistic in ("last", "mean", "min", "max") else None
+        bound = transition.bound if transition.statistic in ("last", "mean", "min", "max", "forecast") else None
         stream.write("".join(f"{line}\n" for line in text_plot(samples, bound, width)))
 
 

@@ -24,8 +24,8 @@ _LARGEST_ID = 2**63 - 1
 
 Result = TypeVar("Result")
 Json = Dict[str, Any]
-PastAlert = Tuple[Json, List[Tuple[float, Optional[float]]]]
-"""An alert and its samples: time in s since 1970 and value, None if that is not finite."""
+PastAlert = Tuple[Json, List[Tuple[float, Optional[float]]], Optional[float]]
+"""An alert, its samples (time in s since 1970 and value, None if that is not finite), and its forecast's trend."""
 
 
 class Query(NamedTuple):
@@ -82,7 +82,8 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
         if transition is None:
             return None
         samples = queries.evidence(connection, number)
-        return _alert(transition), [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
+        shown = [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
+        return _alert(transition), shown, transition.statistics.get("trend_per_min")
 
     return _read(history, read)
 

@@ -138,13 +138,13 @@ class RobotReader:
         with self._lock:
             return self.alert_system.read(read)
 
-    def plot_of(self, signal: str) -> Tuple[str, List[Json]]:
-        """Returns the unit of a signal's samples and its bounds; empty if it is not watched."""
+    def plot_of(self, signal: str) -> Tuple[str, List[Json], Optional[float]]:
+        """Returns the unit of a signal's samples, its bounds and its `forecast_s`; empty if it is not watched."""
         config = config_of(signal, self.alert_system.monitor.config.signals)  # also of an element that has ended
         if config is None:
-            return "", []
+            return "", [], None
         unit = explanation.judged_unit(config) if config.statistic in OF_ARRIVALS else config.unit
-        return unit, plot_bounds(config)
+        return unit, plot_bounds(config), config.forecast_s
 
     def _follow_clock(self, now_s: float) -> None:
         offset_s = self._wall_time_s() - now_s

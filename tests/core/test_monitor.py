@@ -1423,6 +1423,7 @@ def test_a_forecast_warns_before_the_bound_is_reached() -> None:
         "101.000 battery_soon WARN: forecast 19.5 % in 60 s is below 20 % (was OK for 101 s)"
     ]
     assert (found[0].value, found[0].statistic, found[0].bound) == (pytest.approx(19.5), "forecast", 20.0)
+    assert found[0].statistics["trend_per_min"] == pytest.approx(-30.0)  # with the value, the line that gave the alert
     status = monitor.report(104.0).statuses["battery_soon"]
     assert status.message == "forecast 18 % in 60 s is below 20 %"
     assert (status.values["forecast"], status.values["trend_per_min"]) == ("18", "-30")

@@ -29,10 +29,10 @@ function boundsOf(signal) {
 
 /** Returns the line of a forecast as plots take it, from the newest sample at `t` in s since 1970; null without one. */
 function lineAhead(signal, t) {
-  if ((signal.forecast ?? null) === null) return null;
-  const slope = signal.trend_per_min / 60, {forecast_s: horizon, time_to_bound_s: meets} = signal;
-  const at = (after) => [t + after, signal.forecast + slope * (after - horizon)];
-  return {id: "", from: at(0), to: at(horizon), meets: meets !== null && meets <= horizon ? at(meets) : null, text: withDegrees(signal.outlook || "")};
+  const {forecast, trend_per_min: trend, forecast_s: horizon, time_to_bound_s: meets} = signal;
+  if ([forecast, trend, horizon].some((each) => !Number.isFinite(each))) return null;
+  const at = (after) => [t + after, forecast + trend / 60 * (after - horizon)];
+  return {id: "", from: at(0), to: at(horizon), meets: Number.isFinite(meets) && meets <= horizon ? at(meets) : null, text: withDegrees(signal.outlook || "")};
 }
 
 /** Returns the distance at which the line breaks: a few times the usual one. */
@@ -106,13 +106,15 @@ export function drawEvidence(element, past, id) {
   const times = samples.map(([t]) => t).concat(time);
   const [from, to] = [Math.min(...times), Math.max(...times)];
   const room = Math.max((to - from) * 0.03, 0.5);
+  const ahead = alert.statistic === "forecast" && lineAhead({...past, forecast: alert.value}, time);
   const signal = {
     name: alert.signal, unit: withDegrees(past.unit || ""), ...columns(samples), bad: [], gap: gapOf(samples),
     bounds: boundsOf({statistic: alert.statistic, bounds: past.bounds}),
     levels: [[Date.parse(alert.since) / 1000 || from, alert.from_level], [time, alert.to_level]],
     alerts: [{id, t: time, level: alert.to_level, text: withHint(alert.text, alert.hint)}],
   };
-  const view = new HealthPlot.View(from - room, to + room, utcOffset(time * 1000));
+  if (ahead) Object.assign(signal, {until: to, ahead: [ahead]});
+  const view = new HealthPlot.View(from - room, (ahead ? ahead.to[0] : to) + room, utcOffset(time * 1000));
   return new HealthPlot.Plot(element, signal, view);
 }
 

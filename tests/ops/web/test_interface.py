@@ -686,6 +686,8 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "alert": {"id": number, **expected},
             "unit": "%",
             "bounds": [{"level": "WARN", "side": "below", "value": 20.0, "clears": 22.0}],
+            "forecast_s": None,
+            "trend_per_min": None,
             "samples": [[1_795_324_000.0, 50.0], [1_795_324_001.0, 19.0]],
         }
         for path in (

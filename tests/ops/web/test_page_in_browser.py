@@ -305,6 +305,19 @@ def test_a_forecast_says_when_it_reaches_its_bound_and_its_plot_shows_where(brow
     assert browser.console() == []
 
 
+def test_a_past_alert_of_a_forecast_shows_the_line_that_gave_it(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", signals={"soon": SOON}, history_file=str(tmp_path / "history.db"))
+    rise(site)
+    browser.open(site.url + "#alerts")
+    browser.wait_for("document.querySelector('#alerts .evidence')")
+    browser.click("#alerts .evidence")
+    browser.wait_for("document.querySelector('#alerts .plot .ahead')")
+    (line,) = browser.run("return document.querySelector('#alerts .plot').plot.signal.ahead")
+    assert [line["from"][1], line["to"][1]] == [pytest.approx(30.0), pytest.approx(60.0)]
+    assert line["to"][0] - line["from"][0] == pytest.approx(60.0)
+    assert browser.console() == []
+
+
 def test_a_healthy_forecast_has_its_bound_beside_its_value(browser: Browser, served: Any) -> None:
     site = served("atlas", signals={"soon": {**SOON, "warn_above": 65.0}})
     rise(site)

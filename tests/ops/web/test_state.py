@@ -114,8 +114,8 @@ def test_elements_have_samples_and_those_that_ended_their_unit_and_bounds() -> N
         robots.observe(Elements([("0", 3.9)]), "cells")
     assert set(state.samples().signals) == {"cells", "cells[0]"}
     bounds = [{"level": "WARN", "side": "below", "value": 3.2, "clears": 3.2}]
-    assert state.plot_of("cells[7]") == ("V", bounds)
-    assert state.plot_of("others[7]") == ("", [])
+    assert state.plot_of("cells[7]") == ("V", bounds, None)
+    assert state.plot_of("others[7]") == ("", [], None)
 
 
 def test_bounds_are_numbers_that_json_has() -> None:
@@ -171,7 +171,7 @@ def test_the_plot_of_arrivals_is_in_the_unit_of_their_statistic() -> None:
 def test_the_plot_of_a_signal_that_is_not_watched_has_no_bounds() -> None:
     robots = Robots()
     assert reader(robots).plot_of("battery_level")[0] == "%"
-    assert reader(robots).plot_of("motor") == ("", [])
+    assert reader(robots).plot_of("motor") == ("", [], None)
 
 
 def test_the_faults_of_several_robots_name_the_robot() -> None:
