@@ -153,8 +153,8 @@ def _clock(value: Callable[[daemons.Clock], float]) -> Callable[..., Source]:
     return _asked("the time daemon", 5.0, daemons.read_clock, value)
 
 
-def _memory(field: str, scale: float) -> Callable[..., Source]:
-    return _shared(operating_system.memory, lambda found: float(getattr(found, field)) * scale)
+def _memory(value: Callable[[bytes], float]) -> Callable[..., Source]:
+    return _shared(operating_system.meminfo, value)
 
 
 _ON_DISK = (_PATH,), _listed("path", disks.mount_points)
@@ -170,9 +170,9 @@ HOST_SOURCES: Mapping[str, HostSource] = {
     "load_1min": HostSource("", "load average over 1 minute", _reading(operating_system.load, 0)),
     "load_5min": HostSource("", "load average over 5 minutes", _reading(operating_system.load, 1)),
     "load_15min": HostSource("", "load average over 15 minutes", _reading(operating_system.load, 2)),
-    "memory_percent": HostSource("%", "memory in use", _memory("percent", 1.0)),
-    "memory_available": HostSource("MB", "memory available to programs", _memory("available", 1e-6)),
-    "swap_percent": HostSource("%", "swap in use", _reading(operating_system.swap_percent)),
+    "memory_percent": HostSource("%", "memory in use", _memory(operating_system.memory_percent)),
+    "memory_available": HostSource("MB", "memory available to programs", _memory(operating_system.memory_available)),
+    "swap_percent": HostSource("%", "swap in use", _memory(operating_system.swap_percent)),
     "pressure_cpu": HostSource(
         "%", "share of the last 10 s in which a process waited for the CPU",
         _reading(operating_system.pressure_percent, "cpu"),

@@ -7,10 +7,19 @@ from __future__ import annotations
 
 import os
 
-from .computer import HostPaths, call_psutil, read_bytes, read_text
+from .computer import HostPaths, read_bytes, read_text
 from .source import NoSuchSensor, SensorError
 
-__all__ = ["load", "memory", "oom_kills", "pressure_percent", "swap_percent", "throttled"]
+__all__ = [
+    "load",
+    "meminfo",
+    "memory_available",
+    "memory_percent",
+    "oom_kills",
+    "pressure_percent",
+    "swap_percent",
+    "throttled",
+]
 
 
 def load(paths: HostPaths, index: int) -> float:
@@ -21,28 +30,40 @@ def load(paths: HostPaths, index: int) -> float:
         raise SensorError(f"this machine has no load average: {error}") from None
 
 
-def memory(paths: HostPaths) -> object:
-    """Returns psutil's figures of the memory."""
-    return call_psutil("virtual_memory", "memory", paths)
-
-
-def swap_percent(paths: HostPaths) -> float:
-    """Returns the swap in use, in %."""
-    # Not psutil, which reads several files for it.
-    file = os.path.join(paths.proc, "meminfo")
+def meminfo(paths: HostPaths) -> bytes:
+    """Returns the kernel's figures of memory and swap, which are read once for all sources."""
+    # Not psutil, which reads other files too, and takes several times as long.
     try:
-        content = read_bytes(file)
+        return b"\n" + read_bytes(os.path.join(paths.proc, "meminfo"))
     except OSError as error:
-        raise SensorError(f"the swap cannot be read: {error}") from None
-    total, free = (_kilobytes(content, name, file) for name in (b"SwapTotal:", b"SwapFree:"))
+        raise SensorError(f"the memory cannot be read: {error}") from None
+
+
+def memory_percent(content: bytes) -> float:
+    """Returns the memory that programs can no longer get, in %."""
+    total = _kilobytes(content, b"MemTotal:")
+    if not total:
+        raise SensorError("/proc/meminfo has no memory")
+    return 100.0 * (total - _kilobytes(content, b"MemAvailable:")) / total
+
+
+def memory_available(content: bytes) -> float:
+    """Returns the memory that programs can get, in MB of 1,000,000 bytes."""
+    return _kilobytes(content, b"MemAvailable:") * 1.024e-3
+
+
+def swap_percent(content: bytes) -> float:
+    """Returns the swap in use, in %."""
+    total = _kilobytes(content, b"SwapTotal:")
     if not total:
         raise NoSuchSensor("this machine has no swap")
-    return 100.0 * (total - free) / total
+    return 100.0 * (total - _kilobytes(content, b"SwapFree:")) / total
 
 
-def _kilobytes(content: bytes, name: bytes, file: str) -> float:
+def _kilobytes(content: bytes, name: bytes) -> float:
     _, _, rest = content.partition(b"\n" + name)
-    return _number(rest.split(None, 1)[0].decode("ascii", "replace") if rest else "", file)
+    words = rest.split(None, 1)
+    return _number(words[0].decode("ascii", "replace") if words else "", "/proc/meminfo")
 
 
 def pressure_percent(paths: HostPaths, resource: str) -> float:

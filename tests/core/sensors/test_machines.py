@@ -40,7 +40,7 @@ EXPECTED: Mapping[str, Mapping[str, Union[float, str]]] = {
         "systemd_failed": NONE,
     },
     "Jetson Xavier NX": {
-        "memory_percent": 69.5,
+        "memory_percent": 100.0 * 4_794_000 / 6_894_000,
         "swap_percent": 0.0,
         "oom_kills": 0.0,
         "temperature": 48.5,
