@@ -454,7 +454,7 @@ def test_output_that_cannot_be_written_is_a_failure(
 def test_a_recording_may_have_any_name(
     tmp_path: Path, thresholds: str, capfd: pytest.CaptureFixture[str], name: bytes, kind: str
 ) -> None:
-    messages = values("/battery", [50.0, 15.0, 50.0])
+    messages = values("/battery", [50.0, 15.0, *[50.0] * 20])  # suggest needs 20 messages
     folder = tmp_path / "folder"
     if kind in (".bag", ".mcap"):
         folder.mkdir()
