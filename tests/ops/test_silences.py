@@ -91,14 +91,16 @@ def test_silences_that_are_refused(
     assert silences.active() == []
 
 
-@pytest.mark.parametrize("pattern", ['a "quoted" name', "two\nlines", "\ud800", ""])
+@pytest.mark.parametrize("pattern", ["two\nlines", "\ud800", ""])
 def test_a_silence_that_could_not_be_read_again_is_refused(silences: Silences, pattern: str) -> None:
     with pytest.raises(ConfigError, match="expected"):
         silences.add([Matcher("robot", True, pattern)], for_s=60.0)
 
 
 def test_any_other_pattern_is_stored(silences: Silences) -> None:
-    for number, pattern in enumerate(["~r3", "r3, left", "=r3", " r3", "روبوت", "🤖", "[r]"]):
+    for number, pattern in enumerate(
+        ["~r3", "r3, left", "=r3", " r3", "روبوت", "🤖", "[r]", 'a "quoted" name', "a\\b"]
+    ):
         silences.add([Matcher("robot", True, pattern)], for_s=60.0)
         assert silences.active()[number].matchers == (Matcher("robot", True, pattern),)
 
