@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterable, Iterator, Mapping, Optional, Sequence, Tuple
 
 from .errors import ConfigError, Path, Problems
+from .formatting import list_text
 
 _ALLOWED: Mapping[type, str] = {
     bool: "true or false",
@@ -20,6 +21,8 @@ _ALLOWED: Mapping[type, str] = {
     list: "a list of numbers",
     tuple: "a list of texts",
 }
+_MOST_CHOICES = 12
+"""Choices that a message names."""
 _ELEMENT_KINDS: Mapping[type, type] = {list: float, tuple: str}
 
 
@@ -44,7 +47,7 @@ class Parameter:
     def allowed(self) -> str:
         """The allowed values, in words."""
         if self.choices:
-            return "one of " + ", ".join(choice or "nothing" for choice in self.choices)
+            return "one of " + list_text([choice or "nothing" for choice in self.choices], _MOST_CHOICES)
         if self.kind in _ALLOWED:
             return _ALLOWED[self.kind]
         noun = "a whole number" if self.kind is int else "a number"

@@ -153,7 +153,9 @@ def _host_parameters(source: str) -> Tuple[Parameter, ...]:
 
 def _read_host_source(section: Mapping[str, Any], path: Path, computer: Computer) -> Source:
     if section.get("source") is None:
-        raise ConfigError(f"is missing; expected {_HOST_SOURCE.allowed}", (*path, "source"))
+        raise ConfigError(
+            f"is missing; expected {_HOST_SOURCE.allowed} (see `robot-health sources`)", (*path, "source")
+        )
     source = _HOST_SOURCE.read(section["source"], (*path, "source"))
     options = read_parameters(section, _host_parameters(source), path)
     del options["source"]

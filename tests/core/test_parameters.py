@@ -186,3 +186,10 @@ def test_unflatten_is_the_inverse_of_flatten(tree: Dict[str, Any]) -> None:
 def test_a_name_that_is_a_value_and_a_parent_is_refused(values: Dict[str, int]) -> None:
     with pytest.raises(ConfigError):
         unflatten(values)
+
+
+def test_a_message_names_only_the_first_of_many_choices() -> None:
+    many = Parameter("source", str, None, "metric", choices=tuple(f"metric_{number}" for number in range(13)))
+    expected = ", ".join(f"metric_{number}" for number in range(12))
+    with pytest.raises(ConfigError, match=f"^source: expected one of {expected}, ..., got 'fan'$"):
+        many.read("fan", ("source",))

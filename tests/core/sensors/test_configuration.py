@@ -115,6 +115,11 @@ def test_every_parameter_has_a_description_and_a_default_that_it_allows() -> Non
             assert parameter.read(parameter.default) == parameter.default, f"{metric}.{parameter.name}"
 
 
+FIRST = (
+    "cpu_percent, load_1min, load_5min, load_15min, memory_percent, memory_available, swap_percent, pressure_cpu, "
+    "pressure_memory, pressure_io, oom_kills, disk_percent, ..."
+)
+"""The sources that a message names."""
 MEMORY = {"source": "memory_percent"}
 
 
@@ -138,10 +143,10 @@ def test_every_source_of_the_host_can_be_had_with_its_option_left_out() -> None:
     [
         ([MEMORY], "host: expected a mapping of keys to values, got [{'source': 'memory_percent'}]"),
         ({"memory": "memory_percent"}, "host.memory: expected a mapping of keys to values, got 'memory_percent'"),
-        ({"memory": {}}, f"host.memory.source: is missing; expected one of {', '.join(HOST_SOURCES)}"),
+        ({"memory": {}}, f"host.memory.source: is missing; expected one of {FIRST} (see `robot-health sources`)"),
         (
             {"memory": {"source": "ram"}},
-            f"host.memory.source: expected one of {', '.join(HOST_SOURCES)}, got 'ram'",
+            f"host.memory.source: expected one of {FIRST}, got 'ram'",
         ),
         (
             {"memory": {**MEMORY, "path": "/"}},
