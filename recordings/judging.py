@@ -116,9 +116,9 @@ class SignalSummary:
     """Share of the recorded time per announced level, 0 to 1; empty if it was never known."""
     unknown: float = 1.0
     """Share of the recorded time before the first sample or alert, 0 to 1."""
+    alerts: int = 0  # transitions to a level other than OK, without repetitions
     status: Optional[Status] = None
     """At the end of the recordings; None before."""
-    alerts: int = 0  # transitions to a level other than OK, without repetitions
 
 
 OnEvent = Callable[[JudgedEvent], None]
