@@ -283,7 +283,7 @@ def decided_text(judgement: Judgement) -> str:
     config, latest = judgement.config, judgement.latest
     if not isinstance(latest, Reduced) or not latest.decided:
         return ""
-    paths = " to ".join(_element_text(config, element) for element in latest.decided)
+    paths = " to ".join(dict.fromkeys(_element_text(config, element) for element in latest.decided))
     return f" ({paths})" if config.statistic == "last" else f" (latest {paths})"
 
 

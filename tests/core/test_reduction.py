@@ -82,6 +82,12 @@ def test_the_reason_of_a_spread_names_the_smallest_and_the_largest_element() -> 
     ]
 
 
+def test_the_reason_of_a_spread_of_equal_elements_names_one() -> None:
+    assert lines([cells(3.5, 3.5)], reduce="spread", warn_below=0.1) == [
+        "cells WARN: 0 V (cell_voltage[0]) is below 0.1 V (was unknown for 0 s)"
+    ]
+
+
 @pytest.mark.parametrize(("reduction", "value"), [("mean", "3.5 V"), ("sum", "7 V"), ("count", "2 V")])
 def test_reductions_that_no_element_decides_name_none(reduction: str, value: str) -> None:
     assert lines([cells(3.25, 3.75)], reduce=reduction, warn_below=100.0) == [
