@@ -74,7 +74,8 @@ class Monitor:
 
         The transitions are of the signal itself, of signals with a condition on it, and, for `link`, of all signals.
         """
-        return self.observe_value(*sample)
+        name, value, now_s = sample
+        return self.observe_value(name, value, now_s)
 
     def observe_value(self, name: str, value: object, now_s: float) -> Changes:
         """As `observe` of a sample of these three; faster, for adapters with a message per call."""
