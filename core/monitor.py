@@ -18,7 +18,7 @@ from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status
-from .signal_config import CONDITIONS, LINK, SignalConfig, is_element_name, read_signal, template_name
+from .signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
 from .signal_monitor import SignalMonitor
 from .state_reader import Downtime, SavedSignal, UnusableStateError, without_latch
 from .window import Samples
@@ -27,15 +27,6 @@ _LARGEST = sys.float_info.max
 _LINK_GRACE_S = 60.0
 """A restored link of which nothing is reported for this long is no longer watched."""
 _MOST_NOTICES = 10
-
-LINK_CONFIG = read_signal(
-    LINK,
-    {
-        "valid_min": 0.0, "valid_max": 1.0, "error_below": 1.0, "keep_firing_for_s": 10.0, "flap_detection": True,
-        "stale_after_s": 0.0,
-    },
-)  # fmt: skip
-"""How the link to a robot is judged: ERROR at once while it is down, OK once it has been up for 10 s. Never stale."""
 
 
 class Monitor:

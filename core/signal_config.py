@@ -428,3 +428,13 @@ def _outside(
         yield key, f"expected at least {bound_text(low)} ({names[0]}), got {bound_text(found)}"
     elif high is not None and found > high:
         yield key, f"expected at most {bound_text(high)} ({names[1]}), got {bound_text(found)}"
+
+
+LINK_CONFIG = read_signal(
+    LINK,
+    {
+        "valid_min": 0.0, "valid_max": 1.0, "error_below": 1.0, "keep_firing_for_s": 10.0, "flap_detection": True,
+        "stale_after_s": 0.0,
+    },
+)  # fmt: skip
+"""How the link to a robot is judged: ERROR at once while it is down, OK once it has been up for 10 s. Never stale."""

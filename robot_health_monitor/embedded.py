@@ -19,7 +19,8 @@ from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.sensors.computer import Computer
 from robot_health_monitor.core.sensors.configuration import METRICS
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.runtime.threads import DetachedCalls, run_in_daemon_thread
+from robot_health_monitor.runtime.event_loops import run_in_daemon_thread
+from robot_health_monitor.runtime.threads import DetachedCalls
 
 NODES = ("alert_system", "aggregator", "battery_sensor")
 """The nodes that run here, by their names in a configuration file."""

@@ -22,8 +22,8 @@ from robot_health_monitor.core.nodes.node import host_name
 from robot_health_monitor.core.nodes.self_monitor import CHECK_PERIOD_S, EMPTY_REPORT, SelfMonitor, SelfReport
 from robot_health_monitor.core.outlets import Outlet, array_message
 from robot_health_monitor.rosbridge.client import Cause, RosbridgeClient
+from robot_health_monitor.runtime.event_loops import run_in_daemon_thread
 from robot_health_monitor.runtime.log_limit import LimitedLog
-from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from .embedded import run_timers
 from .fleet_configuration import FleetReader, RobotSettings

@@ -15,7 +15,7 @@ from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import NOTHING_CHANGED, Severity
 from robot_health_monitor.core.yaml_file import read_yaml
 from robot_health_monitor.ops.configuration import OpsConfig, ServerOptions, read_ops
-from robot_health_monitor.runtime.threads import run_in_daemon_thread
+from robot_health_monitor.runtime.event_loops import run_in_daemon_thread
 
 from .operations import Operations
 from .serving import ServerSettings

@@ -6,21 +6,17 @@ would delay the exit by half a minute, and a folder on a server that does not an
 
 from __future__ import annotations
 
-import asyncio
 import queue
 import select
 import socket
 import threading
 from contextlib import closing
-from typing import Any, Callable, Coroutine, List, Optional, TypeVar
+from typing import Callable, List, Optional
 
-from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.sensors.source import SensorError
 
-__all__ = ["DetachedCalls", "LoopThread", "MonotonicEvent", "StepThread", "ThreadPool", "run_in_daemon_thread"]
+__all__ = ["DetachedCalls", "MonotonicEvent", "StepThread"]
 
-Result = TypeVar("Result")
-_CLOSE_TIMEOUT_S = 5.0
 _WAIT_AFTER_ERROR_S = 1.0
 _LONGEST_WAIT_S = 86400.0
 """Of one call of `poll`, which takes at most 24 days."""
@@ -72,15 +68,6 @@ class MonotonicEvent:
         """Waits until it is set, at most `timeout_s`; returns whether it is set."""
         self._poll.poll(min(max(0.0, timeout_s), _LONGEST_WAIT_S) * 1000.0)
         return self._is_set
-
-
-async def run_in_daemon_thread(function: Callable[[], Result]) -> Result:
-    """Returns or raises what a function does in a separate thread. Cancelling the wait abandons the thread."""
-    pool = ThreadPool("may hang", threads=1, most_pending=1)
-    try:
-        return await pool.run(function)
-    finally:
-        pool.close()
 
 
 class DetachedCalls:
@@ -138,112 +125,6 @@ class _DetachedThread:
             job()
             del job  # what it belongs to may have to be freed before the next one comes
             finished.set()
-
-
-class ThreadPool:
-    """A bounded number of threads that run functions for an event loop."""
-
-    def __init__(self, name: str, threads: int, most_pending: int, timeout_s: Optional[float] = None) -> None:
-        """Starts no thread. At most `most_pending` functions run or wait; `run` waits `timeout_s` (None: for ever)."""
-        self._name = name
-        self._most_threads = threads
-        self._most_pending = most_pending
-        self._timeout_s = timeout_s
-        self._threads = 0
-        self._jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self.pending = 0
-        """Functions that run or wait."""
-
-    def submit(self, function: Callable[..., Result], *arguments: Any) -> asyncio.Future[Result]:
-        """Runs a function in a thread, unless the future is cancelled before. Called in the loop. Raises as `run`."""
-        if self.pending >= self._most_pending:
-            raise ServiceError(f"busy: {self.pending} requests are pending")
-        self.pending += 1
-        if self._threads < min(self.pending, self._most_threads):
-            self._threads += 1
-            threading.Thread(target=self._work, name=self._name, daemon=True).start()
-        future: asyncio.Future[Result] = asyncio.get_event_loop().create_future()
-        self._jobs.put((future, function, arguments))
-        return future
-
-    async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Returns or raises what a function does in a thread; ServiceError: too many are pending, or it took long."""
-        future = self.submit(function, *arguments)
-        if self._timeout_s is None:
-            return await future
-        try:
-            return await asyncio.wait_for(future, self._timeout_s)
-        except asyncio.TimeoutError:
-            raise ServiceError(f"no answer within {self._timeout_s:g} s") from None
-
-    def close(self) -> None:
-        """Ends the threads after their current function. Nothing may be submitted afterwards."""
-        self._most_pending = 0
-        for _ in range(self._threads):
-            self._jobs.put(None)
-
-    def _work(self) -> None:
-        while True:
-            job = self._jobs.get()
-            if job is None:
-                return
-            future, function, arguments = job
-            result, error = None, None
-            try:
-                result = None if future.cancelled() else function(*arguments)
-            except Exception as raised:
-                error = raised
-            try:
-                future.get_loop().call_soon_threadsafe(self._finish, future, result, error)
-            except RuntimeError:  # the loop has ended
-                return
-            del job, future, function, arguments, result, error  # they may be large, and the next job may be far away
-
-    def _finish(self, future: asyncio.Future[Any], result: Any, error: Any) -> None:
-        self.pending -= 1
-        if future.done():  # cancelled
-            return
-        if error is None:
-            future.set_result(result)
-        else:
-            future.set_exception(error)
-
-
-class LoopThread:
-    """A running event loop: for a server beside ROS, and for clients that are used from blocking code."""
-
-    def __init__(self, name: str = "rosbridge") -> None:
-        """Starts the thread. It does not keep the process alive."""
-        self.loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
-
-    @property
-    def alive(self) -> bool:
-        """Whether the loop is running."""
-        return self._thread.is_alive()
-
-    def call(self, coroutine: Coroutine[Any, Any, Result], timeout_s: float = 30.0) -> Result:
-        """Returns or raises what a coroutine does, or concurrent.futures.TimeoutError. Not to be called in the loop."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(timeout_s)
-
-    def close(self) -> None:
-        """Stops the loop and cancels its tasks. May be called twice."""
-        if self._thread.is_alive():
-            self.loop.call_soon_threadsafe(self.loop.stop)
-            self._thread.join(_CLOSE_TIMEOUT_S)
-
-    def _run(self) -> None:
-        asyncio.set_event_loop(self.loop)
-        try:
-            self.loop.run_forever()
-            tasks = asyncio.all_tasks(self.loop)
-            for task in tasks:
-                task.cancel()
-            self.loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
-            self.loop.run_until_complete(self.loop.shutdown_asyncgens())
-        finally:
-            self.loop.close()
 
 
 class StepThread(threading.Thread):

@@ -23,8 +23,7 @@ from robot_health_monitor.core.explanation import judged_text, judged_unit
 from robot_health_monitor.core.forecast import LEAST_SAMPLES
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.monitor import LINK_CONFIG
-from robot_health_monitor.core.signal_config import LINK, Condition, SignalConfig
+from robot_health_monitor.core.signal_config import LINK, LINK_CONFIG, Condition, SignalConfig
 
 from ..notifications.alertmanager import ALERT, SEVERITIES
 

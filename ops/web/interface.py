@@ -16,7 +16,7 @@ from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.version import package_version
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 from robot_health_monitor.runtime.times import iso_time
 
 from ..active_silences import Silences

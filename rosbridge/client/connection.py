@@ -31,8 +31,8 @@ from robot_health_monitor.core.errors import MessageError, ServiceError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.middleware import Severity, canonical_type
 from robot_health_monitor.runtime.backoff import Backoff
+from robot_health_monitor.runtime.event_loops import run_in_daemon_thread
 from robot_health_monitor.runtime.log_limit import LimitedLog
-from robot_health_monitor.runtime.threads import run_in_daemon_thread
 
 from ..address import host_and_port, shown_address
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError, Wire, operations

@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 import aiohttp
 from aiohttp.abc import AbstractResolver
 
-from robot_health_monitor.runtime.threads import run_in_daemon_thread
+from robot_health_monitor.runtime.event_loops import run_in_daemon_thread
 
 from ..address import http_address
 from ..protocol import CBOR_SUBPROTOCOL, Wire

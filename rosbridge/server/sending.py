@@ -15,7 +15,7 @@ from collections import deque
 from typing import Any, Callable, Deque, Dict, Generic, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import MessageError, ServiceError
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 
 from ..protocol import Wire
 from ..protocol.codec import encode_cbor, encode_json, encode_large_json, encode_png

@@ -16,7 +16,7 @@ from typing import Any, Callable, Deque, Mapping, Optional, Tuple, TypeVar
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.middleware import Graph, NodeInfo, ServedMiddleware, resolve_name
 from robot_health_monitor.core.standard_messages import definition
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 
 from ..sockets import ignore_result
 from .sending import estimated_bytes

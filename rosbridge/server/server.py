@@ -23,7 +23,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import ServedMiddleware, Severity
-from robot_health_monitor.runtime.threads import LoopThread, ThreadPool
+from robot_health_monitor.runtime.event_loops import LoopThread, ThreadPool
 
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
 from ..sockets import FloodError, Incoming, limit_reads

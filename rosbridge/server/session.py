@@ -7,7 +7,7 @@ from typing import Any, Awaitable, Callable, Dict, NamedTuple, Optional, Set, Ty
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.middleware import canonical_type
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 
 from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire, operations
 from .access import Access

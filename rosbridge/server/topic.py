@@ -9,7 +9,7 @@ from typing import Callable, Deque, Dict, Iterable, List, NamedTuple, Optional, 
 
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.middleware import Message
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 
 from ..protocol import Limits
 from ..protocol.operations import COMPRESSIONS, Subscribe

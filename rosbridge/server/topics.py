@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Mapping, Optional
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Message, Severity, Subscription, canonical_type
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 
 from ..protocol import Id, Limits, ProtocolError
 from ..protocol.definitions import null_reader, serializer

@@ -8,8 +8,7 @@ from typing import Any, Dict, List, Optional
 import pytest
 
 from robot_health_monitor.core import Level, Status, Transition, explanation
-from robot_health_monitor.core.monitor import LINK_CONFIG
-from robot_health_monitor.core.signal_config import read_signal
+from robot_health_monitor.core.signal_config import LINK_CONFIG, read_signal
 from robot_health_monitor.core.signal_monitor import SignalMonitor
 
 

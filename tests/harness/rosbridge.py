@@ -13,7 +13,7 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.rosbridge.client.middleware import RosbridgeClient, RosbridgeMiddleware
 from robot_health_monitor.rosbridge.server.access import Access
 from robot_health_monitor.rosbridge.server.server import Server
-from robot_health_monitor.runtime.threads import LoopThread
+from robot_health_monitor.runtime.event_loops import LoopThread
 
 EVERYTHING = Access(publish=("*",), services=("*",), offer=("*",))
 

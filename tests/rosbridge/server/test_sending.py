@@ -21,7 +21,7 @@ from robot_health_monitor.rosbridge.server.sending import (
     estimated_bytes,
     frame,
 )
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 
 
 def payload(frame: bytes) -> bytes:

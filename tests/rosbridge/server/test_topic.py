@@ -7,7 +7,7 @@ from typing import Any, Awaitable, Callable, List, Optional
 from robot_health_monitor.rosbridge.protocol.limits import Limits
 from robot_health_monitor.rosbridge.protocol.operations import Subscribe
 from robot_health_monitor.rosbridge.server.topic import ByteBudget, Options, Pacer, Topic, merge, options_of
-from robot_health_monitor.runtime.threads import ThreadPool
+from robot_health_monitor.runtime.event_loops import ThreadPool
 
 
 class Receiver:
