@@ -15,8 +15,17 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Tup
 
 from ..parameters import Parameter
 from . import daemons, disks, gpu, network, operating_system, processes
-from .computer import Computer, HostPaths, call_psutil
-from .host import Battery, HostCpuUsage, HostTemperature, fan_rpm, rail_volts, read_chips, temperature_sensors
+from .computer import Computer, HostPaths
+from .host import (
+    Battery,
+    HostCpuUsage,
+    HostTemperature,
+    fan_rpm,
+    rail_volts,
+    read_chips,
+    read_cpu_ticks,
+    temperature_sensors,
+)
 from .processes import ProcessSource
 from .source import Source
 
@@ -97,7 +106,7 @@ def _listed(option: str, names: Callable[[HostPaths], Iterable[Any]]) -> Callabl
 
 
 def _cores(paths: HostPaths) -> List[Any]:
-    return [None, *range(len(call_psutil("cpu_times", "CPU times", paths, percpu=True)))]
+    return list(read_cpu_ticks(paths))
 
 
 def _temperature_sensors(paths: HostPaths) -> List[str]:
@@ -138,7 +147,7 @@ def _can_rate(computer: Computer, interface: str = "") -> Source:
 
 
 def _space(value: Callable[[disks.Space], float]) -> Callable[..., Source]:
-    return _asked("the disk at", 0.0, disks.read_space, value)
+    return _asked("the disk at", 5.0, disks.read_space, value)
 
 
 def _gpu(name: str) -> Callable[..., Source]:
@@ -164,7 +173,7 @@ _OF_GPU = (_GPU,), _listed("device", gpu.gpus)
 
 HOST_SOURCES: Mapping[str, HostSource] = {
     "cpu_percent": HostSource(
-        "%", "CPU load", lambda computer, core=None: HostCpuUsage(core, computer.paths), (_CORE,),
+        "%", "CPU load", HostCpuUsage, (_CORE,),
         _listed("core", _cores),
     ),
     "load_1min": HostSource("", "load average over 1 minute", _reading(operating_system.load, 0)),

@@ -12,7 +12,7 @@ import os
 import re
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar
 
-from .source import NotMeasuredYet, SensorError
+from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 __all__ = [
     "HOST_PATHS",
@@ -31,6 +31,9 @@ Result = TypeVar("Result")
 
 LATE_S = 5.0
 """An answer that takes longer is an error, which is logged; before that, it is merely not there yet."""
+
+ABSENT_S = 10.0
+"""Hardware that is absent is searched for again after this time."""
 
 MOST_BYTES = 1 << 20
 """Of a file of the kernel."""
@@ -88,6 +91,8 @@ class Computer:
         self._background = background
         self._now_s: Optional[float] = None
         self._found: Dict[Tuple[Any, ...], Tuple[Any, Optional[SensorError]]] = {}
+        self._absent: Dict[Tuple[Any, ...], Tuple[float, NoSuchSensor]] = {}
+        """What was searched for in vain, and when."""
         self._questions: Dict[Tuple[Any, ...], _Question] = {}
         self._kept: Dict[Callable[..., Any], Any] = {}
 
@@ -99,23 +104,35 @@ class Computer:
         return found
 
     def once(self, now_s: float, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Returns or raises what `function(paths, *arguments)` does; called once for all reads at the same time."""
+        """Returns or raises what `function(paths, *arguments)` does; called once for all reads at the same time.
+
+        Where it raises NoSuchSensor, it is called again after `ABSENT_S`.
+        """
         if now_s != self._now_s:
             self._now_s = now_s
             self._found.clear()
         key = (function, *arguments)
         found: Any = self._found.get(key)
         if found is None:
-            try:
-                found = function(self.paths, *arguments), None
-            except SensorError as error:
-                found = None, error
-            self._found[key] = found
+            found = self._found[key] = self._searched(now_s, key)
         value, failure = found
         if failure is not None:
             raise failure.with_traceback(None)
         result: Result = value
         return result
+
+    def _searched(self, now_s: float, key: Tuple[Any, ...]) -> Tuple[Any, Optional[SensorError]]:
+        absent_s, absent = self._absent.get(key, (0.0, None))
+        if absent is not None and 0.0 <= now_s - absent_s < ABSENT_S:
+            return None, absent
+        function, *arguments = key
+        try:
+            return function(self.paths, *arguments), None
+        except NoSuchSensor as error:
+            self._absent[key] = now_s, error
+            return None, error
+        except SensorError as error:
+            return None, error
 
     def ask(
         self, now_s: float, every_s: float, subject: str, function: Callable[..., Result], *arguments: Any

@@ -1,67 +1,84 @@
-"""Reads this machine: temperatures and batteries from the kernel's files below /sys, loads and counters with psutil.
+"""Reads this machine: temperatures and batteries from the kernel's files below /sys, CPU load from /proc.
 
 Formats: the kernel's Documentation/hwmon/sysfs-interface.rst (thousandths of a degree C) and
-Documentation/ABI/testing/sysfs-class-power (microvolts, microamperes, microwatts). psutil reads /proc and is imported
-when it is first needed. What cannot be read raises SensorError.
+Documentation/ABI/testing/sysfs-class-power (microvolts, microamperes, microwatts); proc_stat(5). What cannot be read
+raises SensorError.
 """
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..formatting import list_text, printable
-from .computer import HOST_PATHS, HostPaths, call_psutil, read_float, read_text, sorted_paths
+from .computer import HOST_PATHS, Computer, HostPaths, read_bytes, read_float, read_text, sorted_paths
 from .source import NoSuchSensor, NotMeasuredYet, SensorError
 
 _CPU_CHIPS = ("coretemp", "k10temp", "zenpower", "cpu", "soc_thermal", "soc-thermal", "x86_pkg_temp", "via_cputemp")
 """Prefixes of the names of CPU temperature chips: Intel, AMD, ARM boards, thermal zones, VIA."""
 
+CpuTicks = Tuple[int, ...]
+"""Time in user, nice, system, idle, iowait, irq, softirq and steal, in ticks; old kernels end earlier."""
+
+_LEAST_COLUMNS = 5
+
 
 class HostCpuUsage:
     """CPU load of this machine since the previous read, in %."""
 
-    def __init__(self, core: Optional[int] = None, paths: HostPaths = HOST_PATHS) -> None:
+    def __init__(self, computer: Computer, core: Optional[int] = None) -> None:
         """Reads the counters of one core, counted from 0, or of all, so that the first `read` can compare."""
         # Not psutil.cpu_percent(): it compares with the previous call in the same thread, and rospy calls back from
         # other threads than the one that made the node. Its first answer is a meaningless 0.0.
+        self._computer = computer
         self._core = core
-        self._paths = paths
-        self._cores: Optional[int] = None
-        self._last: Optional[Dict[str, float]] = None
+        self._last: Optional[CpuTicks] = None
         self._percent: Optional[float] = None
         try:
-            self._last = self._cpu_times()
+            self._last = self._ticks(read_cpu_ticks(computer.paths))
         except SensorError:
             pass  # the first read reports it
 
     def read(self, now_s: float) -> float:
         """Returns the load in %; the previous one if no time has passed since. Raises SensorError."""
-        times = self._cpu_times()
-        last, self._last = self._last, times
+        ticks = self._ticks(self._computer.once(now_s, read_cpu_ticks))
+        last, self._last = self._last, ticks
         if last is not None:
             # A counter may step back: iowait does, and so do those of a core that goes offline.
-            spent = {kind: max(0.0, times[kind] - last.get(kind, times[kind])) for kind in times}
-            total_s = sum(spent.values())
-            if total_s > 0.0:
-                self._percent = 100.0 * (total_s - spent.get("idle", 0.0) - spent.get("iowait", 0.0)) / total_s
+            user, nice, system, idle, iowait, *others = [max(0, new - old) for new, old in zip(ticks, last)]
+            busy = user + nice + system + sum(others)
+            if busy + idle + iowait:
+                self._percent = 100.0 * busy / (busy + idle + iowait)
         if self._percent is None:
             raise NotMeasuredYet("CPU load is not measured yet: it takes two reads")
         return self._percent
 
-    def _cpu_times(self) -> Dict[str, float]:
-        times = call_psutil("cpu_times", "CPU times", self._paths, percpu=self._core is not None)
-        if self._core is not None:
-            if self._cores is None:
-                self._cores = len(times)
-            if self._core >= self._cores:
-                raise SensorError(f"this machine has no core {self._core}, the last one is {self._cores - 1}")
-            if len(times) != self._cores:  # the list is renumbered when a core goes offline
-                raise SensorError(f"{len(times)} of {self._cores} cores are online: core {self._core} is ambiguous")
-            times = times[self._core]
-        # Linux counts the time of guests in user and nice as well.
-        return {kind: seconds for kind, seconds in times._asdict().items() if kind not in ("guest", "guest_nice")}
+    def _ticks(self, found: Mapping[Optional[int], CpuTicks]) -> CpuTicks:
+        if self._core not in found:
+            online = list_text([str(core) for core in found if core is not None], most=12)
+            raise SensorError(f"core {self._core} is not online; online: {online}")
+        return found[self._core]
+
+
+def read_cpu_ticks(paths: HostPaths) -> Dict[Optional[int], CpuTicks]:
+    """Returns the ticks of each core that is online, and of all together (None), as proc_stat(5) has them."""
+    file = os.path.join(paths.proc, "stat")
+    found: Dict[Optional[int], CpuTicks] = {}
+    try:
+        for line in read_bytes(file).splitlines():
+            if not line.startswith(b"cpu"):
+                break  # the lines of the cores come first
+            name, *columns = line.split()
+            # The time of guests, in the columns behind these, is part of user and nice.
+            found[int(name[3:]) if name[3:] else None] = tuple(map(int, columns[:8]))
+    except OSError as error:
+        raise SensorError(f"the CPU load cannot be read: {error}") from None
+    except ValueError:
+        found = {}
+    if any(len(ticks) < _LEAST_COLUMNS for ticks in found.values()) or None not in found:
+        raise SensorError(f"{file}: expected the ticks of each core")
+    return found
 
 
 @dataclass(frozen=True)

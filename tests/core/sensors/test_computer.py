@@ -19,7 +19,7 @@ from robot_health_monitor.core.sensors.computer import (
     read_text,
     sorted_paths,
 )
-from robot_health_monitor.core.sensors.source import NotMeasuredYet, SensorError
+from robot_health_monitor.core.sensors.source import NoSuchSensor, NotMeasuredYet, SensorError
 from robot_health_monitor.runtime.threads import DetachedCalls
 
 
@@ -65,6 +65,33 @@ def test_an_error_is_raised_for_all_reads_at_the_same_time() -> None:
         with pytest.raises(SensorError, match=r"unplugged"):
             computer.once(1.0, read)
     assert len(reads) == 1
+
+
+def test_absent_hardware_is_searched_for_every_ten_seconds_and_other_errors_are_read_each_time() -> None:
+    computer, searched_s = Computer(), []
+    error = [NoSuchSensor("no battery"), NoSuchSensor("no battery"), SensorError("unplugged")]
+
+    def search(paths: HostPaths) -> None:
+        searched_s.append(now_s)
+        raise error[min(len(searched_s) - 1, 2)]
+
+    for now_s in (0.0, 1.0, 9.9, 10.0, 19.0, 20.0, 21.0):
+        with pytest.raises(SensorError):
+            computer.once(now_s, search)
+    assert searched_s == [0.0, 10.0, 20.0, 21.0]
+
+
+def test_after_time_went_back_absent_hardware_is_searched_for_again() -> None:
+    computer, searched_s = Computer(), []
+
+    def search(paths: HostPaths) -> None:
+        searched_s.append(now_s)
+        raise NoSuchSensor("no battery")
+
+    for now_s in (100.0, 5.0, 6.0):
+        with pytest.raises(NoSuchSensor):
+            computer.once(now_s, search)
+    assert searched_s == [100.0, 5.0]
 
 
 def test_state_is_made_once_per_computer() -> None:

@@ -14,7 +14,8 @@ from typing import Any, List
 import pytest
 from harness.machine import Machine
 
-from robot_health_monitor.core.sensors.computer import HOST_PATHS, call_psutil
+from robot_health_monitor.core.sensors.computer import HOST_PATHS, Computer, call_psutil
+from robot_health_monitor.core.sensors.disks import mount_points
 from robot_health_monitor.core.sensors.host import Battery, HostCpuUsage, HostTemperature
 from robot_health_monitor.core.sensors.source import SensorError
 
@@ -197,7 +198,7 @@ def test_the_gamepad_does_not_hide_the_battery_of_the_machine(machine: Machine) 
 
 def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> None:
     machine(stat(user=1000, idle=9000))
-    source = HostCpuUsage(paths=machine.paths)
+    source = HostCpuUsage(machine.computer)
     machine(stat(user=1030, idle=9070))
     assert source.read(1.0) == percent(30)
     machine(stat(user=1130, idle=9070))
@@ -206,21 +207,21 @@ def test_cpu_usage_is_what_was_busy_since_the_read_before(machine: Machine) -> N
 
 def test_waiting_for_the_disk_is_not_being_busy(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(paths=machine.paths)
+    source = HostCpuUsage(machine.computer)
     machine(stat(user=25, idle=50, iowait=25))
     assert source.read(1.0) == percent(25)
 
 
 def test_the_time_of_guests_is_not_counted_twice(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(paths=machine.paths)
+    source = HostCpuUsage(machine.computer)
     machine(stat(user=50, idle=50, guest=50))  # proc(5): guest time is part of user time
     assert source.read(1.0) == percent(50)
 
 
 def test_before_anything_was_measured_there_is_no_cpu_usage_instead_of_a_zero(machine: Machine) -> None:
     machine(stat(user=1000, idle=9000))
-    source = HostCpuUsage(paths=machine.paths)
+    source = HostCpuUsage(machine.computer)
     with pytest.raises(SensorError, match=r"^CPU load is not measured yet"):
         source.read(0.0)
     machine(stat(user=1050, idle=9050))
@@ -229,21 +230,21 @@ def test_before_anything_was_measured_there_is_no_cpu_usage_instead_of_a_zero(ma
 
 def test_a_read_without_time_in_between_repeats_the_last_cpu_usage(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(paths=machine.paths)
+    source = HostCpuUsage(machine.computer)
     machine(stat(user=40, idle=60))
     assert [source.read(1.0), source.read(1.0)] == [percent(40), percent(40)]
 
 
 def test_a_counter_that_steps_back_gives_no_impossible_cpu_usage(machine: Machine) -> None:
     machine(stat(user=0, idle=0, iowait=50))
-    source = HostCpuUsage(paths=machine.paths)
+    source = HostCpuUsage(machine.computer)
     machine(stat(user=20, idle=80, iowait=49))
     assert source.read(1.0) == percent(20)
 
 
 def test_cpu_usage_may_be_read_in_another_thread_than_the_one_that_made_it(machine: Machine) -> None:
     machine(stat(user=0, idle=0))
-    source = HostCpuUsage(paths=machine.paths)
+    source = HostCpuUsage(machine.computer)
     machine(stat(user=70, idle=30))
     seen: List[float] = []
     thread = threading.Thread(target=lambda: seen.append(source.read(1.0)))
@@ -252,13 +253,16 @@ def test_cpu_usage_may_be_read_in_another_thread_than_the_one_that_made_it(machi
     assert seen == [percent(70)]
 
 
-def test_without_psutil_the_cpu_usage_says_what_to_install_and_the_others_are_read(
+def test_without_psutil_the_disks_cannot_be_listed_and_the_others_are_read(
     machine: Machine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine(INTEL_LAPTOP, LAPTOP_BATTERY, stat(user=0, idle=0))
     monkeypatch.setitem(sys.modules, "psutil", None)
     with pytest.raises(SensorError, match=r"^psutil is not installed.*python3-psutil"):
-        HostCpuUsage(paths=machine.paths).read(0.0)
+        mount_points(machine.paths)
+    cpu = HostCpuUsage(machine.computer)
+    machine(stat(user=10, idle=90))
+    assert cpu.read(1.0) == percent(10)
     assert HostTemperature(paths=machine.paths).read(0.0) == 53.0
     assert Battery(machine.paths).percent() == pytest.approx(62.5, abs=0.05)
 
@@ -271,8 +275,8 @@ def test_a_system_where_psutil_lacks_a_function_says_so(monkeypatch: pytest.Monk
 
 def test_a_proc_that_cannot_be_read_costs_the_reading_and_is_named(machine: Machine) -> None:
     machine()
-    source = HostCpuUsage(paths=machine.paths)
-    with pytest.raises(SensorError, match=r"^psutil cannot read CPU times: FileNotFoundError: .*/proc/stat"):
+    source = HostCpuUsage(machine.computer)
+    with pytest.raises(SensorError, match=r"^the CPU load cannot be read: .*/proc/stat"):
         source.read(0.0)
     machine(stat(user=0, idle=0))
     with pytest.raises(SensorError, match=r"^CPU load is not measured yet"):
@@ -281,8 +285,17 @@ def test_a_proc_that_cannot_be_read_costs_the_reading_and_is_named(machine: Mach
     assert source.read(2.0) == percent(10)
 
 
+@pytest.mark.parametrize(
+    "content", ["", "cpu", "cpu  1 2 3", "cpu  a b c d e", "cpu0 1 2 3 4 5", "intr 5", "cpux 1 2 3 4 5\ncpu  1 2 3 4 5"]
+)
+def test_counters_of_another_form_are_an_error(machine: Machine, content: str) -> None:
+    machine({"/proc/stat": content})
+    with pytest.raises(SensorError, match=r"/proc/stat: expected the ticks of each core$"):
+        HostCpuUsage(machine.computer).read(0.0)
+
+
 def test_the_load_of_this_machine_is_a_percentage() -> None:
-    source = HostCpuUsage()
+    source = HostCpuUsage(Computer())
     busy_until_s = sum(psutil.cpu_times()) + 0.1
     while sum(psutil.cpu_times()) < busy_until_s:
         pass
