@@ -20,8 +20,10 @@ from robot_health_monitor.core.formatting import count_text, duration_text, numb
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.history import queries
+from robot_health_monitor.ops.history import samples as stored_samples
 from robot_health_monitor.ops.history.queries import MonitorEvent
 from robot_health_monitor.ops.history.rows import StoredTransition
+from robot_health_monitor.ops.history.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
 from robot_health_monitor.ops.history.summary import SignalSummary, summarize
 from robot_health_monitor.ops.matchers import matchers_text
 from robot_health_monitor.ops.silences import SilenceEvent, silence_events
@@ -76,6 +78,11 @@ def add_arguments(parser: Parser) -> None:
     content.add_argument(
         "--summary", action="store_true", help="per signal: share of time per level, alerts, longest time not OK"
     )
+    content.add_argument(
+        "--samples",
+        action="store_true",
+        help="per 10 s (after two days: 5 min): smallest, largest, mean and last value, samples, worst level",
+    )
     content.add_argument("--alert", metavar="ID", type=_number, help="one transition, with a plot of its samples")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="one JSON object per line")
@@ -118,7 +125,7 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
         ConfigError: the file does not exist, cannot be read, or is no history.
     """
     stream = stream or sys.stdout
-    show = _show_summary if arguments.summary else _show_transitions
+    show = _show_summary if arguments.summary else _show_samples if arguments.samples else _show_transitions
     if arguments.alert is not None:
         show = _show_alert
     with reading_history(history_file(arguments.file, arguments.ops)) as connection:
@@ -297,6 +304,35 @@ def _summary_cells(summary: SignalSummary) -> List[str]:
     shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
     outage = duration_text(summary.longest_outage_s) if summary.longest_outage_s > 0.0 else "none"
     return [summary.robot, summary.signal, *shares, share_text(summary.unknown), str(summary.alerts), outage]
+
+
+def _show_samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    found = stored_samples.read(connection, robot=arguments.robot, signal=arguments.signal, since_s=arguments.since_s)
+    chosen = (each for each in found if arguments.level in (None, each.level.name))
+    if arguments.json:
+        stream.writelines(f"{json.dumps(samples_fields(each))}\n" for each in chosen)
+        return
+    if arguments.csv:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(SAMPLES_FIELDS)
+        writer.writerows([_csv_cell(value) for value in samples_fields(each).values()] for each in chosen)
+        return
+    name = None
+    for each in chosen:
+        if name != (each.robot, each.signal):
+            name = each.robot, each.signal
+            stream.write(readable(f"{printable(f'{each.robot}: {each.signal}')}\n", stream))
+        stream.write(f"  {_samples_line(each)}\n")
+    if name is None:
+        sys.stderr.write("no samples\n")
+
+
+def _samples_line(samples: StoredSamples) -> str:
+    numbers = [("min", samples.least), ("max", samples.most), ("mean", samples.mean), ("last", samples.last)]
+    values = " ".join(f"{label} {number_text(value)}" for label, value in numbers if value is not None)
+    counts = count_text(samples.good, "sample") + (f", {samples.bad} bad" if samples.bad else "")
+    begin = local_time(samples.start_s, DATE_TIME)
+    return f"{begin} {samples.level.name:5} {duration_text(samples.seconds)}: {values or 'no value'} ({counts})"
 
 
 def _show_alert(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:

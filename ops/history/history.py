@@ -16,7 +16,9 @@ from typing import Any, Callable, Deque, Dict, Generic, List, Mapping, Optional,
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.core.model import Transition
+from robot_health_monitor.core.sample_summary import SampleSummary
 from robot_health_monitor.core.state_reader import SavedSignal
 
 from ..configuration import HistorySettings
@@ -24,6 +26,7 @@ from . import schema
 from .database_file import is_file_error, reading
 from .queries import read_states
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
+from .samples import store, summaries_of
 from .storage import PART, SLOW_S, Storage, report_skipped
 
 Result = TypeVar("Result")
@@ -328,6 +331,11 @@ class RobotHistory:
             self._save({signal: json.dumps(state) for signal, state in states.items()})
         except Exception as error:
             self._report(f"states were not stored: {type(error).__name__}: {error}")
+
+    def record_samples(self, summaries: Mapping[str, Sequence[SampleSummary]]) -> None:
+        """Stores what was collected of the samples of signals, by their names; returns at once."""
+        rows = [row for signal, each in summaries.items() for row in summaries_of(self._robot, printable(signal), each)]
+        self._history.put(lambda connection: store(connection, rows))
 
     def record_reset(self) -> None:
         """Stores that latched alerts were reset; returns at once."""

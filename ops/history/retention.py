@@ -1,7 +1,7 @@
 """Deletes entries of a history, a few at a time, so that a transition never waits for it.
 
 Entries that are too old go first. While the database is too large, the oldest transitions of the robot and signal that
-have most of them go: one noisy signal does not displace the alerts of all others.
+have most of them go: one noisy signal does not displace the alerts of all others. Samples go before transitions.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Dict, List, Optional, Tuple
 
+from .samples import FINE_S, SampleUpkeep
 from .schema import INDEX_STEP, INDEXED
 
 _MAX_ROWS = 200  # per call and table
@@ -83,6 +84,7 @@ class Retention:
         self._counted: Optional[Dict[Tuple[str, str], _Stored]] = None
         self._chosen: _Rows = []
         self._chosen_until = 0
+        self._samples = SampleUpkeep(connection)
 
     @property
     def _signals(self) -> Dict[Tuple[str, str], _Stored]:
@@ -107,11 +109,12 @@ class Retention:
         used, unused = used_bytes(self._connection)
         return used > self._max_bytes or used + unused > self._max_bytes + _UNUSED_BYTES
 
-    def delete_old(self, run_id: int, before_s: float) -> bool:
-        """Deletes some of the entries before a time, except the present run; returns whether there may be more.
+    def delete_old(self, run_id: int, now_s: float, keep_s: float) -> bool:
+        """Deletes some of the entries that are older than `keep_s`, except the present run, and merges old samples.
 
-        Call inside a transaction.
+        `now_s` is in s since 1970. Returns whether there may be more. Call inside a transaction.
         """
+        before_s = now_s - keep_s
         query = f"SELECT max(+id) FROM transitions WHERE {INDEXED} AND wall_s < ?"
         (indexed,) = self._connection.execute(query, (before_s,)).fetchone()
         query = "SELECT id, robot, signal FROM transitions WHERE id < ? AND wall_s < ? ORDER BY id"
@@ -121,7 +124,7 @@ class Retention:
             self._chosen = []
         for table, is_old, is_past, _ in _OTHERS:
             deleted += self._delete_others(table, f"{is_old} AND {is_past}", run_id, before_s)
-        return deleted > 0
+        return self._samples.merge_old(before_s, now_s - FINE_S) or deleted > 0
 
     def delete_surplus(self, run_id: int) -> bool:
         """Deletes some entries if the database is too large, else gives unused space back to the file system.
@@ -129,7 +132,7 @@ class Retention:
         The present run stays. Returns whether anything was done.
         """
         if used_bytes(self._connection)[0] > self._max_bytes:
-            return self._delete_most_frequent(run_id)
+            return self._samples.delete_oldest() or self._delete_most_frequent(run_id)
         self._connection.execute(f"PRAGMA incremental_vacuum({_MAX_PAGES})").fetchall()
         return True
 

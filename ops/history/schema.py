@@ -15,12 +15,29 @@ from robot_health_monitor.core.errors import ConfigError
 APPLICATION_ID = 0x524F4248
 """Identifies the file as a history, in the SQLite header: "ROBH"."""
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 """Version of the tables, in the SQLite header (`PRAGMA user_version`)."""
 
 INDEX_STEP = 16
 INDEXED = f"id % {INDEX_STEP} = 0"
 """The transitions that are in the index by time: each one takes a page that an alert has to write."""
+
+_SAMPLES = """
+CREATE TABLE samples (
+    robot TEXT NOT NULL,
+    signal TEXT NOT NULL,
+    start_s REAL NOT NULL,               -- begin of the period
+    seconds REAL NOT NULL,               -- its length: 10, after two days 300
+    least REAL,                          -- of the judged statistic; NULL: undefined
+    most REAL,
+    mean REAL,
+    last REAL,
+    good INTEGER NOT NULL,               -- number of samples
+    bad INTEGER NOT NULL,
+    level INTEGER NOT NULL,              -- the worst one
+    PRIMARY KEY (robot, signal, start_s)
+) WITHOUT ROWID
+"""
 
 # There is no index by robot and signal: each alert would write a page of it at another place of the disk, and so would
 # each deleted one; together more than everything else.
@@ -66,6 +83,8 @@ CREATE TABLE evidence (
     transition_id INTEGER PRIMARY KEY REFERENCES transitions(id),
     samples BLOB NOT NULL
 );
+-- What happened to the samples of each signal; see samples.py.
+{_SAMPLES};
 -- What a restarted monitor resumes from: the last state of each signal.
 CREATE TABLE signal_states (
     robot TEXT NOT NULL,
@@ -169,6 +188,7 @@ _MIGRATIONS: Mapping[int, Tuple[str, ...]] = {
     ),
     2: ("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''",),
     3: ("DROP INDEX IF EXISTS transitions_by_signal",),
+    4: (_SAMPLES,),
 }
 """By version: migrates a file from this version to the next one."""
 

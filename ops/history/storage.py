@@ -22,7 +22,7 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.runtime.backoff import Backoff
 
-from . import schema
+from . import samples, schema
 from .database_file import (
     DatabaseFile,
     InUseError,
@@ -195,9 +195,9 @@ class Storage:
             self._alive_at_s = now_s
             connection.execute("UPDATE runs SET alive_s = ? WHERE id = ?", (self._wall_s(), self._run[0]))
         if now_s >= self._old_at_s:
-            before_s = self._age_clock.now_s(self._wall_s(), _boot_s()) - self._keep_s
+            age_s = self._age_clock.now_s(self._wall_s(), _boot_s())
             with schema.transaction(connection):
-                is_more = self._used_retention.delete_old(self._run[0], before_s)
+                is_more = self._used_retention.delete_old(self._run[0], age_s, self._keep_s)
             self._old_at_s = 0.0 if is_more else now_s + _RETENTION_PERIOD_S
 
     def limit_size(self) -> bool:
@@ -346,7 +346,10 @@ class Storage:
         for table in schema.tables(memory):
             if self._is_copy and table in schema.LIVE_TABLES and table not in schema.SHARED_TABLES:
                 connection.execute(f"DELETE FROM {table}")
-            schema.copy_table(memory, connection, table)
+            if table == "samples":  # of which the file may have the first part of a period
+                samples.store(connection, samples.read(memory))
+            else:
+                schema.copy_table(memory, connection, table)
         schema.number_from(connection, self._last_id, ("transitions",))  # a new file continues, too
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from datetime import datetime, timezone
+from itertools import islice
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
@@ -11,15 +12,17 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.runtime.times import iso_time
 
 from ..active_silences import Silences
-from ..history import queries
+from ..history import queries, samples
 from ..history.history import History
 from ..history.rows import StoredTransition
+from ..history.samples import samples_fields
 from ..matchers import Matcher, matchers_text
 from ..silences import Silence
 from .requests import ApiError, read_text
 
 _MOST = 1000
 _USUAL = 100
+_MOST_SAMPLES = 20_000
 _LARGEST_ID = 2**63 - 1
 
 Result = TypeVar("Result")
@@ -51,7 +54,7 @@ def query_of(parameters: Mapping[str, str]) -> Query:
         parameters.get("robot") or None,
         parameters.get("signal") or None,
         None if level is None else Level[level],
-        _time(parameters.get("since", "")),
+        _time(parameters, "since"),
         before,
         _USUAL if limit is None else limit,
         parameters.get("open", "0") == "1",
@@ -88,6 +91,21 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
     return _read(history, read)
 
 
+def past_samples(history: History, parameters: Mapping[str, str]) -> Json:
+    """Returns the answer of `/api/history/samples`; raises ApiError for an invalid parameter, else as `past_alerts`."""
+    robot, signal = parameters.get("robot", ""), parameters.get("signal", "")
+    if not robot or not signal:
+        raise ApiError(400, "robot and signal: expected a name each")
+    since_s, until_s = _time(parameters, "from"), _time(parameters, "to")
+
+    def read(connection: sqlite3.Connection) -> Json:
+        found = samples.read(connection, robot=robot, signal=signal, since_s=since_s, until_s=until_s)
+        some = [samples_fields(each) for each in islice(found, _MOST_SAMPLES + 1)]
+        return {"samples": some[:_MOST_SAMPLES], "more": len(some) > _MOST_SAMPLES}
+
+    return _read(history, read)
+
+
 def _read(history: History, function: Callable[[sqlite3.Connection], Result]) -> Result:
     try:
         return history.read(function)
@@ -113,14 +131,15 @@ def _alert(transition: StoredTransition) -> Json:
     }
 
 
-def _time(text: str) -> Optional[float]:
+def _time(parameters: Mapping[str, str], name: str) -> Optional[float]:
+    text = parameters.get(name, "")
     if not text:
         return None
     try:
         time = datetime.fromisoformat(text.replace("Z", "+00:00"))
         return (time if time.tzinfo else time.replace(tzinfo=timezone.utc)).timestamp()
     except (ValueError, OverflowError):
-        raise ApiError(400, f"since: expected a time such as 2026-11-22T05:00:00Z, got {text[:40]}") from None
+        raise ApiError(400, f"{name}: expected a time such as 2026-11-22T05:00:00Z, got {text[:40]}") from None
 
 
 def _number(parameters: Mapping[str, str], name: str, most: int) -> Optional[int]:

@@ -22,7 +22,15 @@ from robot_health_monitor.runtime.times import iso_time
 from ..active_silences import Silences
 from ..history.history import History
 from ..metrics import METRICS_LIBRARY, Metrics
-from .history_requests import expire_silence, new_silence, past_alert, past_alerts, query_of, silence_json
+from .history_requests import (
+    expire_silence,
+    new_silence,
+    past_alert,
+    past_alerts,
+    past_samples,
+    query_of,
+    silence_json,
+)  # fmt: skip
 from .requests import (
     API_HEADERS,
     WITH_TOKEN,
@@ -112,6 +120,7 @@ class WebInterface:
             get("/api/state", self._reading_route(self._get_state)),
             get("/api/events", self._reading_route(self.updates.serve), allow_head=False),
             get("/api/history", self._reading_route(self._get_history)),
+            get("/api/history/samples", self._reading_route(self._get_past_samples)),
             get("/api/history/{id}", self._reading_route(self._get_past_alert)),
             post("/api/login", self._route(self._login)),
             post("/api/logout", self._route(self._logout)),
@@ -269,6 +278,10 @@ class WebInterface:
     async def _get_history(self, request: web.Request) -> web.StreamResponse:
         history, query = _required(self._history, _NO_HISTORY), query_of(request.query)
         return json_response(await self._worker.run(partial(past_alerts, history, query)))
+
+    async def _get_past_samples(self, request: web.Request) -> web.StreamResponse:
+        history, parameters = _required(self._history, _NO_HISTORY), request.query
+        return json_response(await self._worker.run(partial(past_samples, history, parameters)))
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
         history, text = _required(self._history, _NO_HISTORY), request.match_info["id"]

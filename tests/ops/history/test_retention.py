@@ -49,7 +49,7 @@ def delete_all(connection: sqlite3.Connection, before_s: float, max_bytes: float
     """Deletes until nothing is left to delete; returns how many steps that took."""
     retention = Retention(connection, max_bytes)
     steps = 0
-    while retention.delete_old(run_id, before_s) or (retention.is_due() and retention.delete_surplus(run_id)):
+    while retention.delete_old(run_id, before_s, 0.0) or (retention.is_due() and retention.delete_surplus(run_id)):
         steps += 1
         assert steps < 1000
     return steps
@@ -97,7 +97,7 @@ def test_an_open_alert_stays_however_old_it_is(connection: sqlite3.Connection) -
 def test_a_few_are_deleted_at_a_time(connection: sqlite3.Connection) -> None:
     for number in range(1000):
         add(connection, float(number), OK)
-    assert Retention(connection, 1e9).delete_old(RUN, 1e9)
+    assert Retention(connection, 1e9).delete_old(RUN, 1e9, 0.0)
     assert len(times(connection)) == 800
     assert delete_all(connection, 1e9) == 4
     assert times(connection) == []
@@ -166,14 +166,14 @@ def test_an_alert_that_opens_or_resolves_meanwhile_is_kept_or_deleted_accordingl
     add(connection, 1.0, WARN, signal="resolved later")
     add(connection, 2.0, OK, signal="opened later")
     retention = Retention(connection, 1e9)
-    assert retention.delete_old(RUN, 2.5)  # knows what is open from now on
+    assert retention.delete_old(RUN, 2.5, 0.0)  # knows what is open from now on
     assert times(connection) == [1.0]
     for number, level, signal in ((3, OK, "resolved later"), (4, WARN, "opened later")):
         add(connection, float(number), level, signal=signal)
         retention.note_transition(number, "r1", signal, level, False)
     add(connection, 5.0, WARN, signal="opened later", repeat=True)
     retention.note_transition(5, "r1", "opened later", WARN, True)
-    assert retention.delete_old(RUN, 10.0)
+    assert retention.delete_old(RUN, 10.0, 0.0)
     assert times(connection) == [4.0]
 
 

@@ -1,0 +1,229 @@
+"""The stored samples: how each signal developed between its alerts.
+
+One row per signal and 10 s, of `core.sample_summary`. After two days they are merged into 5 minutes: the smallest and
+the largest value stay exactly. A row may be stored in parts, and a restarted monitor continues the one that was open.
+"""
+
+from __future__ import annotations
+
+import heapq
+import sqlite3
+from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
+
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.sample_summary import PERIOD_S, SampleSummary
+from robot_health_monitor.runtime.times import iso_time
+
+from ..matchers import matches_pattern
+from .rows import LATEST_S, checked, is_count, is_level, is_number, is_text, is_time, optional
+
+MERGED_S = 300.0
+"""Length of the periods into which old ones are merged, in s."""
+FINE_S = 2.0 * 86_400.0
+"""Age at which they are merged, in s."""
+
+_STEP_S = 3600.0
+_MOST_ROWS = 200  # per step of the upkeep
+_PAGE = 2_000
+_COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
+_CHECKS = (
+    is_text, is_text, is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level,
+)  # fmt: skip
+_START = 2  # index of the column
+_OF_SIGNAL = "robot = ? AND signal = ?"
+_REPLACE = f"INSERT OR REPLACE INTO samples (robot, signal, {_COLUMNS}) VALUES ({', '.join('?' * 11)})"
+
+_Series = Tuple[str, str]
+"""Robot and signal."""
+
+
+class StoredSamples(NamedTuple):
+    """The samples of a signal in one period; the fields are the columns of the table `samples`."""
+
+    robot: str
+    signal: str
+    start_s: float
+    """Begin of the period, in s since 1970."""
+    seconds: float
+    """Its length: 10 or 300."""
+    least: Optional[float]
+    """As the fields of `SampleSummary` of the same names, down to `level`."""
+    most: Optional[float]
+    mean: Optional[float]
+    last: Optional[float]
+    good: int
+    bad: int
+    level: Level
+
+    def joined(self, later: StoredSamples) -> StoredSamples:
+        """Returns the samples of both; begin and length stay."""
+        good = self.good + later.good
+        mean = later.mean if self.mean is None else self.mean
+        if self.mean is not None and later.mean is not None and good:
+            mean = self.mean * (self.good / good) + later.mean * (later.good / good)
+        return self._replace(
+            least=min((each for each in (self.least, later.least) if each is not None), default=None),
+            most=max((each for each in (self.most, later.most) if each is not None), default=None),
+            mean=mean,
+            last=self.last if later.last is None else later.last,
+            good=good,
+            bad=self.bad + later.bad,
+            level=Level.worst((self.level, later.level)),
+        )
+
+
+SAMPLES_FIELDS = ("robot", "signal", "start", "seconds", "min", "max", "mean", "last", "good", "bad", "level")
+"""Names of the fields for users, in the order of those of `StoredSamples`."""
+
+
+def samples_fields(samples: StoredSamples) -> Dict[str, Any]:
+    """Returns samples as JSON values, for users: the begin as ISO 8601, the level by its name."""
+    values = samples._replace(start_s=iso_time(samples.start_s), level=samples.level.name)  # type: ignore[arg-type]
+    return dict(zip(SAMPLES_FIELDS, values))
+
+
+def store(connection: sqlite3.Connection, samples: Iterable[StoredSamples]) -> None:
+    """Stores samples; those of a period that is stored already are joined with it. Inside a transaction."""
+    for each in samples:
+        stored = _checked(connection, _rows(connection, f"{_OF_SIGNAL} AND start_s = ?", each[:3], 1))
+        connection.execute(_REPLACE, stored[0].joined(each) if stored else each)
+
+
+def summaries_of(robot: str, signal: str, summaries: Iterable[SampleSummary]) -> List[StoredSamples]:
+    """Returns what `store` takes."""
+    return [StoredSamples(robot, signal, each.start_s, PERIOD_S, *each[1:]) for each in summaries]
+
+
+def read(
+    connection: sqlite3.Connection,
+    *,
+    robot: Optional[str] = None,
+    signal: Optional[str] = None,
+    since_s: Optional[float] = None,
+    until_s: Optional[float] = None,
+) -> Iterator[StoredSamples]:
+    """Yields samples by robot, signal and time.
+
+    Args:
+        connection: the database.
+        robot: of this robot only; `*` and `?` work as in file names.
+        signal: of this signal only, likewise.
+        since_s: only periods that end after this time, in s since 1970.
+        until_s: only periods that begin before this time.
+    """
+    for series in _chosen_series(connection, robot, signal):
+        where = f"{_OF_SIGNAL} AND start_s > ? AND start_s < ?"
+        after_s, before_s = (
+            -LATEST_S if since_s is None else since_s - MERGED_S,
+            LATEST_S if until_s is None else until_s,
+        )
+        while True:  # page by page: an open query would keep the writer's log from being shortened
+            rows = _rows(connection, where, (*series, after_s, before_s), _PAGE)
+            for each in _checked(connection, rows):
+                if since_s is None or each.start_s + each.seconds > since_s:
+                    yield each
+            if len(rows) < _PAGE:
+                break
+            after_s = rows[-1][_START]
+
+
+class SampleUpkeep:
+    """Merges and deletes the samples of one database, some rows at a time. Call inside a transaction."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        """Reads nothing yet."""
+        self._connection = connection
+        self._due: List[_Series] = []
+        self._merged_until_s: Dict[_Series, float] = {}
+        self._oldest: Optional[List[Tuple[float, _Series]]] = None
+
+    def merge_old(self, before_s: float, fine_before_s: float) -> bool:
+        """Deletes some periods before a time, and merges some of those that are fine; returns whether to call again.
+
+        Both times are in s since 1970. A round goes through all signals.
+        """
+        if not self._due:
+            self._due = [*_series(self._connection)]
+        rows = 0
+        while self._due and rows < _MOST_ROWS:
+            series = self._due[-1]
+            deleted = self._delete(series, before_s)
+            merged = self._merge(series, fine_before_s)
+            rows += 1 + deleted + merged
+            if not deleted and not merged:
+                self._due.pop()
+        return bool(self._due)
+
+    def delete_oldest(self) -> bool:
+        """Deletes the oldest hour of the signal that has the oldest period; returns False if there are no samples."""
+        if self._oldest is None:
+            self._oldest = []
+            for series in _series(self._connection):
+                self._note_oldest(series)
+        while self._oldest:
+            start_s, series = heapq.heappop(self._oldest)
+            deleted = self._delete(series, start_s + _STEP_S)
+            self._note_oldest(series)
+            if deleted:
+                return True
+        self._oldest = None
+        return False
+
+    def _note_oldest(self, series: _Series) -> None:
+        query = f"SELECT min(start_s) FROM samples WHERE {_OF_SIGNAL}"
+        (start_s,) = self._connection.execute(query, series).fetchone()
+        if start_s is not None and self._oldest is not None:
+            heapq.heappush(self._oldest, (start_s, series))
+
+    def _delete(self, series: _Series, before_s: float) -> int:
+        oldest = f"SELECT start_s FROM samples WHERE {_OF_SIGNAL} AND start_s < ? ORDER BY start_s LIMIT {_MOST_ROWS}"
+        delete = f"DELETE FROM samples WHERE {_OF_SIGNAL} AND start_s IN ({oldest})"
+        return self._connection.execute(delete, (*series, *series, before_s)).rowcount
+
+    def _merge(self, series: _Series, before_s: float) -> int:
+        """Merges the oldest hour that is fine and before a time; returns how many rows that was."""
+        before_s -= before_s % MERGED_S
+        where = f"{_OF_SIGNAL} AND start_s >= ? AND start_s < ? AND seconds < {MERGED_S}"
+        values = (*series, self._merged_until_s.get(series, -LATEST_S), before_s)
+        rows = _rows(self._connection, where, values, int(_STEP_S / PERIOD_S))
+        if not rows:
+            return 0
+        begin_s = rows[0][_START] // MERGED_S * MERGED_S
+        end_s = min(begin_s + _STEP_S, before_s)
+        merged: Dict[float, StoredSamples] = {}
+        for each in _checked(self._connection, [row for row in rows if row[_START] < end_s]):
+            start_s = each.start_s - each.start_s % MERGED_S
+            known = merged.get(start_s)
+            merged[start_s] = each._replace(start_s=start_s, seconds=MERGED_S) if known is None else known.joined(each)
+        self._connection.execute(f"DELETE FROM samples WHERE {where}", (*series, begin_s, end_s))
+        store(self._connection, merged.values())
+        self._merged_until_s[series] = end_s
+        return len(rows)
+
+
+def _chosen_series(connection: sqlite3.Connection, robot: Optional[str], signal: Optional[str]) -> Iterator[_Series]:
+    if robot is not None and signal is not None and not {"*", "?"} & {*robot, *signal}:
+        yield robot, signal
+        return
+    for series in _series(connection):
+        if all(pattern is None or matches_pattern(name, pattern) for name, pattern in zip(series, (robot, signal))):
+            yield series
+
+
+def _series(connection: sqlite3.Connection) -> Iterator[_Series]:
+    """Yields robot and signal of all samples, sorted; does not read every row."""
+    query = "SELECT robot, signal FROM samples {} ORDER BY robot, signal LIMIT 1"
+    found = connection.execute(query.format("")).fetchone()
+    while found is not None:
+        if is_text(found[0]) and is_text(found[1]):
+            yield found
+        found = connection.execute(query.format("WHERE (robot, signal) > (?, ?)"), found).fetchone()
+
+
+def _rows(connection: sqlite3.Connection, where: str, values: Iterable[object], limit: int) -> List[Tuple[Any, ...]]:
+    query = f"SELECT robot, signal, {_COLUMNS} FROM samples WHERE {where} ORDER BY start_s LIMIT {limit}"
+    return connection.execute(query, [*values]).fetchall()
+
+
+def _checked(connection: sqlite3.Connection, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
+    return [StoredSamples._make((*row[:-1], Level(row[-1]))) for row in checked(connection, "samples", rows, _CHECKS)]
