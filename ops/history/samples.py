@@ -11,10 +11,10 @@ import sqlite3
 from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
 
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.patterns import matches_pattern
 from robot_health_monitor.core.sample_summary import PERIOD_S, SampleSummary
 from robot_health_monitor.runtime.times import iso_time
 
-from ..matchers import matches_pattern
 from .rows import LATEST_S, checked, is_count, is_level, is_number, is_text, is_time, optional
 
 MERGED_S = 300.0
