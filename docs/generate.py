@@ -299,6 +299,12 @@ API: Mapping[str, Mapping[str, str]] = {
         "text": "the alert line",
         "hint": "why there are no samples; may be empty",
         "repeat": "whether it repeats an alert (`repeat_s`)",
+        "notes": "what people wrote on it, oldest first, see below",
+    },
+    "note": {
+        "time": "when it was written",
+        "author": "who wrote it; may be empty",
+        "text": "one line",
     },
 }
 """Meaning of the keys of each object. The keys themselves are those that the code sends."""
@@ -310,6 +316,7 @@ _MARKS = {
     "signal": {"state", "judged"},
     "silence": {"matchers", "until_resolved"},
     "alert": {"from_level", "time"},
+    "note": {"author", "time"},
 }
 """Keys that tell an object from all others in ops/web."""
 

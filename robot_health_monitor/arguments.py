@@ -32,6 +32,7 @@ COMMANDS = {
     "notify": "send a test notification to every target of an ops.yaml",
     "export": "write alerting rules for Prometheus or a dashboard for Grafana",
     "history": "show past alerts, from a history file",
+    "note": "write a note on a past alert",
     "silence": "suppress notifications, for a time or until an alert resolves",
 }
 """Each command with its line in `robot-health --help`."""
@@ -204,6 +205,11 @@ def identifier(text: str, meaning: str) -> int:
     if not (text.isascii() and text.isdigit()) or len(text) > 18:
         raise argparse.ArgumentTypeError(f"expected {meaning}, got {text!r}")
     return int(text)
+
+
+def alert_id(text: str) -> int:
+    """Returns the number of an alert in a history: `41` or `#41`."""
+    return identifier(text[text.startswith("#") :], "the number of an alert")
 
 
 def seconds(text: str) -> float:

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import getpass
 import json
 import sqlite3
 import sys
 import time
-from contextlib import closing
-from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence, TextIO
+from typing import Any, Dict, List, Optional, Sequence, TextIO
 
-from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.ops.history import schema
-from robot_health_monitor.ops.history.database_file import connected
 from robot_health_monitor.ops.matchers import matchers_text, parse_matchers
 from robot_health_monitor.ops.silences import (
-    MOST_TEXT,
     Alert,
     Silence,
     add_silence,
@@ -32,10 +25,16 @@ from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .arguments import Parser, duration, identifier
 from .exit_codes import ExitCode
-from .history_file import DEFAULT_FILE, history_file, iso_time, reading_history
+from .history_file import (
+    add_author,
+    add_history_options,
+    author_of,
+    change_history,
+    history_file,
+    iso_time,
+    reading_history,
+)  # fmt: skip
 
-_BUSY_S = 5.0
-"""How long to wait for a monitor that writes."""
 _SHOWN_S = 86_400.0
 """How long ago a silence may have ended to be listed without --all."""
 _MOST_NAMED = 5
@@ -79,12 +78,9 @@ def add_arguments(parser: Parser) -> None:
     expire.add_argument("ids", metavar="ID", type=_silence_id, nargs="+", help="as shown by `list`")
     for change, why in ((add, "why, shown with the alerts"), (expire, "why, shown in the history")):
         change.add_argument("--reason", metavar="TEXT", default="", help=why)
-        change.add_argument("--author", metavar="NAME", help="who (default: the login name)")
+        add_author(change)
     for action in (add, lists, expire):
-        action.add_argument(
-            "--history", metavar="FILE", help=f"the history file (default: named by --ops, else {DEFAULT_FILE})"
-        )
-        action.add_argument("--ops", metavar="FILE", help="an ops.yaml that names the history")
+        add_history_options(action)
 
 
 def _check_end(arguments: argparse.Namespace) -> str:
@@ -116,22 +112,10 @@ def silence(arguments: argparse.Namespace, stream: Optional[TextIO] = None, now_
             lines = _list(connection, arguments, now_s)
     else:
         change = _add if arguments.action == "add" else _expire
-        lines = _change(file, lambda connection: change(connection, arguments, now_s))
+        lines = change_history(file, lambda connection: change(connection, arguments, now_s))
     for line in lines:
         stream.write(f"{printable(line)}\n")
     stream.flush()
-
-
-def _change(file: str, change: Callable[[sqlite3.Connection], List[str]]) -> List[str]:
-    """Runs a function in one transaction on a history file; a ConfigError says why the file cannot be used."""
-    try:
-        Path(file).stat()
-        with closing(connected(file, "mode=rw", _BUSY_S)) as connection, schema.transaction(connection):
-            return change(connection)
-    except OSError as error:
-        raise ConfigError(error.strerror or str(error), file=file) from None
-    except (sqlite3.Error, schema.UnknownSchemaError) as error:
-        raise ConfigError(f"cannot be used: {error}", file=file) from None
 
 
 def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
@@ -142,7 +126,7 @@ def _add(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: f
         for_s=arguments.for_s,
         until_resolved=arguments.until_resolved,
         reason=arguments.reason,
-        author=_author(arguments),
+        author=author_of(arguments),
     )
     covered = [alert for alert in open_alerts(connection) if added.covers(*alert)]
     lines = [f"silence {added.id}: {matchers_text(added.matchers)}, {_state(added, now_s)}; {_open_text(covered)}"]
@@ -181,18 +165,9 @@ def _list(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: 
 def _expire(connection: sqlite3.Connection, arguments: argparse.Namespace, now_s: float) -> List[str]:
     lines = []
     for number in arguments.ids:
-        expired = expire_silence(connection, number, now_s, reason=arguments.reason, author=_author(arguments))
+        expired = expire_silence(connection, number, now_s, reason=arguments.reason, author=author_of(arguments))
         lines.append(f"silence {number} ended: {matchers_text(expired.matchers)}")
     return lines
-
-
-def _author(arguments: argparse.Namespace) -> str:
-    if arguments.author is not None:
-        return str(arguments.author)
-    try:
-        return printable(getpass.getuser())[:MOST_TEXT]
-    except (KeyError, OSError, ImportError):  # a user without an entry, as in containers
-        return ""
 
 
 def _state(each: Silence, now_s: float) -> str:

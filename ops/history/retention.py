@@ -187,7 +187,8 @@ class Retention:
 
     def _delete(self, rows: _Rows) -> int:
         ids = [(number,) for number, _, _ in rows]
-        self._connection.executemany("DELETE FROM evidence WHERE transition_id = ?", ids)
+        for table in ("evidence", "notes"):
+            self._connection.executemany(f"DELETE FROM {table} WHERE transition_id = ?", ids)
         self._connection.executemany("DELETE FROM transitions WHERE id = ?", ids)
         for _, robot, signal in rows:
             self._signals.setdefault((robot, signal), _Stored()).count -= 1

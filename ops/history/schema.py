@@ -39,6 +39,16 @@ CREATE TABLE samples (
 ) WITHOUT ROWID
 """
 
+_NOTES = """
+CREATE TABLE notes (
+    transition_id INTEGER NOT NULL REFERENCES transitions(id),
+    wall_s REAL NOT NULL,
+    author TEXT NOT NULL,
+    text TEXT NOT NULL,
+    PRIMARY KEY (transition_id, wall_s, text)
+) WITHOUT ROWID
+"""
+
 # There is no index by robot and signal: each alert would write a page of it at another place of the disk, and so would
 # each deleted one; together more than everything else.
 _TABLES = f"""
@@ -85,6 +95,8 @@ CREATE TABLE evidence (
 );
 -- What happened to the samples of each signal; see samples.py.
 {_SAMPLES};
+-- What people wrote on transitions; see notes.py.
+{_NOTES};
 -- What a restarted monitor resumes from: the last state of each signal.
 CREATE TABLE signal_states (
     robot TEXT NOT NULL,
@@ -188,7 +200,7 @@ _MIGRATIONS: Mapping[int, Tuple[str, ...]] = {
     ),
     2: ("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''",),
     3: ("DROP INDEX IF EXISTS transitions_by_signal",),
-    4: (_SAMPLES,),
+    4: (_SAMPLES, _NOTES),
 }
 """By version: migrates a file from this version to the next one."""
 

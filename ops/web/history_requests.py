@@ -1,4 +1,4 @@
-"""Past alerts and silences as JSON values: what requests ask for, and what they get. Functions may block."""
+"""Past alerts, notes and silences as JSON values: what requests ask for, and what they get. Functions may block."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from robot_health_monitor.runtime.times import iso_time
 from ..active_silences import Silences
 from ..history import queries, samples
 from ..history.history import History
+from ..history.notes import MOST_TEXT, Note, add_note, notes_of
 from ..history.rows import StoredTransition
 from ..history.samples import samples_fields
 from ..matchers import Matcher, matchers_text
 from ..silences import Silence
-from .requests import ApiError, read_text
+from .requests import LARGEST_ID, ApiError, read_id, read_text
 
 _MOST = 1000
 _USUAL = 100
 _MOST_SAMPLES = 20_000
-_LARGEST_ID = 2**63 - 1
 
 Result = TypeVar("Result")
 Json = Dict[str, Any]
@@ -48,7 +48,7 @@ def query_of(parameters: Mapping[str, str]) -> Query:
     level = parameters.get("level") or None
     if level is not None and level not in Level.__members__:
         raise ApiError(400, f"level: expected {', '.join(Level.__members__)}, got {level[:20]}")
-    before = _number(parameters, "before", _LARGEST_ID)
+    before = _number(parameters, "before", LARGEST_ID)
     limit = _number(parameters, "limit", _MOST)
     return Query(
         parameters.get("robot") or None,
@@ -69,7 +69,7 @@ def past_alerts(history: History, query: Query) -> Json:
         found = list(queries.transitions(connection, **one_more._asdict(), newest_first=True))
         gaps = queries.gaps(connection, query.since_s or 0.0)[-_MOST:]
         return {
-            "alerts": [_alert(transition) for transition in found[: query.limit]],
+            "alerts": [_alert(connection, transition) for transition in found[: query.limit]],
             "more": len(found) > query.limit,
             "gaps": [{"from": iso_time(gap.from_s), "to": iso_time(gap.to_s)} for gap in gaps],
         }
@@ -86,7 +86,7 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
             return None
         samples = queries.evidence(connection, number)
         shown = [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
-        return _alert(transition), shown, transition.statistics.get("trend_per_min")
+        return _alert(connection, transition), shown, transition.statistics.get("trend_per_min")
 
     return _read(history, read)
 
@@ -113,7 +113,7 @@ def _read(history: History, function: Callable[[sqlite3.Connection], Result]) ->
         raise ServiceError(error.problem) from None
 
 
-def _alert(transition: StoredTransition) -> Json:
+def _alert(connection: sqlite3.Connection, transition: StoredTransition) -> Json:
     return {
         "id": transition.id,
         "time": iso_time(transition.wall_s),
@@ -128,7 +128,12 @@ def _alert(transition: StoredTransition) -> Json:
         "text": transition.text,
         "hint": transition.hint,
         "repeat": transition.repeat,
+        "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }
+
+
+def _note_json(note: Note) -> Json:
+    return {"time": iso_time(note.wall_s), "author": note.author, "text": note.text}
 
 
 def _time(parameters: Mapping[str, str], name: str) -> Optional[float]:
@@ -149,6 +154,19 @@ def _number(parameters: Mapping[str, str], name: str, most: int) -> Optional[int
     if not (text.isascii() and text.isdigit()) or len(text) > 19 or not 1 <= int(text) <= most:
         raise ApiError(400, f"{name}: expected a whole number from 1 to {most}, got {text[:20]}")
     return int(text)
+
+
+def new_note(history: History, body: Mapping[str, Any]) -> Json:
+    """Adds the note that a request asks for, and returns it; raises ApiError if a value is missing or invalid."""
+    number, text, author = read_id(body, "an alert"), read_text(body, "text", MOST_TEXT), read_text(body, "author")
+    wall_s = history.wall_s()
+
+    def add(connection: sqlite3.Connection) -> Note:
+        if queries.transition(connection, number) is None:
+            raise ApiError(404, f"there is no alert {number}")
+        return add_note(connection, number, text, author, wall_s)
+
+    return _note_json(history.run(add))
 
 
 def silence_json(silence: Silence) -> Json:
@@ -188,13 +206,11 @@ def new_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
 
 def expire_silence(silences: Silences, body: Mapping[str, Any]) -> Silence:
     """Ends the silence that a request names; raises ApiError if it names none, or one that has ended."""
-    text = str(body.get("id", ""))[:20]
-    if not (text.isascii() and text.isdigit()):
-        raise ApiError(400, "id: expected the id of a silence")
+    number = read_id(body, "a silence")
     reason, author = read_text(body, "reason"), read_text(body, "author")
     if not (reason + author).isprintable():
         raise ApiError(400, "expected a reason and an author of one line each")
     try:
-        return silences.expire(int(text), reason=reason, author=author)
+        return silences.expire(number, reason=reason, author=author)
     except ConfigError as error:
         raise ApiError(404, error.problem) from None

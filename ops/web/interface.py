@@ -24,6 +24,7 @@ from ..history.history import History
 from ..metrics import METRICS_LIBRARY, Metrics
 from .history_requests import (
     expire_silence,
+    new_note,
     new_silence,
     past_alert,
     past_alerts,
@@ -126,6 +127,7 @@ class WebInterface:
             post("/api/logout", self._route(self._logout)),
             post("/api/silence", self._changing_route(self._add_silence)),
             post("/api/silence/expire", self._changing_route(self._expire_silence)),
+            post("/api/note", self._changing_route(self._add_note)),
             post("/api/reset", self._changing_route(self._reset)),
             get("/metrics", self._reading_route(self._get_metrics)),
             get("/healthz", self._route(self._get_health)),
@@ -303,6 +305,10 @@ class WebInterface:
         silences = _required(self._silences, _NO_SILENCES)
         await self._worker.run(partial(expire_silence, silences, body))
         return {"ok": True}
+
+    async def _add_note(self, body: Json) -> object:
+        history = _required(self._history, _NO_HISTORY)
+        return {"note": await self._worker.run(partial(new_note, history, body))}
 
     async def _reset(self, body: Json) -> object:
         alert_system = self._require_reader(read_text(body, "robot")).alert_system

@@ -26,6 +26,7 @@ class BodyLimit(NamedTuple):
 
 WITH_TOKEN = BodyLimit(16_384, 10.0)
 WITHOUT_TOKEN = BodyLimit(4096, 5.0)  # of a client that has not presented the token yet
+LARGEST_ID = 2**63 - 1
 _MOST_TEXT = 200
 
 _SECURITY_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
@@ -122,14 +123,22 @@ async def read_object(request: web.Request, limit: BodyLimit = WITH_TOKEN) -> Di
     return value
 
 
-def read_text(body: Mapping[str, Any], name: str) -> str:
-    """Returns a text of a body, empty if it is left out; raises ApiError if it is no text, or too long."""
+def read_text(body: Mapping[str, Any], name: str, most: int = _MOST_TEXT) -> str:
+    """Returns a text of a body, empty if it is left out; raises ApiError if it is no text, or longer than `most`."""
     value = body.get(name)
     if value is None:
         return ""
-    if not isinstance(value, str) or len(value) > _MOST_TEXT:
-        raise ApiError(400, f"{name}: expected a text of at most {_MOST_TEXT} characters")
+    if not isinstance(value, str) or len(value) > most:
+        raise ApiError(400, f"{name}: expected a text of at most {most} characters")
     return value
+
+
+def read_id(body: Mapping[str, Any], of: str) -> int:
+    """Returns the number `id` of a body; raises ApiError if it has none. `of` says what is numbered."""
+    text = str(body.get("id", ""))[:20]
+    if not (text.isascii() and text.isdigit()):
+        raise ApiError(400, f"id: expected the id of {of}")
+    return min(int(text), LARGEST_ID)
 
 
 async def _read(request: web.Request, most_bytes: int) -> bytes:

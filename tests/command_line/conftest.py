@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Optional
 
@@ -127,3 +128,13 @@ def restless(tmp_path: Path, free_port: int) -> Path:
     file = tmp_path / "restless.yaml"
     file.write_text(RESTLESS.replace("PORT", str(free_port)))
     return file
+
+
+@pytest.fixture
+def utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Sets the local time zone to UTC."""
+    monkeypatch.setenv("TZ", "UTC")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()

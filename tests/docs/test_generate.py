@@ -42,6 +42,7 @@ def test_the_example_of_the_state_has_the_keys_that_are_sent() -> None:
     shown = {"state": state, "monitor": state["monitor"], "robot": robot, "signal": signal}
     shown["silence"] = state["silences"][0]
     shown["alert"] = next(each["alerts"][0] for each in examples() if "alerts" in each)
+    (shown["note"],) = shown["alert"]["notes"]
     for name, example in shown.items():
         assert sorted(example) == sorted(SCRIPT["fields_sent"](name)), name
 

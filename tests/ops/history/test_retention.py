@@ -10,6 +10,7 @@ from harness.histories import transition
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.ops.history import schema
+from robot_health_monitor.ops.history.notes import add_note, notes_of
 from robot_health_monitor.ops.history.retention import AgeClock, Retention, used_bytes
 from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, transition_row
 
@@ -81,6 +82,17 @@ def test_old_transitions_are_deleted_with_their_evidence(connection: sqlite3.Con
     delete_all(connection, before_s=200.0)
     assert times(connection) == [200.0, 300.0]
     assert connection.execute("SELECT transition_id FROM evidence").fetchall() == [(3,), (4,)]
+
+
+def test_notes_are_deleted_with_their_alert(connection: sqlite3.Connection) -> None:
+    for wall_s, level in ((100.0, WARN), (199.0, OK), (200.0, WARN), (300.0, OK)):
+        add(connection, wall_s, level)
+    for alert in (1, 2, 3, 3):
+        add_note(connection, alert, "text", "ana", float(len(notes_of(connection, alert))))
+    delete_all(connection, before_s=200.0)
+    assert connection.execute("SELECT transition_id FROM notes").fetchall() == [(3,), (3,)]
+    delete_all(connection, before_s=200.0, max_bytes=1.0)
+    assert connection.execute("SELECT count(*) FROM notes").fetchone() == (0,)
 
 
 def test_an_open_alert_stays_however_old_it_is(connection: sqlite3.Connection) -> None:

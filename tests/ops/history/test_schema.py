@@ -11,6 +11,7 @@ from harness.histories import opened, transition
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.sample_summary import SampleSummary
 from robot_health_monitor.ops.history import queries, samples, schema
+from robot_health_monitor.ops.history.notes import add_note, notes_of
 from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, TRANSITION_COLUMNS, transition_row
 from robot_health_monitor.ops.silences import read_silences
 
@@ -95,6 +96,12 @@ def without_hints(connection: sqlite3.Connection) -> None:
     connection.execute(f"CREATE TABLE transitions (id INTEGER PRIMARY KEY AUTOINCREMENT, {columns})")
 
 
+def without_version_5(connection: sqlite3.Connection) -> None:
+    """Drops what version 5 added."""
+    for table in ("samples", "notes"):
+        connection.execute(f"DROP TABLE {table}")
+
+
 def test_alerts_of_version_2_are_kept_without_a_hint(tmp_path: Path) -> None:
     path = tmp_path / "history.db"
     connection = sqlite3.connect(path, isolation_level=None)
@@ -102,7 +109,7 @@ def test_alerts_of_version_2_are_kept_without_a_hint(tmp_path: Path) -> None:
     without_hints(connection)
     row = transition_row(transition(1, Level.STALE), 5.0)
     connection.execute(f"INSERT INTO transitions VALUES (7{', ?' * 14})", row[:-1])
-    connection.execute("DROP TABLE samples")
+    without_version_5(connection)
     connection.execute("PRAGMA user_version = 2")
     connection.close()
     history = opened(path)
@@ -117,7 +124,7 @@ def test_alerts_of_version_3_are_kept_without_their_index(tmp_path: Path) -> Non
     schema.prepare(connection)
     connection.execute("CREATE INDEX transitions_by_signal ON transitions(robot, signal, id)")
     connection.execute(INSERT_TRANSITION, transition_row(transition(1, Level.WARN), 5.0))
-    connection.execute("DROP TABLE samples")
+    without_version_5(connection)
     connection.execute("PRAGMA user_version = 3")
     connection.close()
     history = opened(path)
@@ -130,18 +137,20 @@ def test_alerts_of_version_3_are_kept_without_their_index(tmp_path: Path) -> Non
     history.close()
 
 
-def test_a_file_of_version_4_stores_samples(tmp_path: Path) -> None:
+def test_a_file_of_version_4_stores_samples_and_notes(tmp_path: Path) -> None:
     path = tmp_path / "history.db"
     connection = sqlite3.connect(path, isolation_level=None)
     schema.prepare(connection)
     connection.execute(INSERT_TRANSITION, transition_row(transition(1, Level.WARN), 5.0))
-    connection.execute("DROP TABLE samples")
+    without_version_5(connection)
     connection.execute("PRAGMA user_version = 4")
     connection.close()
     history = opened(path)
     summary = SampleSummary(20.0, 1.0, 3.0, 2.0, 1.0, 2, 0, Level.OK)
     history.of_robot("r1").record_samples({"fan": [summary]})
     assert history.run(lambda connection: [*samples.read(connection)]) == samples.summaries_of("r1", "fan", [summary])
+    note = history.run(lambda connection: add_note(connection, 1, "wheel blocked", "ana", 9.0))
+    assert history.run(lambda connection: notes_of(connection, 1)) == [note]
     assert [kept.wall_s for kept in history.run(lambda connection: list(queries.transitions(connection)))] == [5.0]
     history.close()
 
@@ -160,7 +169,7 @@ def test_silences_of_version_1_are_kept(tmp_path: Path) -> None:
         "INSERT INTO silences (matchers, reason, author, created_s, until_s, until_resolved) "
         "VALUES ('robot=r3', 'fan', 'ana', 5.0, 65.0, 0)"
     )
-    connection.execute("DROP TABLE samples")
+    without_version_5(connection)
     connection.execute("PRAGMA user_version = 1")
     connection.close()
     history = opened(path)

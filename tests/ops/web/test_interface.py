@@ -678,6 +678,7 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "text": "battery_level WARN: 19 % is below 20 % (was OK for 1 s)",
             "hint": "",
             "repeat": False,
+            "notes": [],
         }
         assert alert == expected
         assert (answer["more"], answer["gaps"]) == (False, [])
@@ -737,8 +738,43 @@ def test_without_a_history_there_are_no_past_alerts_and_no_silences() -> None:
         assert (await site.get("/api/history/1"))[0] == 404
         assert (await site.post("/api/silence", {"robot": "atlas", "for_s": 60}))[0] == 404
         assert (await site.post("/api/silence/expire", {"id": "1"}))[0] == 404
+        assert (await site.post("/api/note", {"id": "1", "text": "x"}))[0] == 404
 
     with_site(use)
+
+
+def test_a_note_on_an_alert_is_added_and_shown(tmp_path: Path) -> None:
+    robots = Robots(history_file=str(tmp_path / "history.db"))
+    robots.observe(50.0)
+    robots.at(101.0)
+    robots.observe(19.0)
+
+    async def use(site: Site) -> None:
+        body = {"id": 1, "text": "<b>wheel</b>\nblocked", "author": "ana"}
+        expected = {"time": "2026-11-22T05:06:41.000Z", "author": "ana", "text": "<b>wheel</b> blocked"}
+        assert await site.post("/api/note", body) == (200, {"note": expected})
+        assert (await site.post("/api/note", {"id": "1", "text": "x" * 1000}))[0] == 200
+        (alert,) = (await site.get("/api/history"))[1]["alerts"]
+        assert alert["notes"][0] == expected
+        assert alert["notes"][1] == {"time": "2026-11-22T05:06:41.000Z", "author": "", "text": "x" * 1000}
+        assert (await site.get("/api/history/1"))[1]["alert"] == alert
+        for bad, status in (
+            ({"id": 1}, 400),
+            ({"id": 1, "text": " \n "}, 400),
+            ({"id": 1, "text": 5}, 400),
+            ({"id": 1, "text": "x" * 1001}, 400),
+            ({"id": 1, "text": "x", "author": "x" * 201}, 400),
+            ({"text": "x"}, 400),
+            ({"id": "one", "text": "x"}, 400),
+            ({"id": 2, "text": "x"}, 404),
+            ({"id": "9" * 20, "text": "x"}, 404),
+        ):
+            assert (await site.post("/api/note", bad))[0] == status, bad
+        foreign = {"Origin": "http://evil.example"}
+        assert (await site.post("/api/note", body, headers=foreign))[0] == 403
+        assert (await site.get("/api/history/1"))[1]["alert"] == alert
+
+    with_site(use, robots)
 
 
 def test_a_silence_is_added_shown_and_expired() -> None:
