@@ -6,17 +6,19 @@ restart".
 
 from __future__ import annotations
 
+import math
 from typing import Any, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
 from .model import Changes, Transition
 from .monitor import Monitor
+from .sample_summary import PERIOD_S, SampleSummary
 from .signal_config import OF_ARRIVALS
 from .state_reader import SavedSignal
 
 MAX_EVIDENCE = 300
 """Most samples that are stored with a transition."""
 _SAME_TIME_S = 1.0
-"""A saved time is corrected if it differs by more: the wall clock was set."""
+"""The wall clock was set if it differs by more from the monitor's; saved times are corrected then."""
 
 
 class SignalHistory(Protocol):
@@ -49,6 +51,13 @@ class SignalHistory(Protocol):
     def save(self, states: Mapping[str, SavedSignal]) -> None:
         """Stores the states that changed, by the names of their signals."""
 
+    @property
+    def keeps_samples(self) -> bool:
+        """Whether it stores samples."""
+
+    def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
+        """Stores what was collected of the samples of signals, by their names."""
+
     def record_reset(self) -> None:
         """Stores that latches were cleared."""
 
@@ -66,12 +75,15 @@ class Continuity:
         self._saved: Dict[str, SavedSignal] = {}
         self._at_rest_since_s: Dict[str, float] = {}
         self._offset_s = 0.0
+        self._period: Optional[float] = None
+        """The period in which samples were stored last."""
 
     def restore(self, now_s: float, *, at_first_call: bool) -> Changes:
         """Continues the previous run. `at_first_call`: no time is known before the first sample or tick."""
         states = self._history.restore()
         self._saved = dict(states)
         stopped_s = self._history.watched_until_s()
+        self.record_samples(now_s)
         return self._monitor.restore(states, None if at_first_call else now_s, self._history.wall_s(), stopped_s)
 
     def record(self, transition: Transition) -> None:
@@ -89,10 +101,13 @@ class Continuity:
         self._history.record(transition, saved, [(time_s + offset_s, value) for time_s, value in samples])
 
     def save(self, now_s: float) -> None:
-        """Saves the states that changed since they were saved last."""
+        """Saves the states that changed since they were saved last, and every 10 s the samples; call at each tick."""
         monitor, wall_s = self._monitor, self._history.wall_s()
         if not monitor.signals():  # before the first call
             return
+        if wall_s // PERIOD_S != self._period:
+            self._period = wall_s // PERIOD_S
+            self._record_samples(now_s + _SAME_TIME_S, wall_s - now_s)
         if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
             self._offset_s = wall_s - now_s
             self._at_rest_since_s = {}
@@ -113,6 +128,15 @@ class Continuity:
         if changed:
             self._keep(changed)
             self._history.save(changed)
+
+    def record_samples(self, now_s: float) -> None:
+        """Stores the samples of the open period too: the run ends, or a signal may leave the configuration."""
+        self._record_samples(math.inf, self._history.wall_s() - now_s)
+
+    def _record_samples(self, until_s: float, wall_offset_s: float) -> None:
+        samples = self._monitor.take_samples(until_s, wall_offset_s) if self._history.keeps_samples else {}
+        if samples:
+            self._history.record_samples(samples)
 
     def _keep(self, states: Mapping[str, SavedSignal]) -> None:
         self._saved.update(states)

@@ -16,9 +16,10 @@ from operator import itemgetter, mul
 from typing import Callable, Mapping, Optional, Sequence, Tuple
 
 from .model import Forecast
-from .window import Window
+from .signal_config import SignalConfig
+from .window import GapWindow, Window
 
-__all__ = ["LEAST_SAMPLES", "ForecastWindow"]
+__all__ = ["LEAST_SAMPLES", "ForecastWindow", "window_for"]
 
 LEAST_SAMPLES = 5
 """Samples that each half needs."""
@@ -238,3 +239,11 @@ class ForecastWindow(Window):
     def _flip(self) -> None:
         self._middle -= self._first
         super()._flip()
+
+
+def window_for(config: SignalConfig) -> Window:
+    """Returns an empty window for the statistic of a signal."""
+    limits = config.window_s, config.window_samples, config.window_min_s
+    if config.statistic == "forecast" and config.forecast_s is not None:
+        return ForecastWindow(*limits, config.forecast_s, config.bounds)
+    return GapWindow(*limits) if config.statistic == "largest_gap_s" else Window(*limits)

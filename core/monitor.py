@@ -12,21 +12,21 @@ from typing import Dict, KeysView, List, Mapping, Optional, Sequence, Tuple
 
 from . import explanation
 from .config import MonitorConfig
-from .element_signals import ElementSignals, config_of, element_of, own_config, unconfigured
+from .element_signals import ElementSignals, element_of, own_config
 from .elements import Elements
-from .errors import ConfigError
 from .explanation import Judgement
 from .formatting import printable
 from .model import Changes, Level, Report, Sample, Status
+from .restoration import Restoration
+from .sample_summary import SampleSummary, WallClock
 from .signal_config import CONDITIONS, LINK, LINK_CONFIG, SignalConfig, is_element_name, template_name
 from .signal_monitor import SignalMonitor
-from .state_reader import Downtime, SavedSignal, UnusableStateError, without_latch
+from .state_reader import Downtime, SavedSignal
 from .window import Samples
 
 _LARGEST = sys.float_info.max
 _LINK_GRACE_S = 60.0
 """A restored link of which nothing is reported for this long is no longer watched."""
-_MOST_NOTICES = 10
 
 
 class Monitor:
@@ -56,7 +56,9 @@ class Monitor:
         self._all_followers: List[SignalMonitor] = []
         self._link_down = False
         self._link_cause = ""
-        self._to_restore: Optional[Tuple[Mapping[str, SavedSignal], Downtime]] = None
+        self._restoration: Optional[Restoration] = None
+        self._clock: Optional[WallClock] = None
+        """Wall time for collected samples; None: nothing collects them."""
         self._link_restored_s = math.inf
         """When the state of the link was restored, in seconds; infinite once it was observed."""
 
@@ -218,6 +220,19 @@ class Monitor:
         known = self._signals.get(signal)
         return () if known is None else known.window.samples(limit, since_s)
 
+    def take_samples(self, now_s: float, wall_offset_s: float) -> Mapping[str, Sequence[SampleSummary]]:
+        """Returns the periods of each signal that have ended and were not taken yet; the first call begins to collect.
+
+        At an infinite time, the open period too: call it so before `configure` and `end`, since the samples of a signal
+        that is no longer watched are gone. `wall_offset_s` is the time in s since 1970 minus that of the calls.
+        """
+        if self._clock is None:
+            self._clock = WallClock(wall_offset_s)
+            self._arrange(self._single)
+        self._clock.offset_s = wall_offset_s
+        taken = ((name, signal.take_samples(now_s)) for name, signal in self._signals.items())
+        return {name: summaries for name, summaries in taken if summaries}
+
     def at_rest_since_s(self, signal: str) -> Optional[float]:
         """Returns since when a signal (of `signals()`) is OK; None unless its state depends on nothing else."""
         return self._signals[signal].at_rest_since_s
@@ -241,7 +256,8 @@ class Monitor:
         notice. Without `now_s`, the time is that of the first call, which then returns the transitions. `wall_s` is the
         time in seconds since 1970, as is `stopped_s`: when the earlier run was last known to watch (None: until now).
         """
-        self._to_restore = (states, Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s))
+        downtime = Downtime(wall_s if stopped_s is None else min(stopped_s, wall_s), wall_s)
+        self._restoration = Restoration(states, downtime)
         changes = Changes()
         if now_s is not None:
             self._unusual_time(now_s, changes)
@@ -249,9 +265,8 @@ class Monitor:
 
     def reset(self) -> Changes:
         """Clears every latch."""
-        if self._to_restore is not None:
-            states, downtime = self._to_restore
-            self._to_restore = ({name: without_latch(saved) for name, saved in states.items()}, downtime)
+        if self._restoration is not None:
+            self._restoration.release_latches()
         return Changes(filter(None, [signal.reset(self._now_s) for signal in self._signals.values()]))
 
     def end(self) -> Changes:
@@ -311,6 +326,8 @@ class Monitor:
         elif now_s < self._now_s:
             back_s = self._now_s - now_s
             changes.notices = (f"time went back by {back_s:.3f} s: windows, pending timers and staleness restart",)
+            if self._clock is not None:
+                self._clock.offset_s += back_s
             for signal in self._signals.values():
                 signal.restart_time(now_s, back_s)
             for template in self._templates.values():
@@ -326,35 +343,14 @@ class Monitor:
                 self._templates[name] = ElementSignals(config, self.robot, now_s)
             else:
                 signals[name] = SignalMonitor(config, self.robot, now_s)
-        if self._to_restore is not None:
-            states, downtime = self._to_restore
-            self._to_restore = None
-            restored = (self._restore(name, saved, downtime, signals, changes) for name, saved in states.items())
-            unusable = [text for text in restored if text]
-            if len(unusable) > _MOST_NOTICES:
-                unusable[_MOST_NOTICES:] = [f"... and {len(unusable) - _MOST_NOTICES} more saved states"]
-            changes.notices = tuple(unusable)
+        if self._restoration is not None:
+            restored = self._restoration.restore(self.config, self.robot, now_s, signals, self._templates)
+            self._restoration = None
+            changes.extend(restored)
+            changes.notices = restored.notices
             if LINK in signals:
                 self._link_restored_s = now_s
         self._arrange(signals)
-
-    def _restore(
-        self, name: str, saved: SavedSignal, downtime: Downtime, signals: Dict[str, SignalMonitor], changes: Changes
-    ) -> str:
-        """Restores one signal into `signals` or its template; returns a notice if its saved state cannot be used."""
-        now_s = self._now_s
-        try:
-            config = LINK_CONFIG if name == LINK else config_of(name, self.config.signals)
-            signal = SignalMonitor(config or unconfigured(name), self.robot, now_s)
-            signal.restore(saved, now_s, downtime)
-        except (UnusableStateError, ConfigError) as error:
-            return f"{printable(str(name))[:80]}: starts without its saved state: {printable(str(error))}"
-        template = self._templates.get(template_name(name))
-        if config is None or (template is not None and not template.restore(name, signal)):
-            changes.add(signal.end(now_s))
-        elif template is None:
-            signals[name] = signal
-        return ""
 
     def _arrange(self, single: Mapping[str, SignalMonitor]) -> None:
         """Puts the signals in the order of the configuration; `single` are all but templates and their elements."""
@@ -370,6 +366,9 @@ class Monitor:
                     self._receivers.update(template.signals)
                 elif name in single:
                     self._signals[name] = single[name]
+        if self._clock is not None:
+            for signal in self._signals.values():
+                signal.collect(self._clock)
         self._find_followers()
 
     def _observe_elements(self, name: str, value: object, now_s: float, changes: Changes) -> None:
@@ -392,6 +391,8 @@ class Monitor:
 
     def _begin(self, signal: SignalMonitor, now_s: float, changes: Changes) -> None:
         """Brings a new signal to the state of the others: the link, and its conditions on other signals."""
+        if self._clock is not None:
+            signal.collect(self._clock)
         if self._link_down:
             signal.inhibit(now_s)
         changes.add(signal.follow(self.fresh_value, now_s))

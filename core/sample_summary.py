@@ -1,7 +1,7 @@
 """What a history stores of a signal's samples: a summary per 10 s.
 
-The periods are those of the wall clock, and a sample belongs to the period of its arrival. A summary is taken in parts:
-each holds what was collected since the last one, and whoever stores them joins them.
+The periods are those of the wall clock, and a sample belongs to the period of its arrival. A summary may be
+taken in parts, at the end of a run or when time goes back: each holds what was collected since the last one.
 """
 
 from __future__ import annotations
@@ -63,34 +63,37 @@ class _Period:
         return SampleSummary(start_s, self.smallest, self.largest, self.mean, self.last, self.good, self.bad, level)
 
 
-class WallOffset:
-    """Wall time minus the monitor's time, in s; one for all signals of a monitor."""
+class WallClock:
+    """What wall time is, by the monitor's clock; one for all signals of a monitor."""
 
     __slots__ = ("offset_s",)
 
-    def __init__(self) -> None:
-        """Starts without knowing it."""
-        self.offset_s = 0.0
+    def __init__(self, offset_s: float) -> None:
+        """`offset_s`: wall time, in s since 1970, minus the monitor's time."""
+        self.offset_s = offset_s
 
 
 class SampleCollector:
     """Collects the samples of one signal. Times (`now_s`) are the monitor's."""
 
-    __slots__ = ("_begin_s", "_end_s", "_offset", "_open", "_waiting")
+    __slots__ = ("_begin_s", "_clock", "_end_s", "_open", "_waiting")
 
-    def __init__(self, offset: WallOffset) -> None:
-        """Starts without a period; the owner of `offset` sets it."""
-        self._offset = offset
+    def __init__(self, clock: WallClock) -> None:
+        """Starts without a period; the owner of `clock` corrects it when the wall clock is set."""
+        self._clock = clock
         self._waiting: List[SampleSummary] = []
         self._open = _Period(0)
         self._begin_s = self._end_s = math.inf
         """Between which times samples belong to the open period."""
 
-    def note_good(self, value: Optional[float], now_s: float) -> None:
-        """Adds a good sample: the value of the judged statistic, None if it is undefined."""
+    def note(self, value: Optional[float], now_s: float, *, good: bool = True) -> None:
+        """Adds a sample, with the value of the judged statistic; None while it is undefined, or after a bad sample."""
         if not self._begin_s <= now_s < self._end_s:
             self._begin(now_s)
         period = self._open
+        if not good:
+            period.bad += 1
+            return
         period.good += 1
         if value is not None:
             period.last = value
@@ -101,12 +104,6 @@ class SampleCollector:
             period.count += 1
             period.mean += value / period.count - period.mean / period.count  # a difference could overflow
 
-    def note_bad(self, now_s: float) -> None:
-        """Adds a bad sample."""
-        if not self._begin_s <= now_s < self._end_s:
-            self._begin(now_s)
-        self._open.bad += 1
-
     def note_level(self, level: Level, now_s: float) -> None:
         """Notes the level that is shown, while it is known."""
         if not self._begin_s <= now_s < self._end_s:
@@ -114,16 +111,16 @@ class SampleCollector:
         if self._open.level is None or level.severity > self._open.level.severity:
             self._open.level = level
 
-    def take(self) -> List[SampleSummary]:
-        """Returns what was collected since the last call, oldest first."""
-        self._close()
+    def take(self, now_s: float) -> List[SampleSummary]:
+        """Returns the periods that have ended and were not taken yet, oldest first; at infinity the open one too."""
+        if now_s >= self._end_s or now_s < self._begin_s or now_s == math.inf:
+            self._close()
         taken, self._waiting = self._waiting, []
-        self._begin_s = math.inf
         return taken
 
     def _begin(self, now_s: float) -> None:
         self._close()
-        offset_s = self._offset.offset_s
+        offset_s = self._clock.offset_s
         number = math.floor((now_s + offset_s) / PERIOD_S)
         self._open = _Period(number)
         self._begin_s, self._end_s = number * PERIOD_S - offset_s, (number + 1) * PERIOD_S - offset_s
@@ -133,6 +130,7 @@ class SampleCollector:
     def _close(self) -> None:
         summary = self._open.summary()
         self._open = _Period(0)
+        self._begin_s = math.inf
         if summary is not None:
             self._waiting.append(summary)
             del self._waiting[:-_MOST_PERIODS]

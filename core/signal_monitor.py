@@ -14,21 +14,22 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any, Callable, Dict, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from .announcer import Announcer
 from .elements import DriverStatus
 from .explanation import Judgement
-from .forecast import ForecastWindow
+from .forecast import ForecastWindow, window_for
 from .formatting import fingerprint
 from .model import Level, Transition
 from .quality import Quality
 from .rule import SignalRules
+from .sample_summary import SampleCollector, SampleSummary, WallClock
 from .signal_config import SignalConfig
 from .staleness import Staleness
 from .state_reader import Downtime, Saved, SavedSignal, age_s
 from .status_rules import StatusRules, rules_for
-from .window import GapWindow, Samples, Window
+from .window import Samples, Window
 
 # Globals are faster than members of an enumeration, above all in Python 3.11, and these are used per sample.
 _OK, _WARN, _ERROR, _STALE = Level
@@ -46,7 +47,7 @@ class SignalMonitor:
 
     __slots__ = (
         "_announcer", "_calm_max", "_calm_min", "_fingerprint", "_healthy_max", "_level", "_level_since_s", "_quality",
-        "_robot", "_rules", "_statistics", "cause", "config", "judged", "staleness", "window",
+        "_robot", "_rules", "_samples", "_statistics", "cause", "config", "judged", "staleness", "window",
     )  # fmt: skip
 
     def __init__(self, config: SignalConfig, robot: str, now_s: float) -> None:
@@ -54,12 +55,14 @@ class SignalMonitor:
         self._robot = robot
         self._fingerprint = fingerprint(robot, config.name)
         self._quality = Quality(config)
-        self.window = _window_of(config)
+        self.window = window_for(config)
         self.config = config
         self.judged: Optional[float] = None
         """The value of the statistic that the bounds apply to; None while it is undefined."""
         self._statistics: Optional[Window] = None
         """The values of the judged statistic at ticks, to show; None: the window is shown."""
+        self._samples: Optional[SampleCollector] = None
+        """Collects the values of the judged statistic for a history; None: nothing stores them."""
         self._rules = SignalRules(config)
         self._announcer = Announcer(config, now_s)
         self.staleness = Staleness(config, now_s)
@@ -114,6 +117,8 @@ class SignalMonitor:
                 quality = self._quality
                 quality.latest = value
                 quality.good_samples += 1
+                if self._samples is not None:
+                    self._samples.note(value, now_s)
                 return None
         if type(value) is DriverStatus and self._note_calm_status(value, now_s):
             return None
@@ -123,6 +128,8 @@ class SignalMonitor:
         """Advances the time."""
         staleness = self.staleness
         if self._calm_max > -math.inf and now_s - staleness.silent_since_s <= staleness.limit_s:
+            if self._samples is not None:
+                self._samples.note_level(_OK, now_s)
             return None  # everything is at rest, and stays so until a sample comes
         if staleness.is_due(now_s):
             self._freeze_or_thaw(self._fall_silent())
@@ -187,7 +194,7 @@ class SignalMonitor:
         """Applies a new configuration of the same signal and judges by it at once; samples and durations stay."""
         self._announcer.configure(config, now_s)
         if any(getattr(config, key) != getattr(self.config, key) for key in _WINDOW_KEYS):
-            window = _window_of(config)
+            window = window_for(config)
             window.take_over(self.window)
             self.window = window
         if isinstance(self._rules, StatusRules) and _source(config) != _source(self.config):
@@ -266,6 +273,15 @@ class SignalMonitor:
         """Returns the values of the statistic that the bounds apply to; see `Monitor.shown_samples`."""
         return (self.window if self._statistics is None else self._statistics).samples(limit, since_s)
 
+    def collect(self, clock: WallClock) -> None:
+        """Begins to collect samples for `take_samples`; does nothing if it does so already."""
+        if self._samples is None:
+            self._samples = SampleCollector(clock)
+
+    def take_samples(self, now_s: float) -> List[SampleSummary]:
+        """Returns the periods that have ended; see `SampleCollector.take`. None unless samples are collected."""
+        return [] if self._samples is None else self._samples.take(now_s)
+
     def snapshot(self, now_s: float, wall_s: float) -> Dict[str, Any]:
         """Returns the state as JSON values; see `Monitor.snapshot`. Reads only."""
         state = {**self._announcer.snapshot(self._rules.bounds, now_s, wall_s), **self._rules.snapshot(now_s)}
@@ -301,6 +317,8 @@ class SignalMonitor:
         staleness.last_seen_s = staleness.silent_since_s = now_s
         self._quality.latest = status
         self._quality.good_samples += 1
+        if self._samples is not None:
+            self._samples.note(0.0, now_s)
         return True
 
     def _judge(self, value: object, now_s: float) -> Optional[Transition]:
@@ -310,20 +328,15 @@ class SignalMonitor:
             self._freeze_or_thaw(self._fall_silent())  # no tick noticed
         thaws = staleness.stale or staleness.waiting
         if thaws:
-            window.begin_anew()
-            if config.statistic != "last":
-                self.judged = None
+            self._begin_window_anew()
         if config.statistic == "largest_gap_s":
             window.arrive(staleness.silence_s(now_s), now_s)
         staleness.arrive(now_s)
         if not self._quality.seen:
             staleness.configure(config, seen=True)
         number = self._quality.judge(value)
-        if type(value) is DriverStatus and not config.bounds and not isinstance(rules, StatusRules):
-            allowed = rules.warn.allowed
-            rules = self._rules = StatusRules(config)
-            rules.allow(allowed)
-            self._freeze_or_thaw(now_s)
+        if type(value) is DriverStatus:
+            rules = self._use_status_rules(now_s)
         good = not math.isnan(number)
         judged = None
         if good:
@@ -338,6 +351,8 @@ class SignalMonitor:
         else:
             rules.advance(now_s)
         rules.note_quality(good=good, now_s=now_s)
+        if self._samples is not None:
+            self._samples.note(judged, now_s, good=good)
         level = rules.level(stale=staleness.stale)
         if good:
             self._announcer.note_sample(level, now_s)
@@ -345,6 +360,20 @@ class SignalMonitor:
         if self._calm_min < number <= self._healthy_max and self._is_at_rest:
             self._calm_max = self._healthy_max
         return transition
+
+    def _begin_window_anew(self) -> None:
+        self.window.begin_anew()
+        if self.config.statistic != "last":
+            self.judged = None
+
+    def _use_status_rules(self, now_s: float) -> SignalRules:
+        """Returns the rules of a signal that receives the statuses of a driver."""
+        if not self.config.bounds and not isinstance(self._rules, StatusRules):
+            allowed = self._rules.warn.allowed
+            self._rules = StatusRules(self.config)
+            self._rules.allow(allowed)
+            self._freeze_or_thaw(now_s)
+        return self._rules
 
     def _use_config(self, config: SignalConfig) -> None:
         """Takes a configuration, and from it the values from which nothing can follow while everything is at rest.
@@ -406,6 +435,8 @@ class SignalMonitor:
             self._level_since_s = now_s
         if self.staleness.unknown:
             return None
+        if self._samples is not None:
+            self._samples.note_level(level, now_s)
         announcer = self._announcer
         is_news = self.staleness.stale if level is _STALE else level is _ERROR and self._rules.invalid.fires
         if level is announcer.level or not announcer.is_due(level, is_news=is_news):
@@ -417,11 +448,3 @@ class SignalMonitor:
 def _source(config: SignalConfig) -> Tuple[object, ...]:
     """Returns what decides which kind of value a signal receives, and whether it has bounds."""
     return config.topic, config.type, config.field, config.reduce, bool(config.bounds)
-
-
-def _window_of(config: SignalConfig) -> Window:
-    """Returns an empty window for the statistic of a signal."""
-    limits = config.window_s, config.window_samples, config.window_min_s
-    if config.statistic == "forecast" and config.forecast_s is not None:
-        return ForecastWindow(*limits, config.forecast_s, config.bounds)
-    return GapWindow(*limits) if config.statistic == "largest_gap_s" else Window(*limits)

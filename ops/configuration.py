@@ -28,7 +28,8 @@ MOST_TARGETS = 50  # each has a thread
 HISTORY_PARAMETERS = (
     Parameter("file", str, None, "path of the SQLite file, which is created"),
     Parameter("keep_days", float, 90.0, "age at which entries are deleted, in days", 0.01, 36_500.0),
-    Parameter("keep_mb", float, 100.0, "largest size of the file with its log, in MB; old entries are deleted", 1, 1e6),
+    Parameter("keep_mb", float, 500.0, "largest size of the file with its log, in MB; old entries are deleted", 1, 1e6),
+    Parameter("samples", bool, True, "also store samples: per signal and 10 s smallest, largest, mean and last value"),
 )
 
 _TYPE = Parameter("type", str, None, "kind of target", choices=TARGET_TYPES)
@@ -77,7 +78,8 @@ class HistorySettings:
 
     file: str
     keep_days: float = 90.0
-    keep_mb: float = 100.0
+    keep_mb: float = 500.0
+    samples: bool = True
 
 
 @dataclass(frozen=True)

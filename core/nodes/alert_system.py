@@ -202,15 +202,21 @@ class AlertSystem:
 
     def stop_watching(self) -> None:
         """Ends every open alert with a transition to OK, `no longer watched`; `close` must follow."""
-        self._announce(self.monitor.end(), self._middleware.now_s())
+        now_s = self._middleware.now_s()
+        self._record_samples(now_s)
+        self._announce(self.monitor.end(), now_s)
         if self._continuity is not None:
             self._continuity.forget()
 
     def save_state(self) -> None:
         """Saves the state for the next run. For processes that close all their middlewares at once."""
-        continuity = self._continuity
-        if continuity is not None:
-            self._middleware.exclusively(lambda: continuity.save(self._middleware.now_s()))
+        self._middleware.exclusively(self._save_all)
+
+    def _save_all(self) -> None:
+        if self._continuity is not None:
+            now_s = self._middleware.now_s()
+            self._continuity.save(now_s)
+            self._continuity.record_samples(now_s)
 
     def close(self) -> None:
         """Saves the state for the next run and leaves the middleware."""
@@ -283,12 +289,18 @@ class AlertSystem:
         for name in sorted(self._unavailable - unavailable):
             self.outlets.emit(Notice(now_s, Severity.INFO, f"{name} is watched again"))
         self._unavailable = unavailable
-        self._announce(self.monitor.configure(self._watched()), now_s)
+        self._configure_monitor(now_s)
 
-    def _watched(self) -> MonitorConfig:
-        """Returns the configuration without the signals that have no sensor."""
+    def _configure_monitor(self, now_s: float) -> None:
+        """Watches all signals but those that have no sensor."""
+        self._record_samples(now_s)
         signals = {name: signal for name, signal in self._config.signals.items() if name not in self._unavailable}
-        return replace(self._config, signals=signals)
+        self._announce(self.monitor.configure(replace(self._config, signals=signals)), now_s)
+
+    def _record_samples(self, now_s: float) -> None:
+        """Stores the samples of signals that may leave the configuration."""
+        if self._continuity is not None:
+            self._middleware.faults.guard("storing samples", self._continuity.record_samples, now_s)
 
     def _look_for_pause(self, now_s: float) -> None:
         """Leaves the time out in which the process was stopped: it is no silence of the robot."""
@@ -409,6 +421,6 @@ class AlertSystem:
             self._middleware.faults.guard("storing the configuration", record, node.sections_of(config))
         same = {name for name, signal in config.signals.items() if old.signals.get(name) == signal}
         self._unavailable &= same
-        self._announce(self.monitor.configure(self._watched()), self._middleware.now_s())
+        self._configure_monitor(self._middleware.now_s())
         before = node.sections_of(old, log_level=given.get(node.LOG_LEVEL, "INFO"))
         return node.describe_changes(before, node.sections_of(config, log_level=tree.get(node.LOG_LEVEL, "INFO")))

@@ -12,7 +12,7 @@ import sqlite3
 import threading
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Dict, Generic, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Deque, Dict, Generic, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -26,7 +26,7 @@ from . import schema
 from .database_file import is_file_error, reading
 from .queries import read_states
 from .rows import INSERT_TRANSITION, pack_samples, transition_row
-from .samples import store, summaries_of
+from .samples import StoredSamples, store, summaries_of
 from .storage import PART, SLOW_S, Storage, report_skipped
 
 Result = TypeVar("Result")
@@ -37,6 +37,8 @@ COMMIT_TIMEOUT_S = 0.2
 """How long a transition waits for the disk before it is announced."""
 MAX_WAITING = 2_000
 """Most jobs that wait; a transition with its evidence takes up to 8 kB."""
+MAX_WAITING_SAMPLES = 50_000
+"""Most rows of samples that wait while the disk hangs, about 20 MB; the oldest are dropped."""
 LOST_PART = "history queue"
 """The part whose fault counts transitions that were not stored."""
 
@@ -203,6 +205,11 @@ class History:
         keep = settings or _DEFAULT_KEEP
         self.storage = Storage(self.file, keep.keep_days, keep.keep_mb, self.faults, wall_time_s)
         self.writer = Writer(self.storage)
+        self.keeps_samples = keep.samples
+        """Whether samples are stored."""
+        self._samples_lock = threading.Lock()
+        self._open_samples: Optional[Deque[StoredSamples]] = None
+        """Those that wait for the writer; None: none."""
         self._on_record: List[OnRecord] = []
         self._lost = 0
 
@@ -248,6 +255,23 @@ class History:
         """Runs a function in the writer's thread, after everything requested before; returns at once."""
         self.check_progress()
         self.writer.put(Job(function))
+
+    def put_samples(self, rows: Iterable[StoredSamples]) -> None:
+        """Stores samples after everything requested before; returns at once."""
+        with self._samples_lock:
+            if self._open_samples is not None:
+                self._open_samples.extend(rows)
+                return
+            waiting = self._open_samples = deque(rows, MAX_WAITING_SAMPLES)
+
+        def write(connection: sqlite3.Connection) -> None:
+            with self._samples_lock:
+                if self._open_samples is waiting:
+                    self._open_samples = None
+            store(connection, waiting)
+
+        # Also if many jobs are waiting: there is one such job at most.
+        self.writer.put(Job(write), is_urgent=True)
 
     def close(self) -> None:
         """Stores the end of the run and closes the file; waits at most 2 s."""
@@ -332,10 +356,18 @@ class RobotHistory:
         except Exception as error:
             self._report(f"states were not stored: {type(error).__name__}: {error}")
 
-    def record_samples(self, summaries: Mapping[str, Sequence[SampleSummary]]) -> None:
+    @property
+    def keeps_samples(self) -> bool:
+        """Whether it stores samples."""
+        return self._history.keeps_samples
+
+    def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
         """Stores what was collected of the samples of signals, by their names; returns at once."""
-        rows = [row for signal, each in summaries.items() for row in summaries_of(self._robot, printable(signal), each)]
-        self._history.put(lambda connection: store(connection, rows))
+        try:
+            rows = (summaries_of(self._robot, printable(signal), each) for signal, each in samples.items())
+            self._history.put_samples(row for summaries in rows for row in summaries)
+        except Exception as error:
+            self._report(f"samples were not stored: {type(error).__name__}: {error}")
 
     def record_reset(self) -> None:
         """Stores that latched alerts were reset; returns at once."""

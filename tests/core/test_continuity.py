@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, List
 
 import pytest
@@ -10,9 +11,12 @@ from harness.parameters import set_parameter
 from harness.stage import Stage
 
 from robot_health_monitor.core.middleware import Severity
+from robot_health_monitor.core.model import Level, Sample
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.sample_summary import SampleSummary
 
 BATTERY = {"warn_below": 20.0}
+OK, WARN, ERROR, STALE = Level
 
 
 def saved_names(robot: Robot) -> List[str]:
@@ -161,3 +165,83 @@ def test_only_without_a_history_latches_are_not_restored(with_history: bool) -> 
     AlertSystem(stage.bus.node("alert_system", parameters=parameters), history=history)
     lines = [line for line in stage.log(Severity.INFO) if "no history" in line]
     assert bool(lines) is not with_history
+
+
+class TestSamples:
+    """Summaries per 10 s of wall time: start, least, most, mean, last, good, bad, worst level."""
+
+    def test_they_are_stored_every_ten_seconds_of_the_wall_clock(self) -> None:
+        robot = Robot(battery={"warn_below": 20.0, "stale_after_s": 60.0})
+        robot.history.wall_offset_s = 1004.0
+        robot.restart()
+        for value in (50.0, 60.0, 40.0):
+            robot.run_for(2, battery=value)
+        robot.run_for(1)
+        assert robot.history.samples == [{"battery": [SampleSummary(1000.0, 40.0, 60.0, 50.0, 40.0, 6, 0, OK)]}]
+        robot.run_for(8)
+        assert robot.history.samples[1:] == []
+        robot.run_for(1)
+        assert robot.history.samples[1:] == [{"battery": [SampleSummary(1010.0, None, None, None, None, 0, 0, OK)]}]
+
+    def test_a_clean_stop_stores_the_rest(self) -> None:
+        robot = Robot(battery={"warn_below": 20.0})
+        robot.run_for(3, battery=15.0)
+        robot.system.close()
+        (stored,) = robot.history.samples
+        assert stored["battery"] == [SampleSummary(1e9, 15.0, 15.0, 15.0, 15.0, 3, 0, WARN)]
+
+    def test_bad_samples_are_counted_and_the_level_is_the_worst_also_between_ticks(self) -> None:
+        robot = Robot(battery={"warn_below": 20.0, "error_below": 10.0, "valid_max": 100.0, "stale_after_s": 60.0})
+        stage = robot.stage
+        for at_s, value in ((0.2, 5.0), (0.4, 50.0), (0.6, 500.0), (0.8, 50.0)):
+            stage.bus.run_until(at_s)
+            stage.publish("battery", value)
+        robot.run_for(10)
+        assert robot.history.samples[0]["battery"] == [SampleSummary(1e9, 5.0, 50.0, 35.0, 50.0, 3, 1, ERROR)]
+
+    def test_the_values_are_those_of_the_statistic_that_is_judged(self) -> None:
+        robot = Robot(battery={"statistic": "max", "window_s": 60.0, "window_min_s": 0.0, "stale_after_s": 60.0})
+        robot.run_for(2, battery=3.0)
+        robot.run_for(2, battery=1.0)
+        robot.run_for(7)
+        assert robot.history.samples[0]["battery"] == [SampleSummary(1e9, 3.0, 3.0, 3.0, 3.0, 4, 0, OK)]
+
+    def test_while_the_level_is_unknown_there_are_none(self) -> None:
+        robot = Robot(battery={"startup_grace_s": 15.0, "stale_after_s": 15.0})
+        robot.run_for(12)
+        assert robot.history.samples == []
+        robot.run_for(10)
+        assert robot.history.samples == [{"battery": [SampleSummary(1e9 + 10.0, None, None, None, None, 0, 0, STALE)]}]
+        robot.system.observe_link(False, "gone")
+        robot.run_for(9)
+        robot.history.samples.clear()
+        robot.run_for(30)
+        assert {name for samples in robot.history.samples for name in samples} == {"link"}
+
+    def test_an_element_has_its_first_sample_and_one_that_leaves_the_configuration_its_last(self) -> None:
+        robot = Robot(cells={"type": "sensor_msgs/BatteryState", "topic": "bms", "field": "cell_voltage[*]"})
+        robot.run_for(1)
+        robot.stage.outside.advertise("bms", "sensor_msgs/BatteryState")
+        robot.stage.outside.publish("bms", {"cell_voltage": [3.5, 3.75]})
+        robot.run_for(1)
+        robot.middleware.set_parameters({"robot_name": "r1", "signals": {"other": {}}})
+        (stored,) = robot.history.samples
+        assert stored["cells[1]"] == [SampleSummary(1e9, 3.75, 3.75, 3.75, 3.75, 1, 0, OK)]
+        assert stored["cells[0]"][0].last == 3.5
+
+    def test_after_time_went_back_they_go_on_in_wall_time(self) -> None:
+        robot = Robot(battery={"stale_after_s": 0.0})
+        robot.run_for(1, battery=1.0)
+        monitor = robot.system.monitor
+        monitor.observe(Sample("battery", 2.0, 19.0))
+        monitor.observe(Sample("battery", 3.0, 5.0))
+        parts = monitor.take_samples(math.inf, 1e9)["battery"]
+        assert [(each.start_s - 1e9, each.last) for each in parts] == [(0.0, 1.0), (10.0, 2.0), (10.0, 3.0)]
+
+    def test_a_history_without_samples_collects_none(self) -> None:
+        robot = Robot(battery={})
+        robot.history.keeps_samples = False
+        robot.restart()
+        robot.run_for(25, battery=1.0)
+        robot.system.close()
+        assert robot.history.samples == []

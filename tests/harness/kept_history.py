@@ -9,6 +9,7 @@ from harness.stage import Stage
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
+from robot_health_monitor.core.sample_summary import SampleSummary
 from robot_health_monitor.core.state_reader import SavedSignal
 
 
@@ -24,8 +25,10 @@ class KeptHistory:
         self.evidence: List[Sequence[Tuple[float, Any]]] = []
         self.configurations: List[Mapping[str, Any]] = []
         self.saves: List[Mapping[str, SavedSignal]] = []
+        self.samples: List[Mapping[str, Sequence[SampleSummary]]] = []
 
     is_kept = True
+    keeps_samples = True
 
     def wall_s(self) -> float:
         return self._stage.bus.now_s + self.wall_offset_s
@@ -44,6 +47,9 @@ class KeptHistory:
     def save(self, states: Mapping[str, SavedSignal]) -> None:
         self.saves.append(states)
         self._keep(states)
+
+    def record_samples(self, samples: Mapping[str, Sequence[SampleSummary]]) -> None:
+        self.samples.append(samples)
 
     def record_reset(self) -> None:
         self.events.append("reset")

@@ -22,7 +22,7 @@ from robot_health_monitor.ops.configuration import (
 )
 
 DESIGN = """\
-history: {file: /var/lib/robot-health/history.db, keep_days: 90, keep_mb: 100}
+history: {file: /var/lib/robot-health/history.db, keep_days: 90, keep_mb: 500}
 notify:
   pager: {type: alertmanager, url: "http://10.0.0.2:9093", min_level: WARN}
   chat:  {type: webhook, url_file: /etc/robot-health/chat.url, min_level: ERROR}
@@ -49,7 +49,7 @@ def mistakes(folder: Path, text: str) -> List[str]:
 
 def test_the_file_of_the_design_is_read(tmp_path: Path) -> None:
     assert read(tmp_path, DESIGN) == OpsConfig(
-        HistorySettings("/var/lib/robot-health/history.db", 90.0, 100.0),
+        HistorySettings("/var/lib/robot-health/history.db", 90.0, 500.0),
         (
             TargetSettings("pager", "alertmanager", Level.WARN, url="http://10.0.0.2:9093"),
             TargetSettings("chat", "webhook", Level.ERROR, url_file="/etc/robot-health/chat.url"),
@@ -128,7 +128,8 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
     types = "one of alertmanager, webhook, command, apprise, heartbeat"
     assert mistakes(tmp_path, WRONG) == [
         "ops.yaml:3: history.keep_days: expected a number from 0.01 to 36500, got -1",
-        "ops.yaml:4: history.keep_gb: unknown key; did you mean keep_mb? expected one of file, keep_days, keep_mb",
+        "ops.yaml:4: history.keep_gb: unknown key; did you mean keep_mb? expected one of file, keep_days, "
+        "keep_mb, samples",
         "ops.yaml:5: notfy: unknown key; did you mean notify? expected one of history, notify, server",
         f"ops.yaml:7: notify.pager.type: expected {types}, got 'alertmanger'",
         "ops.yaml:8: notify.both.url_file: expected either url or url_file, got both",

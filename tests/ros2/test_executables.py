@@ -379,7 +379,7 @@ def test_a_wrong_ops_yaml_ends_it_before_it_listens(start: Any, tmp_path: Path) 
     errors = [line.text for line in process.lines if "ops.yaml" in line.text]
     assert errors == [
         f"alert_system: {tmp_path}/ops.yaml:1: history.fil: unknown key; did you mean file? expected one of file, "
-        "keep_days, keep_mb",
+        "keep_days, keep_mb, samples",
         f"alert_system: {tmp_path}/ops.yaml:1: history.file: expected the path of the history file, got nothing",
     ]
     assert "watching" not in process.text

@@ -599,6 +599,7 @@ class FailingHistory:
     """A history whose every write raises."""
 
     is_kept = True
+    keeps_samples = True
 
     def wall_s(self) -> float:
         return 1000.0
@@ -615,7 +616,7 @@ class FailingHistory:
     def record(self, *_: object) -> None:
         raise OSError("no space left")
 
-    save = record_reset = record
+    save = record_reset = record_samples = record
 
 
 def test_a_history_that_raises_keeps_no_alert_from_the_outlets_and_stops_no_tick() -> None:
