@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .errors import ConfigError, ServiceError
 from .hints import Answer, explain, similar_topics
-from .mapping_node import CLOCK, MappingNode, MappingSubscription
-from .middleware import Callback, Graph, Message, NodeInfo, Severity, split_type_name
-from .standard_messages import check_type, complete, definition, is_stamped
+from .mapping_node import CLOCK, MappingNode, MappingSubscription, RawSubscription
+from .middleware import Callback, Graph, Message, NodeInfo, RawCallback, RawFormat, Severity, split_type_name
+from .raw_messages import json_format
+from .standard_messages import check_type, definition
 
 
 class LogLine(NamedTuple):
@@ -156,7 +157,7 @@ class LocalMiddleware(MappingNode):
         clocks: Dict[str, Callable[[], float]] = {"clock": lambda: bus.now_s, "wall_clock": lambda: bus.wall_time_s()}
         super().__init__(name, parameters, remap, **clocks, use_sim_time=use_sim_time)
         self._bus = bus
-        self._subscriptions: List[MappingSubscription] = []
+        self._subscriptions: List[Union[MappingSubscription, RawSubscription]] = []
         self._services: List[str] = []
         self._latched: Dict[str, Optional[Message]] = {}
         if use_sim_time:
@@ -173,7 +174,7 @@ class LocalMiddleware(MappingNode):
 
     def publish(self, topic: str, message: Message) -> None:
         resolved = self.require_advertised(topic)
-        transported = _transported(self._advertised[resolved], message, self.stamp_s())
+        transported = self.transported(self._advertised[resolved], message)
         if resolved in self._latched:
             self._latched[resolved] = transported
         for deliver in tuple(self._bus._listeners.get(resolved, ())):
@@ -185,15 +186,16 @@ class LocalMiddleware(MappingNode):
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> MappingSubscription:
-        resolved = self.resolve(topic)
-        subscription = MappingSubscription(self, resolved, type_name, field, callback)
-        if type_name:
-            self._bus.types.setdefault(resolved, type_name)
-        self._bus._add_listener(resolved, subscription.deliver)
-        self._subscriptions.append(subscription)
+        subscription = MappingSubscription(self, self.resolve(topic), type_name, field, callback)
+        self._add(subscription, type_name)
         if latched:
-            for message in filter(None, [node._latched.get(resolved) for node in self._bus.nodes]):
+            for message in filter(None, [node._latched.get(subscription.topic) for node in self._bus.nodes]):
                 subscription.deliver(message)
+        return subscription
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> RawSubscription:
+        subscription = RawSubscription(self, self.resolve(topic), type_name, callback)
+        self._add(subscription, type_name)
         return subscription
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
@@ -224,16 +226,21 @@ class LocalMiddleware(MappingNode):
     def type_of(self, topic: str) -> str:
         return self._bus.types.get(topic, "")
 
-    def message_definition(self, type_name: str) -> str:
-        return definition(type_name)
+    def topic_types(self) -> Mapping[str, str]:
+        return self._bus.graph().topics
 
-    def subscribe_raw(
-        self, topic: str, type_name: str, callback: Callable[[bytes, float], None]
-    ) -> MappingSubscription:
-        raise ConfigError(f"{self.resolve(topic)} has no raw bytes: the in-process middleware carries mappings")
+    def raw_format(self, type_name: str) -> RawFormat:
+        check_type(type_name)
+        return json_format(type_name, definition(type_name))
 
     def log(self, severity: Severity, text: str) -> None:
         self.faults.guard("log", self._bus.log, LogLine(self._bus.now_s, self.name, severity, text))
+
+    def _add(self, subscription: Union[MappingSubscription, RawSubscription], type_name: str) -> None:
+        if type_name:
+            self._bus.types.setdefault(subscription.topic, type_name)
+        self._bus._add_listener(subscription.topic, subscription.deliver)
+        self._subscriptions.append(subscription)
 
     def close(self) -> None:
         if self.closed:
@@ -255,12 +262,3 @@ class LocalMiddleware(MappingNode):
 def _next_due_s(node: LocalMiddleware) -> float:
     due_s = node.next_steady_s()
     return math.inf if due_s is None else due_s
-
-
-def _transported(type_name: str, message: Message, stamp_s: float) -> Message:
-    """Returns what subscribers receive of a message: with all fields, and stamped if it has no stamp."""
-    completed = complete(type_name, message)
-    if is_stamped(type_name) and "stamp" not in message.get("header", {}):
-        seconds = int(stamp_s // 1)
-        completed["header"]["stamp"] = {"secs": seconds, "nsecs": int((stamp_s - seconds) * 1e9)}
-    return completed

@@ -19,9 +19,10 @@ from .faults import Faults
 from .field_path import ABSENT, mapping_getter, parse_field_path
 from .formatting import printable
 from .hints import Answer, Hints
-from .middleware import Callback, Message, OnChange, Result, Severity, resolve_name
+from .middleware import Callback, Message, OnChange, RawCallback, RawFormat, Result, Severity, resolve_name
 from .parameters import Parameter
-from .standard_messages import check_field, complete
+from .raw_messages import json_bytes, json_format
+from .standard_messages import check_field, check_type, complete, definition, is_stamped
 from .timers import ClockTimer, ClockTimers
 
 CLOCK = "/clock"
@@ -103,6 +104,37 @@ class MappingSubscription:
             available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
             text = f"{shown} has no field {self._field}; available: {available}"
             self._node.log(Severity.ERROR, printable(text))
+
+
+class RawSubscription:
+    """A subscription that gets messages, which are mappings, as JSON. Implements `middleware.Subscription`."""
+
+    def __init__(self, node: MappingNode, topic: str, type_name: str, callback: RawCallback) -> None:
+        """Binds the resolved topic, with arguments, and errors, as of `Middleware.subscribe_raw`."""
+        if type_name:
+            check_type(type_name)
+        self.topic = topic
+        self.active = True
+        """False once it has ended."""
+        self.callback: Callback = lambda item, now_s: callback(item[0], now_s, item[1])
+        self._node = node
+        self._type_name = type_name
+        self._format: Optional[RawFormat] = None
+        self._has_failed = False
+
+    def deliver(self, message: Message) -> None:
+        """Passes a message as JSON to the node, with its format."""
+        if self._format is None:
+            type_name = self._type_name or self._node.type_of(self.topic)
+            self._format = json_format(type_name, definition(type_name))
+        try:
+            item = json_bytes(message), self._format
+        except (MessageError, TypeError, ValueError, RecursionError) as error:
+            if not self._has_failed:
+                self._has_failed = True
+                self._node.log(Severity.ERROR, printable(f"{self.topic}: a message is not recorded: {error}"))
+            return
+        self._node.call_back(self, item)
 
 
 class MappingNode(abc.ABC):
@@ -237,6 +269,18 @@ class MappingNode(abc.ABC):
             resolved = resolve_name(name, self.name)
             known = self._resolved[name] = self._remap.get(resolved, resolved)
         return known
+
+    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+        return json_bytes(self.transported(type_name, message)), json_format(type_name, definition(type_name))
+
+    def transported(self, type_name: str, message: Message) -> Message:
+        """Returns what subscribers receive of a message: with all fields, and stamped if it has no stamp."""
+        completed = complete(type_name, message)
+        if is_stamped(type_name) and "stamp" not in message.get("header", {}):
+            stamp_s = self.stamp_s()
+            seconds = int(stamp_s // 1)
+            completed["header"]["stamp"] = {"secs": seconds, "nsecs": int((stamp_s - seconds) * 1e9)}
+        return completed
 
     def require_advertised(self, topic: str) -> str:
         """Returns the resolved name of a topic; raises MessageError if it is not advertised."""

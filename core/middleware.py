@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import enum
 import re
-from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence, TypeVar
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
 from .faults import Faults
 from .parameters import Parameter
@@ -35,6 +35,25 @@ Message = Mapping[str, Any]
 
 Callback = Callable[[Any, float], None]
 """Receives a value and the time of its arrival, in s."""
+
+
+class RawFormat(NamedTuple):
+    """The form of messages as bytes, in the words of MCAP (mcap.dev/spec/registry)."""
+
+    message_encoding: str
+    """`ros1`, `cdr` or `json`."""
+    schema_name: str
+    """The type: `pkg/Type`, of ROS 2 `pkg/msg/Type`."""
+    schema_encoding: str
+    """`ros1msg`, `ros2msg`, `jsonschema`; from a recording also `ros2idl`."""
+    schema: str
+    """The definition of the type with those that it contains; empty if it is not known."""
+    profile: str
+    """`ros1` or `ros2`; empty for JSON."""
+
+
+RawCallback = Callable[[bytes, float, RawFormat], None]
+"""Receives the bytes of a message, the time of its arrival, in s, and their format."""
 
 OnChange = Callable[[Mapping[str, Any]], str]
 """Takes a proposed configuration; see `Middleware.declare_parameters`."""
@@ -147,6 +166,33 @@ class Middleware(Protocol):
         `topic` is not a name, or is already used with another type.
         """
 
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
+        """Calls back with every message as bytes: as they were transported, or as JSON where mappings are.
+
+        `type_name`, the topics that appear later, `unsubscribe` and the errors are as of `subscribe`; so is the time,
+        and the lock under which `callback` runs. A topic that is also used by `subscribe` is still received once, and
+        nothing is decoded for this callback.
+
+        The format comes with each message because it may be known only when the first one arrives (an empty
+        `type_name`), and because a publisher may restart with another type or definition. It is the same object until
+        then: compare with `is`. Messages whose type has no definition here come with an empty `schema` (JSON: one that
+        allows any object), except on ROS 2, which needs the installed type. Where a server has to be asked for the
+        definition, the callback receives the messages after its answer.
+        """
+
+    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+        """Returns a message as `subscribe_raw` would deliver it if this node published it.
+
+        A header without a stamp is stamped. Raises ConfigError for an unknown type, MessageError for a wrong message.
+        """
+
+    def topic_types(self) -> Mapping[str, str]:
+        """Returns the type of every topic with a publisher or subscriber, by its absolute name; empty: unknown.
+
+        May wait for the network: call it from an own thread, never from a callback or with the lock of `exclusively`.
+        Raises ServiceError if the middleware does not answer.
+        """
+
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         """Returns why a topic that is subscribed to brings no samples, as a short text; None: nothing is known.
 
@@ -223,14 +269,8 @@ class ServedMiddleware(Middleware, Protocol):
             ServiceError: the service does not exist, failed, or did not answer in time; `str()` says which.
         """
 
-    def message_definition(self, type_name: str) -> str:
-        """Returns a type's definition and those of the types it contains, as from `gendeps --cat`; empty if unknown."""
-
-    def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Subscription:
-        """Calls `callback(data, now_s)` for every message, with its bytes as the middleware transports them.
-
-        Raises ConfigError if the type is unknown, or if the middleware transports no bytes.
-        """
+    def raw_format(self, type_name: str) -> RawFormat:
+        """Returns the format in which `subscribe_raw` delivers messages of a type; raises ConfigError if unknown."""
 
 
 def split_type_name(type_name: str) -> Optional[Sequence[str]]:

@@ -7,10 +7,11 @@ silence. Everything runs in the thread that calls `play`.
 
 from __future__ import annotations
 
+import enum
 import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT
@@ -18,17 +19,26 @@ from robot_health_monitor.core.formatting import count_text, list_text
 from robot_health_monitor.core.hints import Answer, similar_topics, with_similar
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.mapping_node import CLOCK, MappingNode
-from robot_health_monitor.core.middleware import Callback, Message, Severity, canonical_type
+from robot_health_monitor.core.middleware import Callback, Message, RawCallback, Severity, canonical_type
 from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
 
 from .decoding import types_of
 from .reading import Recordings
-from .recording import Channel, RecordingError
+from .recording import Channel, RecordingError, raw_format_of
 
 _LONGEST_SILENCE_S = 86_400.0
 """Timers run through a gap of this length; the rest of a longer one is skipped. One message with a damaged time would
 otherwise ask for the ticks of centuries."""
+
+
+class _Bytes(enum.Enum):
+    """What stands for the whole serialized message, with its format, in the place of a field."""
+
+    ALL = "bytes"
+
+
+_Field = Union[str, None, _Bytes]
 
 
 class Subscription:
@@ -92,11 +102,20 @@ class RecordedMiddleware(MappingNode):
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
     ) -> Subscription:
-        subscription = Subscription(self, self.resolve(topic), callback)
+        return self._add(Subscription(self, self.resolve(topic), callback), type_name, field)
+
+    def _add(self, subscription: Subscription, type_name: str, field: _Field) -> Subscription:
         if self._sim_time_s is not None:
             subscription.receive = lambda value, wall_s: self.call_back(subscription, value)
         self._subscriptions.append(subscription)
         return self.player.subscribe(subscription, type_name, field)
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
+        subscription = Subscription(self, self.resolve(topic), lambda item, now_s: callback(item[0], now_s, item[1]))
+        return self._add(subscription, type_name, _Bytes.ALL)
+
+    def topic_types(self) -> Mapping[str, str]:
+        return self.player.topic_types()
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         answer(self.player.why_not_recorded(topic, type_name) or None)
@@ -149,7 +168,7 @@ class Player:
         self.wall_s = self._start_ns / 1e9  # log time of the current message, since 1970
         self.late = 0  # messages that came out of the order of their log times and were delivered late
         # Per topic and field, the messages from which it could not be read.
-        self._undecodable: Counter[Tuple[str, Optional[str]]] = Counter()
+        self._undecodable: Counter[Tuple[str, _Field]] = Counter()
         self._outside = 0
         self._skipped_s = 0.0
         self.on_log: Callable[[LogLine], None] = on_log or _ignore
@@ -161,7 +180,7 @@ class Player:
         self._channels: Dict[str, List[Channel]] = {}
         for channel in recordings.channels:
             self._channels.setdefault(channel.topic, []).append(channel)
-        self._readers: Dict[Channel, Dict[Optional[str], _Reader]] = {}
+        self._readers: Dict[Channel, Dict[_Field, _Reader]] = {}
         if use_sim_time and not self._channels.get(CLOCK):
             raise ConfigError("simulated time was requested, but the recordings have no topic /clock")
 
@@ -186,11 +205,14 @@ class Player:
         """Returns why a topic, by its absolute name, is not recorded with a type (empty: any); empty: it is."""
         found = self._channels.get(topic, [])
         if not found:
-            types = {name: channels[0].type_name for name, channels in self._channels.items()}
-            return with_similar(f"{topic} is not recorded", similar_topics(topic, type_name, types))
+            return with_similar(f"{topic} is not recorded", similar_topics(topic, type_name, self.topic_types()))
         if not self._matching(topic, type_name):
             return f"{topic} is recorded as {found[0].type_name}, configured as {canonical_type(type_name)}"
         return ""
+
+    def topic_types(self) -> Mapping[str, str]:
+        """Returns the type of every recorded topic."""
+        return {topic: channels[0].type_name for topic, channels in self._channels.items()}
 
     def node(self, name: str, parameters: Mapping[str, Any]) -> RecordedMiddleware:
         """Adds a node with a base name, `alert_system`, and parameters as in the file under `ros__parameters`."""
@@ -202,7 +224,7 @@ class Player:
         """Returns the full name of the node with a base name."""
         return f"/{self._namespace}/{name}" if self._namespace else f"/{name}"
 
-    def subscribe(self, subscription: Subscription, type_name: str, field: Optional[str]) -> Subscription:
+    def subscribe(self, subscription: Subscription, type_name: str, field: _Field) -> Subscription:
         """Delivers a field of every message of a topic; use `RecordedMiddleware.subscribe`.
 
         A topic that is not recorded, or with another type only, delivers nothing: see `why_not_recorded`. Raises
@@ -274,16 +296,14 @@ class Player:
         wanted = canonical_type(type_name) if type_name else ""
         return [channel for channel in self._channels.get(topic, []) if wanted in ("", channel.type_name)]
 
-    def _subscriptions(self, channel: Channel, field: Optional[str]) -> List[Subscription]:
+    def _subscriptions(self, channel: Channel, field: _Field) -> List[Subscription]:
         """Returns the subscriptions to a field of a channel, to add to them."""
         readers = self._readers.setdefault(channel, {})
         if field not in readers:
-            readers[field] = _Reader(_arrival if field is None else types_of(channel).field_getter(field), [])
+            readers[field] = _Reader(_getter(channel, field), [])
         return readers[field].subscriptions
 
-    def _delivery(
-        self, topic: str, field: Optional[str], reader: _Reader, tally: _Tally
-    ) -> Callable[[bytes, float], None]:
+    def _delivery(self, topic: str, field: _Field, reader: _Reader, tally: _Tally) -> Callable[[bytes, float], None]:
         """Returns a function that passes the field of a serialized message, with its time, to the subscriptions."""
         get, undecodable = reader.get, self._undecodable
         receivers = tuple((each, each.receive) for each in reader.subscriptions)
@@ -357,6 +377,15 @@ class Player:
 
 def _left_out(messages: int, why: str) -> str:
     return f"{count_text(messages, 'message')} {why} {'was' if messages == 1 else 'were'} left out"
+
+
+def _getter(channel: Channel, field: _Field) -> Callable[[bytes], Any]:
+    if field is None:
+        return _arrival
+    if isinstance(field, str):
+        return types_of(channel).field_getter(field)
+    raw_format = raw_format_of(channel)
+    return lambda data: (data, raw_format)
 
 
 def _arrival(data: bytes) -> float:

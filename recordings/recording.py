@@ -18,7 +18,8 @@ from typing import Any, BinaryIO, Dict, Iterable, Iterator, List, Mapping, Named
 
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.formatting import count_text
-from robot_health_monitor.core.middleware import canonical_type
+from robot_health_monitor.core.middleware import RawFormat, canonical_type
+from robot_health_monitor.core.raw_messages import ros1_format, ros2_format
 from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 LARGEST = 64 << 20
@@ -47,6 +48,13 @@ class Channel(NamedTuple):
     encoding: str  # `ros1` or `cdr`
     definition: str  # text of the type's definition with those of the types in it; empty if the file has none
     definition_format: str  # `msg` or `idl`; empty if the file has no definition
+
+
+def raw_format_of(channel: Channel) -> RawFormat:
+    """Returns the format of a channel's messages."""
+    make = ros1_format if channel.encoding == "ros1" else ros2_format
+    found = make(channel.type_name, channel.definition)
+    return found._replace(schema_encoding="ros2idl") if channel.definition_format == "idl" else found
 
 
 Target = TypeVar("Target")

@@ -13,7 +13,7 @@ from typing import Any, Callable, Iterable, List, Optional, Tuple
 
 from robot_health_monitor.core.definitions import Definitions, parse_definition
 from robot_health_monitor.core.errors import ConfigError, LinkError, ServiceError
-from robot_health_monitor.core.middleware import canonical_type
+from robot_health_monitor.core.middleware import ServedMiddleware, canonical_type
 from robot_health_monitor.core.proposal.candidates import Topic
 from robot_health_monitor.core.proposal.proposal import Proposal
 from robot_health_monitor.core.standard_messages import definition
@@ -73,7 +73,7 @@ def listen_to_ros(
             while True:
                 types = {topic: canonical_type(found) for topic, found in node.graph().topics.items()}
                 new = {topic: found for topic, found in types.items() if topic not in proposal.topics}
-                texts = {found: node.message_definition(found) for found in set(new.values())}
+                texts = {found: _definition(node, found) for found in set(new.values())}
                 topics = [Topic(topic, found, _parsed(found, texts[found], byte)) for topic, found in new.items()]
                 node.exclusively(partial(_take, proposal, node, topics))
                 listened_s = time.monotonic() - start_s
@@ -180,6 +180,14 @@ def _take(proposal: Proposal, node: Any, topics: Iterable[Topic]) -> None:
     if found:
         proposal.take(found)
         proposal.listen(node, {each.topic for each in found})
+
+
+def _definition(node: ServedMiddleware, type_name: str) -> str:
+    """Returns the definition of an installed type, empty for others."""
+    try:
+        return node.raw_format(type_name).schema
+    except ConfigError:
+        return ""
 
 
 def _parsed(type_name: str, text: str, byte: str) -> Optional[Definitions]:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import socket
 import struct
 import time
-from typing import Any, Callable, Dict, List
+from typing import Dict, List
 from urllib.parse import urlsplit
 
 import genpy
 import rosgraph.network
 import rospy
-import rospy.topics
 
 from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
+from robot_health_monitor.core.middleware import Graph, Message, NodeInfo, RawFormat
 
 from . import messages
-from .middleware import Ros1Middleware, Subscription
+from .middleware import Ros1Middleware
 
 _LOOKUP_PERIOD_S = 0.1
 _RECEIVE_BYTES = 65_536
@@ -32,15 +30,15 @@ class Ros1ServedMiddleware(Ros1Middleware):
     def graph(self) -> Graph:
         """As `core.middleware.ServedMiddleware`; the master does not know the types of services."""
         publishers, subscribers, services = self._master.system_state()
-        types = self._master.topic_types()
         nodes: Dict[str, List[List[str]]] = {}
         for kind, state in enumerate((publishers, subscribers, services)):
             for name, users in state:
                 for user in users:
                     nodes.setdefault(user, [[], [], []])[kind].append(name)
-        known = {topic: type_name for topic, type_name in types.items() if type_name != rospy.AnyMsg._type}
         return Graph(
-            known, {service: "" for service, _ in services}, {name: NodeInfo(*lists) for name, lists in nodes.items()}
+            self.topic_types(),
+            {service: "" for service, _ in services},
+            {name: NodeInfo(*lists) for name, lists in nodes.items()},
         )
 
     def call_service(self, service: str, type_name: str, request: Message, timeout_s: float) -> Message:
@@ -68,25 +66,8 @@ class Ros1ServedMiddleware(Ros1Middleware):
                 raise ServiceError("no such service")
             time.sleep(_LOOKUP_PERIOD_S)
 
-    def message_definition(self, type_name: str) -> str:
-        try:
-            return str(messages.message_class(type_name)._full_text)
-        except ConfigError:
-            return ""
-
-    def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Any:
-        """As `core.middleware.ServedMiddleware`; a topic that this process reads with its class is serialized again."""
-        resolved = self._resolve(topic)
-        impl = rospy.topics.get_topic_manager().get_subscriber_impl(rospy.resolve_name(resolved))
-        cls = rospy.AnyMsg if impl is None else impl.data_class
-
-        def deliver(native: Any, subscription: Subscription) -> None:
-            with self._lock:
-                if subscription.active:
-                    data = native._buff if isinstance(native, rospy.AnyMsg) else _serialized(native)
-                    callback(data, self.now_s())
-
-        return self._keep(Subscription(resolved, cls, deliver))
+    def raw_format(self, type_name: str) -> RawFormat:
+        return messages.raw_format(type_name)
 
 
 def _call(service: str, address: str, type_name: str, request: Message, deadline_s: float) -> Message:
@@ -108,7 +89,7 @@ def _call(service: str, address: str, type_name: str, request: Message, deadline
         if "error" in answer:
             raise ServiceError(answer["error"])
         cls = cls or messages.service_class(answer.get("type", ""))
-        data = _serialized(messages.to_native(cls._request_class, request))
+        data = messages.serialized(messages.to_native(cls._request_class, request))
         connection.sendall(struct.pack("<I", len(data)) + data)
         succeeded, length = struct.unpack("<BI", _receive(connection, 5, deadline_s))
         data = _receive(connection, length, deadline_s)
@@ -136,9 +117,3 @@ def _left_s(deadline_s: float) -> float:
     if left_s <= 0.0:
         raise TimeoutError
     return left_s
-
-
-def _serialized(native: Any) -> bytes:
-    buffer = io.BytesIO()
-    native.serialize(buffer)
-    return buffer.getvalue()

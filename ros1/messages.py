@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import re
 from typing import Any, Mapping
 
@@ -11,8 +12,10 @@ import rospy
 
 from robot_health_monitor.core.definitions import ROS1_KINDS
 from robot_health_monitor.core.dialect import Dialect, FieldType
+from robot_health_monitor.core.middleware import RawFormat
 from robot_health_monitor.core.native_fields import as_it_is
 from robot_health_monitor.core.native_messages import NativeMessages, find_generated
+from robot_health_monitor.core.raw_messages import ros1_format
 from robot_health_monitor.core.serialized_statuses import serialized_getter as serialized_getter_of
 
 _TIMES = {"time": genpy.Time, "duration": genpy.Duration}
@@ -58,6 +61,19 @@ to_native = native.to_native
 field_getter = native.field_getter
 serialized_getter = functools.partial(serialized_getter_of, field_types, is_cdr=False)
 """Returns a getter of a field from serialized messages of a class; None if it needs all of them."""
+
+
+def serialized(native: Any) -> bytes:
+    """Returns the bytes of a message."""
+    buffer = io.BytesIO()
+    native.serialize(buffer)
+    return buffer.getvalue()
+
+
+def raw_format(type_name: str) -> RawFormat:
+    """Returns the format of serialized messages of a type; raises ConfigError if it is not installed here."""
+    found = message_class(type_name)
+    return ros1_format(found._type, found._full_text)
 
 
 @functools.lru_cache(maxsize=None)

@@ -14,24 +14,34 @@ import time
 import weakref
 from typing import Any, Callable, Container, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
-import genpy
 import rospy
 import rospy.core
 import rospy.rostime
 import rospy.topics
 
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.field_path import ABSENT, Getter
 from robot_health_monitor.core.hints import Answer, explain, similar_topics
-from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity, resolve_name
+from robot_health_monitor.core.middleware import (
+    Callback,
+    Message,
+    OnChange,
+    RawCallback,
+    RawFormat,
+    Severity,
+    canonical_type,
+    resolve_name,
+    split_type_name,
+)
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.core.timers import PeriodicSchedule
-from robot_health_monitor.runtime.native_node import Log, NativeNode
+from robot_health_monitor.runtime.native_node import NativeNode
 from robot_health_monitor.runtime.threads import MonotonicEvent
 
 from . import messages
 from .master import Master
 from .parameters import NodeParameters, set_log_level
+from .serialized import BytesReader, Decoder, FieldReader
 
 _LOG = {
     Severity.DEBUG: rospy.logdebug,
@@ -63,7 +73,7 @@ class Ros1Middleware(NativeNode):
         )
         self.parameters = NodeParameters(self._master, self.name)
         # Weak: the clients of a server may subscribe to any number of invented topics.
-        self._decoders: weakref.WeakValueDictionary[str, _Decoder] = weakref.WeakValueDictionary()
+        self._decoders: weakref.WeakValueDictionary[str, Decoder] = weakref.WeakValueDictionary()
         self._services: List[Any] = []
 
     def given_parameters(self) -> Mapping[str, Any]:
@@ -106,6 +116,23 @@ class Ros1Middleware(NativeNode):
     ) -> Subscription:
         resolved = self._resolve(topic)
         cls, get = self._choose_reader(rospy.resolve_name(resolved), type_name, field)
+        return self._deliver(resolved, cls, get, callback)
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
+        resolved = self._resolve(topic)
+        mapped = rospy.resolve_name(resolved)
+        shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(mapped))
+        if type_name and split_type_name(type_name) is None:
+            raise ConfigError(f"expected a type such as std_msgs/Float32, got {type_name!r}")
+        if type_name and shared not in (None, rospy.AnyMsg) and shared._type != canonical_type(type_name):
+            raise _another_type(mapped, shared, canonical_type(type_name))
+        reader = BytesReader(mapped, type_name, self.log)
+        return self._deliver(
+            resolved, shared or rospy.AnyMsg, reader.read, lambda item, now_s: callback(item[0], now_s, item[1])
+        )
+
+    def _deliver(self, resolved: str, cls: Any, get: Optional[Getter], callback: Callback) -> Subscription:
+        """Subscribes; `get` reads what is passed on, 1.0 without it."""
         lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
 
         def deliver(native: Any, subscription: Subscription) -> None:
@@ -121,6 +148,14 @@ class Ros1Middleware(NativeNode):
                         log_failure(error)
 
         return self._keep(Subscription(resolved, cls, deliver))
+
+    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+        native = self._stamped(messages.message_class(type_name), message)
+        return messages.serialized(native), messages.raw_format(type_name)
+
+    def topic_types(self) -> Mapping[str, str]:
+        types = self._master.topic_types()
+        return {topic: found for topic, found in types.items() if found != rospy.AnyMsg._type}
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         return self._hints.get(rospy.resolve_name(self._resolve(topic)), type_name)
@@ -214,20 +249,18 @@ class Ros1Middleware(NativeNode):
         shared = _shared_class(rospy.topics.get_topic_manager().get_subscriber_impl(topic))
         if field is None:
             return shared or rospy.AnyMsg, None
+        decoder = self._decoders.setdefault(topic, Decoder())
         if not type_name and shared in (None, rospy.AnyMsg):
-            return rospy.AnyMsg, self._raw_reader(topic, "", field)
+            return rospy.AnyMsg, FieldReader(topic, "", field, decoder, self.log).read
         type_name = type_name or messages.type_name(shared)
         cls, get = messages.message_class(type_name), messages.field_getter(topic, type_name, field)
         if shared is not rospy.AnyMsg:
             _require_same_class(topic, cls, shared)
-        if shared is None and messages.serialized_getter(cls, field) is not None:
-            shared = messages.serialized_class(cls)
-        if shared is not None and issubclass(shared, rospy.AnyMsg):
-            return shared, self._raw_reader(topic, type_name, field)
+        # As bytes, since others may need these: `subscribe_raw`, or the number in them.
+        shared = shared or messages.serialized_class(cls)
+        if issubclass(shared, rospy.AnyMsg):
+            return shared, FieldReader(topic, type_name, field, decoder, self.log).read
         return cls, get
-
-    def _raw_reader(self, topic: str, expected: str, field: str) -> Getter:
-        return _RawReader(topic, expected, field, self._decoders.setdefault(topic, _Decoder()), self.log).read
 
 
 class Subscription:
@@ -243,67 +276,6 @@ class Subscription:
         """Unsubscribes."""
         self.active = False
         self._subscriber.unregister()
-
-
-class _RawReader:
-    """Reads a field from serialized messages, by the type that the publisher's connection header names."""
-
-    def __init__(self, topic: str, expected: str, field: str, decoder: _Decoder, log: Log) -> None:
-        self._topic, self._field, self._decoder, self._log = topic, field, decoder, log
-        self._expected = messages.type_name(messages.message_class(expected)) if expected else ""
-        self._readers: Dict[Tuple[str, str], Getter] = {}
-        self._header: Any = None
-        """That of the latest message. All messages of a connection have the same object."""
-        self._has_failed = False
-
-    def read(self, native: Any) -> Any:
-        """Returns the field.
-
-        ABSENT, after one ERROR line, if the type is unknown here, is not the expected one, or has no such field, or if
-        the message does not match it.
-        """
-        if native._connection_header is not self._header:
-            self._header = native._connection_header
-            self._read = self._reader_of(self._header["type"], self._header.get("md5sum", ""))
-        try:
-            return self._read(native._buff)
-        except (genpy.MessageException, MessageError) as error:
-            if not self._has_failed:
-                self._has_failed = True
-                self._log(Severity.ERROR, f"{self._topic}: a message does not match {self._header['type']}: {error}")
-            return ABSENT
-
-    def _reader_of(self, type_name: str, checksum: str) -> Getter:
-        key = type_name, checksum
-        if key not in self._readers:
-            try:
-                self._readers[key] = self._new_reader(type_name, checksum)
-            except ConfigError as error:
-                self._log(Severity.ERROR, str(error))
-                self._readers[key] = lambda data: ABSENT
-        return self._readers[key]
-
-    def _new_reader(self, type_name: str, checksum: str) -> Getter:
-        if self._expected and type_name != self._expected:
-            raise ConfigError(f"{self._topic}: expected messages of type {self._expected}, got {type_name}")
-        get = messages.field_getter(self._topic, type_name, self._field)
-        cls, decode = messages.message_class(type_name), self._decoder.decode
-        direct = messages.serialized_getter(cls, self._field) if checksum == cls._md5sum else None
-        return direct or (lambda data: get(decode(data, cls)))
-
-
-class _Decoder:
-    """Deserializes each message of a topic once for all its readers."""
-
-    def __init__(self) -> None:
-        self._data = b""
-        self._message: Any = None
-
-    def decode(self, data: bytes, cls: Any) -> Any:
-        if data is not self._data or type(self._message) is not cls:
-            self._message = cls().deserialize(data)
-            self._data = data
-        return self._message
 
 
 class PublisherLookup:
@@ -412,4 +384,8 @@ def _shared_class(impl: Any) -> Any:
 def _require_same_class(topic: str, cls: Any, shared: Any) -> None:
     """Raises ConfigError if this process already uses the topic with another class, which rospy does not check."""
     if shared not in (None, cls, messages.serialized_class(cls)):
-        raise ConfigError(f"{topic}: expected {shared._type}, the type that this process already uses, got {cls._type}")
+        raise _another_type(topic, shared, cls._type)
+
+
+def _another_type(topic: str, shared: Any, found: str) -> ConfigError:
+    return ConfigError(f"{topic}: expected {shared._type}, the type that this process already uses, got {found}")

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import threading
 import time
-from typing import Any, Callable, Dict, List
+from typing import Any, Dict, List
 
-from robot_health_monitor.core.dialect import FieldType
-from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceError
-from robot_health_monitor.core.middleware import Graph, Message, NodeInfo
-from robot_health_monitor.core.native_fields import as_it_is
+from robot_health_monitor.core.errors import MessageError, ServiceError
+from robot_health_monitor.core.middleware import Graph, Message, NodeInfo, RawFormat
 
 from . import messages
-from .middleware import Ros2Middleware, Subscription
-
-_SEPARATOR = "=" * 80
+from .definitions import raw_format
+from .middleware import Ros2Middleware
 
 
 class Ros2ServedMiddleware(Ros2Middleware):
@@ -36,7 +32,7 @@ class Ros2ServedMiddleware(Ros2Middleware):
             except RuntimeError:  # the node has just left
                 continue
         return Graph(
-            {topic: types[0] for topic, types in node.get_topic_names_and_types() if types},
+            self.topic_types(),
             {service: types[0] for service, types in node.get_service_names_and_types() if types},
             nodes,
         )
@@ -69,43 +65,9 @@ class Ros2ServedMiddleware(Ros2Middleware):
         finally:
             self.node.destroy_client(client)
 
-    def message_definition(self, type_name: str) -> str:
-        """Returns the definition with what the class contains: no constants and no comments."""
-        try:
-            return _full_text(messages.message_class(type_name))
-        except ConfigError:
-            return ""
-
-    def subscribe_raw(self, topic: str, type_name: str, callback: Callable[[bytes, float], None]) -> Any:
-        resolved = self._resolve(topic)
-        subscription = Subscription(resolved, resolved, callback, None, get=as_it_is)
-        with self._lock:
-            self._join(subscription, messages.message_class(type_name), is_raw=True)
-            self._keep(subscription)
-        return subscription
+    def raw_format(self, type_name: str) -> RawFormat:
+        return raw_format(type_name)
 
 
 def _names(names_and_types: Any) -> List[str]:
     return [name for name, _ in names_and_types]
-
-
-@functools.lru_cache(maxsize=None)
-def _full_text(native_class: Any) -> str:
-    """Returns the fields of a class in .msg syntax, followed by the messages that it contains, each once."""
-    parts: Dict[str, str] = {}
-    waiting = [native_class]
-    while waiting:
-        cls = waiting.pop(0)
-        if messages.type_name(cls) not in parts:
-            fields = messages.field_types(cls)
-            parts[messages.type_name(cls)] = "".join(_line(name, field) for name, field in fields.items())
-            waiting += [field.message for field in fields.values() if field.message is not None]
-    first, *others = parts.items()
-    return first[1] + "".join(f"{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in others)
-
-
-def _line(name: str, field: FieldType) -> str:
-    # As in a .msg file: byte, and string<=5 for string<5>.
-    element = "byte" if field.kind == "octet" else field.kind.replace("<", "<=").rstrip(">")
-    bound = str(field.size) if field.size else f"<={field.most}" if field.most else ""
-    return f"{element}{f'[{bound}]' if field.is_array else ''} {name}\n"

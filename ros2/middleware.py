@@ -18,15 +18,17 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.serialization import deserialize_message, serialize_message
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT, Getter
 from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
-from robot_health_monitor.core.middleware import Callback, Message, OnChange, Severity
+from robot_health_monitor.core.middleware import Callback, Message, OnChange, RawCallback, RawFormat, Severity
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.runtime.native_node import NativeNode
 
 from . import messages
+from .definitions import raw_format
 from .parameters import NodeParameters, ParameterNode
 
 _QUEUE_SIZE = 1000
@@ -112,13 +114,24 @@ class Ros2Middleware(NativeNode):
     ) -> Subscription:
         subscription = Subscription(self._resolve(topic), _native_name(topic), callback, field, latched)
         with self._lock:
-            type_name = type_name or self._type_of(subscription.topic)
-            if type_name:
-                self._start(subscription, type_name)
-            else:
-                subscription.is_waiting = True
-            self._keep(subscription)
+            self._begin(subscription, type_name)
         return subscription
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
+        def unpack(item: Any, now_s: float) -> None:
+            callback(item[0], now_s, item[1])
+
+        subscription = Subscription(self._resolve(topic), _native_name(topic), unpack, None, is_raw=True)
+        with self._lock:
+            self._begin(subscription, type_name)
+        return subscription
+
+    def serialize(self, type_name: str, message: Message) -> Tuple[bytes, RawFormat]:
+        native = self._stamped(messages.message_class(type_name), message)
+        return serialize_message(native), raw_format(type_name)
+
+    def topic_types(self) -> Mapping[str, str]:
+        return {topic: types[0] for topic, types in self.node.get_topic_names_and_types() if types}
 
     def why_silent(self, topic: str, type_name: str) -> Optional[str]:
         with self._lock:
@@ -207,42 +220,31 @@ class Ros2Middleware(NativeNode):
             raise ConfigError(f"expected the name of a topic, got {name!r}: {reason}") from None
         return resolved
 
+    def _begin(self, subscription: Subscription, type_name: str) -> None:
+        type_name = type_name or self._type_of(subscription.topic)
+        if type_name:
+            self._start(subscription, type_name)
+        else:
+            subscription.is_waiting = True
+        self._keep(subscription)
+
     def _start(self, subscription: Subscription, type_name: str) -> None:
         """Subscribes, sharing rclpy's subscription with others to the topic: its cost per message is high."""
         cls = messages.message_class(type_name)
         topic, field = subscription.topic, subscription.field
-        serialized: Optional[Getter] = _arrival
-        if field is not None:
-            subscription.get = subscription.get_native = messages.field_getter(topic, type_name, field)
-            serialized = messages.serialized_getter(cls, field)
-        # rclpy need not make messages where only their arrival, or a number that can be read from the bytes, counts.
-        is_raw = serialized is not None and (topic, cls, False) not in self._channels
-        if is_raw and serialized is not None:
-            subscription.get = serialized
-        self._join(subscription, cls, is_raw=is_raw)
-
-    def _join(self, subscription: Subscription, cls: Any, *, is_raw: bool) -> None:
-        key = subscription.topic, cls, is_raw
-        channel = self._channels.get(key)
+        if subscription.is_raw:
+            raw = raw_format(type_name)
+            subscription.get = lambda data: (data, raw)
+        elif field is not None:
+            native, serialized = messages.field_getter(topic, type_name, field), messages.serialized_getter(cls, field)
+            subscription.get, subscription.needs_message = serialized or native, serialized is None
+        latched, own = (topic, cls, True), (topic, cls, subscription.is_latched)
+        channel = self._channels.get(latched) or self._channels.get(own)
         if channel is None:
-            channel = self._channels[key] = _Channel(key, subscription.native_name, subscription.is_latched)
+            channel = self._channels[own] = _Channel(own, subscription.native_name)
             self._open(channel)
         channel.readers = (*channel.readers, subscription)
         subscription.channel = channel
-        if not is_raw:
-            self._take_over(channel)
-
-    def _take_over(self, channel: _Channel) -> None:
-        """Moves the readers of serialized messages to a channel that makes messages of the same topic anyway."""
-        topic, cls, _ = channel.key
-        raw = self._channels.get((topic, cls, True))
-        if raw is None or raw.is_latched != channel.is_latched:
-            return
-        del self._channels[raw.key]
-        for reader in raw.readers:
-            reader.get, reader.channel = reader.get_native, channel
-        channel.readers, raw.readers = (*raw.readers, *channel.readers), ()
-        self.node.destroy_subscription(raw.native)
 
     def _keep(self, subscription: Subscription) -> None:
         self._subscriptions.append(subscription)
@@ -264,24 +266,29 @@ class Ros2Middleware(NativeNode):
     def _open(self, channel: _Channel) -> None:
         """Creates rclpy's subscription: reliable, unless there is a best-effort publisher already."""
         lock, clock, simulated, log_failure = self._lock, self._clock, self._simulated, self._log_failure
+        topic, cls, is_latched = channel.key
 
-        def deliver(native: Any) -> None:
+        def deliver(data: bytes) -> None:
             with lock:
                 now_s = clock()
                 if simulated and now_s == 0.0:
                     if channel.readers:
-                        self._waiting_for_clock.append(functools.partial(deliver, native))
+                        self._waiting_for_clock.append(functools.partial(deliver, data))
                     return
+                message = None
                 for subscription in channel.readers:
                     if subscription.active:
                         try:
-                            value = subscription.get(native)
+                            if subscription.needs_message:
+                                message = deserialize_message(data, cls) if message is None else message
+                                value = subscription.get(message)
+                            else:
+                                value = subscription.get(data)
                             if value is not ABSENT:
                                 subscription.callback(value, now_s)
                         except Exception as error:
                             log_failure(error)
 
-        topic, cls, is_raw = channel.key
         channel.is_best_effort = self._has_best_effort_publisher(topic)
         reliability = ReliabilityPolicy.BEST_EFFORT if channel.is_best_effort else ReliabilityPolicy.RELIABLE
         # rclpy's default event handlers only log, and the executor checks each of them for every message.
@@ -289,11 +296,9 @@ class Ros2Middleware(NativeNode):
             cls,
             channel.native_name,
             deliver,
-            QoSProfile(
-                depth=_SUBSCRIBER_QUEUE_SIZE, reliability=reliability, durability=_DURABILITY[channel.is_latched]
-            ),
+            QoSProfile(depth=_SUBSCRIBER_QUEUE_SIZE, reliability=reliability, durability=_DURABILITY[is_latched]),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=is_raw,
+            raw=True,
         )
 
     def _type_of(self, topic: str) -> str:
@@ -343,9 +348,11 @@ class Subscription:
     callback: Callback
     field: Optional[str]
     is_latched: bool = False
+    is_raw: bool = False
+    """Whether the value is the whole message as bytes, with its format."""
     get: Getter = _arrival
-    get_native: Getter = _arrival
-    """Reads from messages; `get` may read from serialized ones."""
+    needs_message: bool = False
+    """Whether `get` reads from a message, not from its bytes."""
     active: bool = True
     is_waiting: bool = False
     """Whether the type of the topic is not known yet."""
@@ -357,9 +364,11 @@ class _Channel:
     """A subscription of rclpy, replaced when the QoS changes, and its readers."""
 
     key: Tuple[str, Any, bool]
-    """Topic, class of its messages, whether they are delivered serialized."""
+    """Topic, class of its messages, whether it receives latched ones.
+
+    Messages arrive as bytes. If a reader needs more, one is deserialized for all of them, which takes rclpy no longer.
+    """
     native_name: str
-    is_latched: bool
     native: Any = None
     is_best_effort: bool = False
     readers: Tuple[Subscription, ...] = ()

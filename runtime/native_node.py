@@ -72,10 +72,7 @@ class NativeNode(abc.ABC):
 
     def publish(self, topic: str, message: Message) -> None:
         publisher, cls = self._advertised(topic)
-        native = self._messages.to_native(cls, message)
-        if self._messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
-            native.header.stamp = self._stamp()
-        publisher.publish(native)
+        publisher.publish(self._stamped(cls, message))
 
     def unsubscribe(self, subscription: Any) -> None:
         with self._lock:
@@ -86,6 +83,13 @@ class NativeNode(abc.ABC):
     def exclusively(self, function: Callable[[], Result]) -> Result:
         with self._lock:
             return function()
+
+    def _stamped(self, cls: Any, message: Message) -> Any:
+        """Returns a native message, stamped if it has no stamp."""
+        native = self._messages.to_native(cls, message)
+        if self._messages.is_stamped(cls) and "stamp" not in message.get("header", {}):
+            native.header.stamp = self._stamp()
+        return native
 
     def _advertised(self, topic: str) -> Tuple[Any, Any]:
         """Returns the publisher of a topic and its class."""

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import contextlib
 import math
 import ssl
 import time
-from typing import Any, Callable, List, Mapping, Optional
+from typing import Any, Callable, Coroutine, List, Mapping, Optional, TypeVar, Union
 
-from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.errors import ConfigError, LinkError, ServiceError
 from robot_health_monitor.core.hints import Answer
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription
-from robot_health_monitor.core.middleware import Callback, Message, Middleware, Severity, split_type_name
+from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription, RawSubscription
+from robot_health_monitor.core.middleware import Callback, Message, Middleware, RawCallback, Severity, split_type_name
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer
@@ -22,11 +23,15 @@ from ..protocol import DEFAULT_LIMITS, Limits
 from ..protocol.operations import Publish
 from .cause import Cause
 from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
-from .services import PublisherLookup
+from .services import Call, PublisherLookup
+from .topics import list_topics
 
 _LOG_NAME = "rosbridge"
 _WAKE_PERIOD_S = 0.02
 """Timers are called up to this late."""
+_ANSWER_TIMEOUT_S = 30.0
+
+T = TypeVar("T")
 
 
 class RosbridgeClient:
@@ -141,6 +146,21 @@ class RosbridgeClient:
             with contextlib.suppress(RuntimeError):
                 self.loop.call_soon_threadsafe(function)
 
+    def run_and_wait(self, ask: Callable[[Call], Coroutine[Any, Any, T]]) -> T:
+        """Returns what a coroutine function finds out by calling the server's services. Called in another thread.
+
+        Raises ServiceError: there is no answer, no connection, or no loop.
+        """
+        if self.loop is None:
+            raise ServiceError(f"no connection to {self.connection.address}")
+        asking = ask(self.connection.calls.call)
+        try:
+            return asyncio.run_coroutine_threadsafe(asking, self.loop).result(_ANSWER_TIMEOUT_S)
+        except LinkError as error:
+            raise ServiceError(str(error)) from None
+        except (concurrent.futures.TimeoutError, concurrent.futures.CancelledError, RuntimeError):
+            raise ServiceError(f"{self.connection.address} does not answer") from None
+
     def _log_link(self, up: bool, cause: Cause) -> None:
         if up:
             self.log(Severity.INFO, f"connected to {self.connection.address}")
@@ -188,6 +208,19 @@ class _Subscription(MappingSubscription):
         return f"topic {self.topic}"
 
 
+class _RawSubscription(RawSubscription):
+    """One node's subscription to the messages of a topic as JSON; a `Receiver` of the connection."""
+
+    arrivals_only = False
+
+    def too_large(self, size_bytes: int) -> None:
+        """Does nothing."""
+
+    def end(self) -> None:
+        """Ends the subscription."""
+        self.active = False
+
+
 class RosbridgeMiddleware(MappingNode):
     """One node for a robot behind rosbridge; implements `core.middleware.Middleware`."""
 
@@ -207,7 +240,7 @@ class RosbridgeMiddleware(MappingNode):
         self._connection = client.connection
         self._outputs = outputs
         self._services: List[str] = []
-        self._subscriptions: List[_Subscription] = []
+        self._subscriptions: List[Union[_Subscription, _RawSubscription]] = []
         self._wake: Optional[asyncio.TimerHandle] = None
         self._on_first_clock: List[Callable[[], None]] = []
         self._clock_receiver = _ClockReceiver(self)
@@ -222,7 +255,7 @@ class RosbridgeMiddleware(MappingNode):
     @property
     def dropped(self) -> int:
         """Messages of current subscriptions that were too large to be read."""
-        return sum(subscription.dropped for subscription in tuple(self._subscriptions))
+        return sum(each.dropped for each in tuple(self._subscriptions) if isinstance(each, _Subscription))
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         if self._outputs is not None:
@@ -259,6 +292,16 @@ class RosbridgeMiddleware(MappingNode):
             self._subscriptions.append(subscription)
             self._connection.subscriptions.add(subscription.topic, type_name, subscription)
         return subscription
+
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> _RawSubscription:
+        subscription = _RawSubscription(self, self.resolve(topic), type_name, callback)
+        with self._lock:
+            self._subscriptions.append(subscription)
+            self._connection.subscriptions.add(subscription.topic, type_name, subscription)
+        return subscription
+
+    def topic_types(self) -> Mapping[str, str]:
+        return {each.topic: each.type_name for each in self._client.run_and_wait(list_topics)}
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         own = {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}

@@ -13,7 +13,7 @@ import time
 from collections import deque
 from typing import Any, Callable, Deque, Mapping, Optional, Tuple, TypeVar
 
-from robot_health_monitor.core.errors import ServiceError
+from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.middleware import Graph, NodeInfo, ServedMiddleware, resolve_name
 from robot_health_monitor.core.standard_messages import definition
 from robot_health_monitor.runtime.event_loops import ThreadPool
@@ -129,7 +129,11 @@ class ServedNode:
 
         May block, as `graph`.
         """
-        return self.middleware.message_definition(type_name) or definition(type_name)
+        try:
+            found = self.middleware.raw_format(type_name)
+        except ConfigError:
+            return definition(type_name)
+        return found.schema if found.profile else definition(type_name)
 
     async def topic_type(self, topic: str) -> str:
         """Returns the type of a topic, empty if it is not known; raises ServiceError as `graph` does."""

@@ -112,14 +112,21 @@ class Topics:
         needed = set(topic.compressions)
         if "cbor-raw" in needed and subscribed.raw is None and self._node.threads:
             try:
-                subscribed.raw = await self._call(middleware.subscribe_raw, topic, topic.deliver_raw)
+                take = self._node.hand_over(topic.deliver_raw)
+                subscribed.raw = await self._node.call(
+                    middleware.subscribe_raw,
+                    topic.name,
+                    topic.type_name,
+                    lambda data, now_s, raw_format: take(data, now_s),
+                )
                 topic.native_raw = True
             except ConfigError:
                 topic.native_raw = False
         if topic.native_raw:
             needed.discard("cbor-raw")
         if needed and subscribed.messages is None:
-            subscribed.messages = await self._call(middleware.subscribe, topic, topic.deliver)
+            take = self._node.hand_over(topic.deliver)
+            subscribed.messages = await self._node.call(middleware.subscribe, topic.name, topic.type_name, take)
         if not needed and subscribed.messages is not None:
             subscription, subscribed.messages = subscribed.messages, None
             await self._node.call(middleware.unsubscribe, subscription)
@@ -127,11 +134,6 @@ class Topics:
             subscription, subscribed.raw = subscribed.raw, None
             topic.native_raw = False
             await self._node.call(middleware.unsubscribe, subscription)
-
-    async def _call(
-        self, subscribe: Callable[..., Subscription], topic: Topic, deliver: Callable[[Any], None]
-    ) -> Subscription:
-        return await self._node.call(subscribe, topic.name, topic.type_name, self._node.hand_over(deliver))
 
 
 class Publications:

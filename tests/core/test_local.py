@@ -11,13 +11,14 @@ from harness.equivalence import Equivalence
 from harness.field_timeline import FIELDS, Scene
 from harness.local import LocalHarness
 from harness.port_conformance import FLOAT32, PortConformance, Recorder
+from harness.raw_conformance import RawConformance
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.middleware import Severity
 
 
-class TestLocal(PortConformance):
+class TestLocal(RawConformance, PortConformance):
     @pytest.fixture
     def harness(self) -> LocalHarness:
         return LocalHarness()

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 from harness.port_conformance import PortConformance
+from harness.raw_conformance import RawConformance
 
 
-class TestRos1(PortConformance):
+class TestRos1(RawConformance, PortConformance):
     @pytest.fixture
     def harness(self, ros_process: Any) -> Any:
         from harness.ros1 import Ros1Harness

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 from harness.port_conformance import PortConformance
+from harness.raw_conformance import RawConformance
 
 
-class TestRos2(PortConformance):
+class TestRos2(RawConformance, PortConformance):
     @pytest.fixture
     def harness(self, inside: Any, outside: Any) -> Any:
         from harness.ros2 import Ros2Harness
@@ -17,7 +18,7 @@ class TestRos2(PortConformance):
         return Ros2Harness(participant, outside, spinner)
 
 
-class TestRos2Events(PortConformance):
+class TestRos2Events(RawConformance, PortConformance):
     @pytest.fixture
     def harness(self, inside_events: Any, outside: Any) -> Any:
         from harness.ros2 import Ros2Harness

@@ -77,14 +77,3 @@ def test_a_port_in_use_stops_only_the_server(start: Any, ros: Any, tmp_path: Any
         ros.wait_until(monitor_is_error)
         process.signal()
         assert process.wait() == 0
-
-
-def test_the_definition_of_a_bounded_string_can_be_parsed() -> None:
-    messages = pytest.importorskip("type_description_interfaces.msg")
-    from robot_health_monitor.core.definitions import Field, parse_msg
-    from robot_health_monitor.ros2.introspection import _full_text
-
-    name = "type_description_interfaces/IndividualTypeDescription"
-    text = _full_text(messages.IndividualTypeDescription)
-    assert text.startswith("string<=255 type_name\n")
-    assert parse_msg(name, text)[name].fields[0] == Field("type_name", "string", None)

@@ -1,0 +1,82 @@
+"""Reading serialized messages by the header of their connection."""
+
+from __future__ import annotations
+
+from typing import Any, List, Mapping
+
+from robot_health_monitor.core.field_path import ABSENT
+
+FLOAT = {
+    "type": "std_msgs/Float32",
+    "md5sum": "73fcbf46b49191e672908e50842a83d4",
+    "message_definition": "float32 data\n",
+}
+
+
+def raw(header: Mapping[str, str], data: bytes = b"\x00\x00\x9cA") -> Any:
+    import rospy
+
+    message = rospy.AnyMsg().deserialize(data)
+    message._connection_header = header
+    return message
+
+
+def test_the_definition_is_that_of_the_publisher_even_of_a_type_that_is_not_installed() -> None:
+    from robot_health_monitor.ros1.serialized import BytesReader
+
+    reader = BytesReader("/in", "", lambda severity, text: None)
+    data, raw_format = reader.read(raw(FLOAT))
+    assert data == b"\x00\x00\x9cA"
+    assert raw_format == ("ros1", "std_msgs/Float32", "ros1msg", "float32 data\n", "ros1")
+    foreign = {"type": "acme_msgs/Motor", "md5sum": "0" * 32, "message_definition": "int32 rpm\n"}
+    assert reader.read(raw(foreign))[1] == ("ros1", "acme_msgs/Motor", "ros1msg", "int32 rpm\n", "ros1")
+
+
+def test_a_publisher_without_a_definition_is_believed_to_have_the_installed_one() -> None:
+    from robot_health_monitor.ros1.serialized import BytesReader
+
+    reader = BytesReader("/in", "std_msgs/msg/Float32", lambda severity, text: None)
+    header = {"type": "std_msgs/Float32", "md5sum": FLOAT["md5sum"]}
+    assert reader.read(raw(header))[1].schema.strip() == "float32 data"
+    unknown = BytesReader("/in", "", lambda severity, text: None).read(raw({"type": "acme_msgs/Motor"}))
+    assert unknown[1].schema == ""
+
+
+def test_messages_of_another_type_are_left_out_with_one_line() -> None:
+    from robot_health_monitor.ros1.serialized import BytesReader
+
+    lines: List[str] = []
+    reader = BytesReader("/in", "std_msgs/Float64", lambda severity, text: lines.append(text))
+    assert [reader.read(raw(FLOAT)) for _ in range(3)] == [ABSENT] * 3
+    assert reader.read(raw(dict(FLOAT))) is ABSENT
+    assert lines == ["/in: expected messages of type std_msgs/Float64, got std_msgs/Float32"]
+
+
+def test_two_publishers_with_one_definition_have_one_format() -> None:
+    from robot_health_monitor.ros1.serialized import BytesReader
+
+    reader = BytesReader("/in", "", lambda severity, text: None)
+    first, second = raw(dict(FLOAT)), raw(dict(FLOAT))
+    formats = [reader.read(message)[1] for message in (first, second, first)]
+    assert formats[0] is formats[1] is formats[2]
+
+
+def test_any_number_of_definitions_takes_bounded_memory() -> None:
+    from robot_health_monitor.ros1.serialized import BytesReader
+
+    reader = BytesReader("/in", "", lambda severity, text: None)
+    for number in range(1000):
+        reader.read(raw({"type": "acme_msgs/Motor", "message_definition": f"int32 rpm{number}\n"}))
+    assert len(reader._formats) <= 100
+
+
+def test_messages_that_this_process_reads_itself_are_serialized_again() -> None:
+    """rospy subscribes to /clock with its class."""
+    from std_msgs.msg import Float32
+
+    from robot_health_monitor.ros1.serialized import BytesReader
+
+    message = Float32(19.5)
+    message._connection_header = FLOAT
+    data, _ = BytesReader("/in", "", lambda severity, text: None).read(message)
+    assert data == b"\x00\x00\x9cA"
