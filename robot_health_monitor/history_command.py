@@ -35,7 +35,10 @@ _LEVELS = (Level.OK, Level.WARN, Level.ERROR, Level.STALE)
 Event = Union[MonitorEvent, SilenceEvent]
 AnyEvent = TypeVar("AnyEvent", bound=Event)
 
-_SUMMARY_HEAD = ("robot", "signal", *(level.name for level in _LEVELS), "unknown", "alerts", "longest outage")
+_SUMMARY_HEAD = (
+    "robot", "signal", *(level.name for level in _LEVELS), "unknown", "available", "alerts", "longest outage",
+    "recovery",
+)  # fmt: skip
 _UNITS_S = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "w": 604_800.0}
 
 
@@ -63,7 +66,9 @@ def add_arguments(parser: Parser) -> None:
     )
     content = parser.add_mutually_exclusive_group()
     content.add_argument(
-        "--summary", action="store_true", help="per signal: share of time per level, alerts, longest time not OK"
+        "--summary",
+        action="store_true",
+        help="per signal: share of time per level, of OK in known time, alerts, longest outage, mean time to recover",
     )
     content.add_argument(
         "--samples",
@@ -197,13 +202,21 @@ def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
         "unknown": summary.unknown,
         "alerts": summary.alerts,
         "longest_outage_s": summary.longest_outage_s,
+        "availability": summary.availability,
+        "mean_time_to_recover_s": summary.mean_time_to_recover_s,
     }
 
 
 def _summary_cells(summary: SignalSummary) -> List[str]:
     shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
+    available = "-" if summary.availability is None else share_text(summary.availability)
     outage = duration_text(summary.longest_outage_s) if summary.longest_outage_s > 0.0 else "none"
-    return [summary.robot, summary.signal, *shares, share_text(summary.unknown), str(summary.alerts), outage]
+    recover_s = summary.mean_time_to_recover_s
+    recover = "-" if recover_s is None else duration_text(recover_s)
+    return [
+        summary.robot, summary.signal, *shares, share_text(summary.unknown), available, str(summary.alerts), outage,
+        recover,
+    ]  # fmt: skip
 
 
 def _show_samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:

@@ -1,4 +1,4 @@
-"""Share of time per level, alerts and longest outage of each signal.
+"""Share of time per level, availability, alerts, outages and the course of the level of each signal.
 
 A level is known while a monitor watched the robot and the robot's link was up. Everything else is unknown: before the
 first run, gaps between runs, and link downtime (except for the signal `link` itself). OK lasts as long as the
@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -24,7 +24,11 @@ from robot_health_monitor.core.state_reader import Saved
 from .queries import pattern_condition
 from .rows import checked, is_count, is_level, is_number, is_text, is_time
 
+MOST_LEVELS = 5_000
+"""Most changes in the course of a level; after them it is unknown."""
+
 _PAGE = 5_000
+_ROUNDING_S = 1e-6
 _CHECKS = (is_count, is_time, is_text, is_text, is_level, is_level, is_number, is_count)
 
 
@@ -44,6 +48,17 @@ class SignalSummary:
     """Transitions to a level other than OK; repetitions do not count."""
     longest_outage_s: float
     """Longest time in which the level was not OK, in s. Unknown time neither ends an outage nor counts."""
+    mean_time_to_recover_s: Optional[float]
+    """Mean length of the outages that began and ended in this time, in s; as before, unknown time does not count.
+    None: there was none."""
+    levels: Sequence[Tuple[float, Optional[Level]]]
+    """The course of the level: begin of each, in s since 1970; None: unknown."""
+
+    @property
+    def availability(self) -> Optional[float]:
+        """Share of OK of the known time, 0 to 1; None: nothing is known."""
+        known = sum(self.shares.values())
+        return self.shares.get(Level.OK, 0.0) / known if known > 0.0 else None
 
 
 def summarize(
@@ -91,7 +106,15 @@ class _Signal:
     alerts: int = 0
     outage_s: float = 0.0
     longest_outage_s: float = 0.0
+    began_in_time: bool = False
+    """Whether the present outage began in the time that is summarized."""
+    recoveries: int = 0
+    recovery_s: float = 0.0
+    """Sum of the outages that began and ended in the time."""
     has_transition: bool = False
+    levels: List[Tuple[float, Optional[Level]]] = field(default_factory=list)
+    ok_place: int = 0
+    """Index in `levels` at which the present OK began."""
 
     def add(self, seconds: float) -> None:
         if self.level is Level.OK:
@@ -101,15 +124,32 @@ class _Signal:
             self.outage_s += seconds
             self.longest_outage_s = max(self.longest_outage_s, self.outage_s)
 
-    def end_ok(self, known_s: float) -> None:
-        """Adds the present OK, of which at most `known_s` seconds were known."""
-        self.times[Level.OK] = self.times.get(Level.OK, 0.0) + min(self.ok_s, max(known_s, 0.0))
+    def end_ok(self, known_s: float) -> float:
+        """Adds the present OK, of which at most `known_s` seconds were known; returns how much was not, in s."""
+        known_s = min(self.ok_s, max(known_s, 0.0))
+        unknown_s = self.ok_s - known_s
+        self.times[Level.OK] = self.times.get(Level.OK, 0.0) + known_s
         self.ok_s = 0.0
+        return unknown_s
 
-    def set_level(self, level: Level) -> None:
-        self.level = level
+    def set_level(self, level: Level, is_in_time: bool) -> None:
         if level is Level.OK:
+            if self.began_in_time and is_in_time:
+                self.recoveries += 1
+                self.recovery_s += self.outage_s
             self.outage_s = 0.0
+            self.ok_place = len(self.levels)
+        elif self.level is Level.OK:
+            self.began_in_time = is_in_time
+        self.level = level
+
+    def note_level(self, wall_s: float, level: Optional[Level]) -> None:
+        """Adds a begin to the course of the level."""
+        if not self.levels or self.levels[-1][1] is not level:
+            if len(self.levels) == MOST_LEVELS:
+                level = None
+            if len(self.levels) <= MOST_LEVELS:
+                self.levels.append((wall_s, level))
 
 
 class _Robot:
@@ -133,9 +173,10 @@ class _Robot:
         if name == LINK:
             self._is_link_down = to_level is not Level.OK
         if from_level is Level.OK:
-            signal.end_ok(lasted_s)
-        signal.set_level(to_level)
-        if self.begin_s <= wall_s < self._end_s and to_level is not Level.OK:
+            self._end_ok(signal, lasted_s)
+        is_in_time = self.begin_s <= wall_s < self._end_s
+        signal.set_level(to_level, is_in_time)
+        if is_in_time and to_level is not Level.OK:
             signal.alerts += 1
 
     def summaries(self, robot: str, lasting_s: Mapping[Tuple[str, str], float]) -> Iterator[SignalSummary]:
@@ -151,13 +192,32 @@ class _Robot:
             signal = self.signals[name]
             # An element without a state has ended (forget_after_s): what came after is not known.
             has_ended = name != template_name(name) and (robot, name) not in lasting_s
-            signal.end_ok(0.0 if has_ended else lasting_s.get((robot, name), math.inf))
+            self._end_ok(signal, 0.0 if has_ended else lasting_s.get((robot, name), math.inf))
             shares = {level: seconds / duration_s for level, seconds in sorted(signal.times.items()) if seconds > 0.0}
             unknown = max(0.0, 1.0 - sum(shares.values()))
             yield SignalSummary(
                 robot, name, duration_s, shares, unknown if unknown > 1e-9 else 0.0, signal.alerts,
-                signal.longest_outage_s,
+                signal.longest_outage_s, signal.recovery_s / signal.recoveries if signal.recoveries else None,
+                self._spans.cut(signal.levels, self._end_s),
             )  # fmt: skip
+
+    def _end_ok(self, signal: _Signal, known_s: float) -> None:
+        """Ends an OK of which the last `known_s` seconds were known; takes the rest out of the course."""
+        unknown_s = signal.end_ok(known_s)
+        for place in range(signal.ok_place, len(signal.levels)):
+            begin_s, level = signal.levels[place]
+            if unknown_s <= _ROUNDING_S:
+                break
+            if level is not Level.OK:
+                continue
+            is_last = place + 1 == len(signal.levels)
+            end_s = signal.advanced_to_s if is_last else signal.levels[place + 1][0]
+            known_from_s = self._spans.after_s(begin_s, unknown_s)
+            signal.levels[place] = (begin_s, None)
+            if known_from_s < end_s:
+                signal.levels.insert(place + 1, (known_from_s, Level.OK))
+                break
+            unknown_s -= self._spans.overlap_s(begin_s, end_s)
 
     def _advance(self, name: str, until_s: float) -> None:
         """Adds the time since the last call to the signal's level, as far as it is known."""
@@ -165,8 +225,10 @@ class _Robot:
         until_s = min(until_s, self._end_s)
         if until_s <= signal.advanced_to_s:
             return  # the wall clock was set back
-        if name == LINK or not self._is_link_down:
+        is_known = name == LINK or not self._is_link_down
+        if is_known:
             signal.add(self._spans.overlap_s(signal.advanced_to_s, until_s))
+        signal.note_level(signal.advanced_to_s, signal.level if is_known else None)
         signal.advanced_to_s = until_s
 
 
@@ -181,6 +243,32 @@ class _Spans:
     def overlap_s(self, from_s: float, to_s: float) -> float:
         """Returns how much of a time lies in the spans."""
         return self._before_s(to_s) - self._before_s(from_s)
+
+    def after_s(self, from_s: float, seconds: float) -> float:
+        """Returns the time until which so many seconds lie in the spans, counted from `from_s`."""
+        wanted_s = self._before_s(from_s) + seconds
+        number = max(bisect_right(self._sums_s, wanted_s) - 1, 0)
+        if number >= len(self._begins_s):
+            return math.inf
+        return max(from_s, self._begins_s[number] + wanted_s - self._sums_s[number])
+
+    def cut(self, levels: Sequence[Tuple[float, Optional[Level]]], end_s: float) -> List[Tuple[float, Optional[Level]]]:
+        """Returns the course of a level until `end_s`, unknown outside of the spans."""
+        found: List[Tuple[float, Optional[Level]]] = []
+        for (begin_s, level), (until_s, _) in zip(levels, [*levels[1:], (end_s, None)]):
+            first = max(bisect_right(self._begins_s, begin_s) - 1, 0)
+            pieces: List[Tuple[float, Optional[Level]]] = [(begin_s, None)]
+            if level is not None:
+                for place in range(first, bisect_left(self._begins_s, until_s)):
+                    from_s, to_s = self._begins_s[place], self._begins_s[place] + self._lengths_s[place]
+                    if to_s > begin_s:
+                        pieces += [(max(from_s, begin_s), level), (to_s, None)]
+            for at_s, piece in pieces:
+                if at_s < until_s and found and found[-1][0] >= at_s:
+                    found.pop()
+                if at_s < until_s and (not found or found[-1][1] is not piece):
+                    found.append((at_s, piece))
+        return found
 
     def _before_s(self, time_s: float) -> float:
         number = bisect_right(self._begins_s, time_s) - 1

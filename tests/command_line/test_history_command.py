@@ -93,13 +93,14 @@ def test_summary(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # battery_level: WARN for 30 of 100 s. cpu_usage: STALE for the last 10 s.
     assert output(capsys, file, "--summary").splitlines() == [
         "2023-11-14 22:13:20 +0000 to 2023-11-14 22:15:00 +0000",
-        "robot  signal             OK    WARN  ERROR   STALE  unknown  alerts  longest outage",
-        "r1     battery_level  70.0 %  30.0 %    0 %     0 %      0 %       1            30 s",
-        "r1     cpu_usage      90.0 %     0 %    0 %  10.0 %      0 %       1            10 s",
+        "robot  signal             OK    WARN  ERROR   STALE  unknown  available  alerts  longest outage  recovery",
+        "r1     battery_level  70.0 %  30.0 %    0 %     0 %      0 %     70.0 %       1            30 s      30 s",
+        "r1     cpu_usage      90.0 %     0 %    0 %  10.0 %      0 %     90.0 %       1            10 s         -",
     ]
     [battery] = map(json.loads, output(capsys, file, "--summary", "--json", "--signal", "b*").splitlines())
     assert battery["shares"] == pytest.approx({"OK": 0.7, "WARN": 0.3, "ERROR": 0.0, "STALE": 0.0})
     assert (battery["alerts"], battery["longest_outage_s"]) == (1, pytest.approx(30.0))
+    assert (battery["availability"], battery["mean_time_to_recover_s"]) == (pytest.approx(0.7), pytest.approx(30.0))
 
 
 def test_a_summary_of_signals_that_do_not_exist_says_so(file: Path, capsys: pytest.CaptureFixture[str]) -> None:

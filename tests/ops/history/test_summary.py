@@ -59,6 +59,9 @@ def test_shares_of_one_run(connection: sqlite3.Connection) -> None:
     assert (summary.robot, summary.signal, summary.duration_s) == ("r1", "battery_level", 100.0)
     assert summary.shares == pytest.approx({OK: 0.5, WARN: 0.2, ERROR: 0.2, STALE: 0.1})
     assert (summary.unknown, summary.alerts, summary.longest_outage_s) == (0.0, 3, 50.0)
+    assert summary.availability == pytest.approx(0.5)
+    assert summary.mean_time_to_recover_s == 50.0
+    assert summary.levels == [(0.0, OK), (40.0, WARN), (60.0, ERROR), (80.0, STALE), (90.0, OK)]
 
 
 def test_gaps_are_unknown_and_neither_end_an_outage_nor_count(connection: sqlite3.Connection) -> None:
@@ -71,6 +74,9 @@ def test_gaps_are_unknown_and_neither_end_an_outage_nor_count(connection: sqlite
     assert summary.shares == pytest.approx({OK: 0.6, WARN: 0.2})
     assert summary.unknown == pytest.approx(0.2)
     assert (summary.alerts, summary.longest_outage_s) == (1, 20.0)
+    assert summary.availability == pytest.approx(60.0 / 80.0)
+    assert summary.mean_time_to_recover_s == 20.0
+    assert summary.levels == [(0.0, OK), (30.0, WARN), (40.0, None), (60.0, WARN), (70.0, OK)]
 
 
 def test_an_alert_that_is_open_counts_until_now(connection: sqlite3.Connection) -> None:
@@ -79,6 +85,8 @@ def test_an_alert_that_is_open_counts_until_now(connection: sqlite3.Connection) 
     summary = only(summarize(connection, 100.0))
     assert summary.shares == pytest.approx({OK: 0.75, ERROR: 0.25})
     assert summary.longest_outage_s == 25.0
+    assert summary.mean_time_to_recover_s is None  # it has not recovered
+    assert summary.levels == [(0.0, OK), (75.0, ERROR)]
 
 
 def test_time_after_the_last_sign_of_life_is_unknown(connection: sqlite3.Connection) -> None:
@@ -87,6 +95,8 @@ def test_time_after_the_last_sign_of_life_is_unknown(connection: sqlite3.Connect
     summary = only(summarize(connection, 100.0))
     assert summary.shares == pytest.approx({OK: 0.25, WARN: 0.25})
     assert summary.unknown == pytest.approx(0.5)
+    assert summary.availability == pytest.approx(0.5)
+    assert summary.levels == [(0.0, OK), (25.0, WARN), (50.0, None)]
 
 
 def test_with_since_the_level_from_before_counts(connection: sqlite3.Connection) -> None:
@@ -98,6 +108,8 @@ def test_with_since_the_level_from_before_counts(connection: sqlite3.Connection)
     assert summary.duration_s == 50.0
     assert summary.shares == pytest.approx({OK: 0.5, WARN: 0.5})
     assert (summary.alerts, summary.longest_outage_s) == (0, 25.0)
+    assert summary.mean_time_to_recover_s is None  # the outage began before
+    assert summary.levels == [(50.0, WARN), (75.0, OK)]
 
 
 def test_while_the_link_is_down_only_the_link_is_known(connection: sqlite3.Connection) -> None:
@@ -113,6 +125,9 @@ def test_while_the_link_is_down_only_the_link_is_known(connection: sqlite3.Conne
     assert battery.unknown == pytest.approx(0.4)
     assert link.shares == pytest.approx({OK: 0.6, ERROR: 0.4})
     assert (link.unknown, link.longest_outage_s) == (0.0, 40.0)
+    assert battery.availability == pytest.approx(50.0 / 60.0)
+    assert battery.levels == [(0.0, OK), (20.0, None), (60.0, WARN), (70.0, OK)]
+    assert link.levels == [(0.0, OK), (20.0, ERROR), (60.0, OK)]
 
 
 def test_time_that_was_unknown_does_not_count_as_ok(connection: sqlite3.Connection) -> None:
@@ -124,6 +139,59 @@ def test_time_that_was_unknown_does_not_count_as_ok(connection: sqlite3.Connecti
     summary = only(summarize(connection, 100.0))
     assert summary.shares == pytest.approx({OK: 0.3, WARN: 0.2, STALE: 0.1})
     assert summary.unknown == pytest.approx(0.4)
+    assert summary.availability == pytest.approx(0.5)
+    assert summary.levels == [(0.0, None), (20.0, STALE), (30.0, None), (50.0, OK), (80.0, WARN)]
+
+
+def test_unknown_time_is_taken_from_the_begin_of_an_ok_that_gaps_interrupt(connection: sqlite3.Connection) -> None:
+    # Watched 0-20, 40-60, 80-120. OK until WARN at 100; 45 of the 60 s before were known: unknown for the first 15 s.
+    for started_s, stopped_s in ((0.0, 20.0), (40.0, 60.0), (80.0, 120.0)):
+        run(connection, started_s, stopped_s, stopped_s)
+    change(connection, 100.0, OK, WARN, lasted_s=45.0)
+    summary = only(summarize(connection, 120.0))
+    assert summary.levels == [
+        (0.0, None), (15.0, OK), (20.0, None), (40.0, OK), (60.0, None), (80.0, OK), (100.0, WARN),
+    ]  # fmt: skip
+    assert summary.shares == pytest.approx({OK: 45.0 / 120.0, WARN: 20.0 / 120.0})
+    # With 15 s known, all of the first two runs is unknown, and 5 s of the third.
+    connection.execute("UPDATE transitions SET since_s = -15.0")
+    summary = only(summarize(connection, 120.0))
+    assert summary.levels == [(0.0, None), (85.0, OK), (100.0, WARN)]
+
+
+def test_the_mean_time_to_recover_is_that_of_the_outages_that_ended(connection: sqlite3.Connection) -> None:
+    # Outages of 10 s (WARN), 30 s (WARN, ERROR, WARN), and one that is still open: (10 + 30) / 2.
+    run(connection, 0.0, 1000.0, None)
+    for wall_s, before, after in (
+        (100.0, OK, WARN), (110.0, WARN, OK),
+        (200.0, OK, WARN), (210.0, WARN, ERROR), (220.0, ERROR, WARN), (230.0, WARN, OK),
+        (900.0, OK, STALE),
+    ):  # fmt: skip
+        change(connection, wall_s, before, after)
+    summary = only(summarize(connection, 1000.0))
+    assert summary.mean_time_to_recover_s == 20.0
+    assert summary.availability == pytest.approx(860.0 / 1000.0)
+    assert summary.longest_outage_s == 100.0
+
+
+def test_nothing_known_has_no_availability(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 100.0, None)
+    state = '{"since": {"announced": 0.0, "unknown": 0.0}, "announced": {"level": "OK", "never_known": true}}'
+    connection.execute("INSERT INTO signal_states VALUES ('r1', 'a', ?)", (state,))
+    summary = only(summarize(connection, 100.0))
+    assert (summary.availability, summary.mean_time_to_recover_s) == (None, None)
+    assert summary.levels == [(0.0, None)]
+
+
+def test_a_signal_that_changes_all_the_time_has_a_bounded_course(connection: sqlite3.Connection) -> None:
+    run(connection, 0.0, 20_000.0, None)
+    for number in range(3_000):
+        change(connection, 2.0 * number, OK, WARN)
+        change(connection, 2.0 * number + 1.0, WARN, OK)
+    summary = only(summarize(connection, 20_000.0))
+    assert len(summary.levels) == 5_001
+    assert summary.levels[-1][1] is None
+    assert summary.alerts == 3_000
 
 
 def test_the_saved_state_says_since_when_a_signal_without_transitions_is_known(connection: sqlite3.Connection) -> None:
