@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import functools
+import sys
+from pathlib import Path
 from typing import Any, Dict
 
+from robot_health_monitor.core.definitions import LONGEST_TEXT, parse_msg
 from robot_health_monitor.core.dialect import FieldType
 from robot_health_monitor.core.middleware import RawFormat
 from robot_health_monitor.core.raw_messages import ros2_format
@@ -12,6 +15,8 @@ from robot_health_monitor.core.raw_messages import ros2_format
 from . import messages
 
 _SEPARATOR = "=" * 80
+_EMPTY = "structure_needs_at_least_one_member"
+"""The field of a class whose definition has none."""
 
 
 def raw_format(type_name: str) -> RawFormat:
@@ -25,17 +30,39 @@ def _format_of(native_class: Any) -> RawFormat:
 
 
 def _full_text(native_class: Any) -> str:
-    """Returns the fields of a class in .msg syntax, followed by the messages that it contains, each once."""
+    """Returns the definition of a class, followed by those of the messages that it contains, each once."""
     parts: Dict[str, str] = {}
     waiting = [native_class]
     while waiting:
         cls = waiting.pop(0)
         if messages.type_name(cls) not in parts:
-            fields = messages.field_types(cls)
-            parts[messages.type_name(cls)] = "".join(_line(name, field) for name, field in fields.items())
-            waiting += [field.message for field in fields.values() if field.message is not None]
+            parts[messages.type_name(cls)] = _installed_text(cls) or _generated_text(cls)
+            waiting += [field.message for field in messages.field_types(cls).values() if field.message is not None]
     first, *others = parts.items()
     return first[1] + "".join(f"{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in others)
+
+
+def _installed_text(native_class: Any) -> str:
+    """Returns the .msg file from which the class was generated; empty if there is none, as for a type of an .idl."""
+    package, own = messages.type_name(native_class).split("/")
+    for folder in Path(str(sys.modules[package].__file__)).parents:
+        file = folder / "share" / package / "msg" / f"{own}.msg"
+        try:
+            with file.open(encoding="utf-8") as stream:
+                text = stream.read(LONGEST_TEXT).rstrip("\n") + "\n"
+            fields = parse_msg(own, text)[own].fields
+        except (OSError, ValueError):
+            continue
+        if [field.name for field in fields] == [
+            found for found in messages.field_types(native_class) if found != _EMPTY
+        ]:
+            return text
+    return ""
+
+
+def _generated_text(native_class: Any) -> str:
+    """Returns the fields of the class in .msg syntax: no constants, defaults and comments."""
+    return "".join(_line(name, field) for name, field in messages.field_types(native_class).items())
 
 
 def _line(name: str, field: FieldType) -> str:
