@@ -34,6 +34,7 @@ from robot_health_monitor.exit_codes import exit_codes_text
 from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
 from robot_health_monitor.ops import metrics
 from robot_health_monitor.ops.configuration import HISTORY_PARAMETERS, SERVER_PARAMETERS, TARGET_PARAMETERS
+from robot_health_monitor.ops.history.samples import SAMPLES_FIELDS
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -301,6 +302,19 @@ API: Mapping[str, Mapping[str, str]] = {
         "repeat": "whether it repeats an alert (`repeat_s`)",
         "notes": "what people wrote on it, oldest first, see below",
     },
+    "samples": {
+        "robot": "name of the robot",
+        "signal": "name of the signal",
+        "start": "begin of the period",
+        "seconds": "its length: 10, after two days 300, or as asked",
+        "min": "smallest value of the statistic; `null`: it was never defined, as in the next three",
+        "max": "largest value",
+        "mean": "mean of the values, one per good sample",
+        "last": "latest value",
+        "good": "number of samples",
+        "bad": "number of bad samples",
+        "level": "the worst level",
+    },
     "note": {
         "time": "when it was written",
         "author": "who wrote it; may be empty",
@@ -330,6 +344,8 @@ def _fields(name: str) -> str:
 
 def fields_sent(name: str) -> List[str]:
     """Returns the keys of an object of the API, from the dictionary in the code that makes it."""
+    if name == "samples":
+        return list(SAMPLES_FIELDS)
     found = []
     for file in sorted((ROOT / "ops" / "web").glob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

@@ -33,6 +33,34 @@ _START = 2  # index of the column
 _OF_SIGNAL = "robot = ? AND signal = ?"
 _REPLACE = f"INSERT OR REPLACE INTO samples (robot, signal, {_COLUMNS}) VALUES ({', '.join('?' * 11)})"
 
+MOST_COARSE = 2_000
+"""Most periods that `read_coarse` returns."""
+
+# Levels by severity: OK, WARN, STALE, ERROR; `last` is that of the latest period.
+_COARSE = """
+    SELECT :robot, :signal, number * :seconds, :seconds, least, most, mean,
+        (SELECT last FROM samples WHERE robot = :robot AND signal = :signal AND start_s = newest_s), good, bad,
+        CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END
+    FROM (
+        SELECT CAST(start_s / :seconds AS INTEGER) AS number, min(least) AS least, max(most) AS most,
+            sum(mean * good) / sum(CASE WHEN mean IS NOT NULL THEN good END) AS mean,
+            max(CASE WHEN last IS NOT NULL THEN start_s END) AS newest_s, sum(good) AS good, sum(bad) AS bad,
+            max(CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END) AS level
+        FROM samples
+        WHERE robot = :robot AND signal = :signal AND start_s > :since AND start_s < :until
+        GROUP BY number ORDER BY number DESC LIMIT :most
+    )
+"""
+
+CELL_S = 900.0
+"""Length of the cells in which the worst level of each robot is kept, in s."""
+
+_NOTE_LEVEL = """
+    INSERT INTO robot_levels (robot, start_s, level, severity) VALUES (?, ?, ?, ?)
+    ON CONFLICT (robot, start_s) DO UPDATE SET level = excluded.level, severity = excluded.severity
+    WHERE excluded.severity > severity
+"""
+
 _Series = Tuple[str, str]
 """Robot and signal."""
 
@@ -84,9 +112,17 @@ def samples_fields(samples: StoredSamples) -> Dict[str, Any]:
 
 def store(connection: sqlite3.Connection, samples: Iterable[StoredSamples]) -> None:
     """Stores samples; those of a period that is stored already are joined with it. Inside a transaction."""
+    worst: Dict[Tuple[str, float], Level] = {}
     for each in samples:
-        stored = _checked(connection, _rows(connection, f"{_OF_SIGNAL} AND start_s = ?", each[:3], 1))
-        connection.execute(_REPLACE, stored[0].joined(each) if stored else each)
+        _join(connection, each)
+        cell = each.robot, each.start_s // CELL_S * CELL_S
+        worst[cell] = Level.worst((each.level, worst.get(cell, each.level)))
+    connection.executemany(_NOTE_LEVEL, [(*cell, level, level.severity) for cell, level in worst.items()])
+
+
+def _join(connection: sqlite3.Connection, samples: StoredSamples) -> None:
+    stored = _checked(connection, _rows(connection, f"{_OF_SIGNAL} AND start_s = ?", samples[:3], 1))
+    connection.execute(_REPLACE, stored[0].joined(samples) if stored else samples)
 
 
 def summaries_of(robot: str, signal: str, summaries: Iterable[SampleSummary]) -> List[StoredSamples]:
@@ -127,6 +163,39 @@ def read(
             after_s = rows[-1][_START]
 
 
+def read_coarse(
+    connection: sqlite3.Connection, robot: str, signal: str, since_s: float, until_s: float, seconds: float
+) -> List[StoredSamples]:
+    """Returns the samples of one signal in longer periods; smallest and largest values stay exactly.
+
+    A period that was stored belongs to the one in which it begins. At most `MOST_COARSE` are returned, the newest.
+
+    Args:
+        connection: the database.
+        robot: the robot.
+        signal: the signal.
+        since_s: only periods that end after this time, in s since 1970.
+        until_s: only periods that begin before this time.
+        seconds: length of the periods.
+    """
+    values = {"robot": robot, "signal": signal, "since": since_s - seconds, "until": until_s, "seconds": seconds,
+              "most": MOST_COARSE}  # fmt: skip
+    rows = connection.execute(_COARSE, values).fetchall()
+    return _checked(connection, rows[::-1])
+
+
+def read_levels(connection: sqlite3.Connection, since_s: float) -> Iterator[Tuple[str, float, Level]]:
+    """Yields robot, begin and worst level of each cell of `CELL_S` that begins at a time or later; at most two days.
+
+    Times are in s since 1970. There is no cell for a time in which nothing was known.
+    """
+    rows = connection.execute(
+        "SELECT robot, start_s, level FROM robot_levels WHERE start_s >= ?", (since_s,)
+    ).fetchall()
+    for robot, start_s, level in checked(connection, "robot_levels", rows, (is_text, is_time, is_level)):
+        yield robot, start_s, Level(level)
+
+
 class SampleUpkeep:
     """Merges and deletes the samples of one database, some rows at a time. Call inside a transaction."""
 
@@ -144,6 +213,7 @@ class SampleUpkeep:
         """
         if not self._due:
             self._due = [*_series(self._connection)]
+            self._connection.execute("DELETE FROM robot_levels WHERE start_s < ?", (fine_before_s,))
         rows = 0
         while self._due and rows < _MOST_ROWS:
             series = self._due[-1]
@@ -196,7 +266,8 @@ class SampleUpkeep:
             known = merged.get(start_s)
             merged[start_s] = each._replace(start_s=start_s, seconds=MERGED_S) if known is None else known.joined(each)
         self._connection.execute(f"DELETE FROM samples WHERE {where}", (*series, begin_s, end_s))
-        store(self._connection, merged.values())
+        for each in merged.values():
+            _join(self._connection, each)
         self._merged_until_s[series] = end_s
         return len(rows)
 

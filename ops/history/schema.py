@@ -39,6 +39,16 @@ CREATE TABLE samples (
 ) WITHOUT ROWID
 """
 
+_ROBOT_LEVELS = """
+CREATE TABLE robot_levels (
+    robot TEXT NOT NULL,
+    start_s REAL NOT NULL,               -- begin of a cell of 900 s
+    level INTEGER NOT NULL,              -- the worst of its signals
+    severity INTEGER NOT NULL,
+    PRIMARY KEY (robot, start_s)
+) WITHOUT ROWID
+"""
+
 _NOTES = """
 CREATE TABLE notes (
     transition_id INTEGER NOT NULL REFERENCES transitions(id),
@@ -95,6 +105,8 @@ CREATE TABLE evidence (
 );
 -- What happened to the samples of each signal; see samples.py.
 {_SAMPLES};
+-- The worst level of each robot in the last two days; see samples.py.
+{_ROBOT_LEVELS};
 -- What people wrote on transitions; see notes.py.
 {_NOTES};
 -- What a restarted monitor resumes from: the last state of each signal.
@@ -200,7 +212,7 @@ _MIGRATIONS: Mapping[int, Tuple[str, ...]] = {
     ),
     2: ("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''",),
     3: ("DROP INDEX IF EXISTS transitions_by_signal",),
-    4: (_SAMPLES, _NOTES),
+    4: (_SAMPLES, _ROBOT_LEVELS, _NOTES),
 }
 """By version: migrates a file from this version to the next one."""
 

@@ -348,7 +348,7 @@ class Storage:
                 connection.execute(f"DELETE FROM {table}")
             if table == "samples":  # of which the file may have the first part of a period
                 samples.store(connection, samples.read(memory))
-            else:
+            elif table != "robot_levels":  # which follow from the samples
                 schema.copy_table(memory, connection, table)
         schema.number_from(connection, self._last_id, ("transitions",))  # a new file continues, too
 

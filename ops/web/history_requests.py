@@ -24,6 +24,8 @@ from .requests import LARGEST_ID, ApiError, read_id, read_text
 _MOST = 1000
 _USUAL = 100
 _MOST_SAMPLES = 20_000
+_CELLS = 96
+"""Cells of 15 minutes: 24 hours."""
 
 Result = TypeVar("Result")
 Json = Dict[str, Any]
@@ -97,13 +99,36 @@ def past_samples(history: History, parameters: Mapping[str, str]) -> Json:
     if not robot or not signal:
         raise ApiError(400, "robot and signal: expected a name each")
     since_s, until_s = _time(parameters, "from"), _time(parameters, "to")
+    seconds = _number(parameters, "seconds", 86_400)
 
     def read(connection: sqlite3.Connection) -> Json:
+        if seconds is not None:
+            end_s = history.wall_s() if until_s is None else until_s
+            begin_s = end_s - seconds * samples.MOST_COARSE if since_s is None else since_s
+            coarse = samples.read_coarse(connection, robot, signal, begin_s, end_s, float(seconds))
+            return {"samples": [samples_fields(each) for each in coarse], "more": len(coarse) >= samples.MOST_COARSE}
         found = samples.read(connection, robot=robot, signal=signal, since_s=since_s, until_s=until_s)
         some = [samples_fields(each) for each in islice(found, _MOST_SAMPLES + 1)]
         return {"samples": some[:_MOST_SAMPLES], "more": len(some) > _MOST_SAMPLES}
 
     return _read(history, read)
+
+
+def past_levels(history: History) -> Json:
+    """Returns the answer of `/api/history/levels`; raises as `past_alerts`."""
+    wall_s = history.wall_s()
+    begin_s = (wall_s // samples.CELL_S - _CELLS + 1) * samples.CELL_S
+    cells: Dict[str, List[str]] = {}
+
+    def read(connection: sqlite3.Connection) -> None:
+        for robot, start_s, level in samples.read_levels(connection, begin_s):
+            number = int((start_s - begin_s) / samples.CELL_S)
+            if number < _CELLS:
+                cells.setdefault(robot, ["-"] * _CELLS)[number] = level.name[0]
+
+    _read(history, read)
+    robots = {robot: "".join(found) for robot, found in cells.items()}
+    return {"from": iso_time(begin_s), "seconds": samples.CELL_S, "robots": robots}
 
 
 def _read(history: History, function: Callable[[sqlite3.Connection], Result]) -> Result:

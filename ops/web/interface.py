@@ -28,6 +28,7 @@ from .history_requests import (
     new_silence,
     past_alert,
     past_alerts,
+    past_levels,
     past_samples,
     query_of,
     silence_json,
@@ -122,6 +123,7 @@ class WebInterface:
             get("/api/events", self._reading_route(self.updates.serve), allow_head=False),
             get("/api/history", self._reading_route(self._get_history)),
             get("/api/history/samples", self._reading_route(self._get_past_samples)),
+            get("/api/history/levels", self._reading_route(self._get_past_levels)),
             get("/api/history/{id}", self._reading_route(self._get_past_alert)),
             post("/api/login", self._route(self._login)),
             post("/api/logout", self._route(self._logout)),
@@ -284,6 +286,10 @@ class WebInterface:
     async def _get_past_samples(self, request: web.Request) -> web.StreamResponse:
         history, parameters = _required(self._history, _NO_HISTORY), request.query
         return json_response(await self._worker.run(partial(past_samples, history, parameters)))
+
+    async def _get_past_levels(self, request: web.Request) -> web.StreamResponse:
+        history = _required(self._history, _NO_HISTORY)
+        return json_response(await self._worker.run(partial(past_levels, history)))
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
         history, text = _required(self._history, _NO_HISTORY), request.match_info["id"]

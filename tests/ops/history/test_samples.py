@@ -11,7 +11,7 @@ import pytest
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.history import schema
 from robot_health_monitor.ops.history.rows import CheckedConnection
-from robot_health_monitor.ops.history.samples import SampleUpkeep, StoredSamples, read, store
+from robot_health_monitor.ops.history.samples import SampleUpkeep, StoredSamples, read, read_coarse, read_levels, store
 
 OK, WARN, ERROR, STALE = Level
 DAY_S = 86_400.0
@@ -146,3 +146,53 @@ def test_odd_rows_are_skipped_and_noted(connection: sqlite3.Connection) -> None:
     assert next(read(connection)).most == 5.0
     merge(connection, -1.0, 30_000.0)
     assert all(each.seconds == 300.0 for each in read(connection))
+
+
+def test_coarse_samples_are_those_of_the_periods_that_begin_in_them(connection: sqlite3.Connection) -> None:
+    random.seed(7)
+    stored = [
+        part(10.0 * number, random.choice([None, random.uniform(-5.0, 5.0)]), good=random.randrange(5),
+             bad=random.randrange(3), level=random.choice([OK, WARN, ERROR, STALE]))
+        for number in random.sample(range(1000), 400)
+    ]  # fmt: skip
+    store(connection, [*stored, part(50.0, 99.0, signal="b"), part(50.0, 99.0, robot="r2")])
+    severity = [OK, WARN, STALE, ERROR]
+    for since_s, until_s, seconds in ((0.0, 1e9, 60.0), (1234.0, 5678.0, 900.0), (-100.0, 300.0, 7.0)):
+        found = read_coarse(connection, "r1", "a", since_s, until_s, seconds)
+        expected = []
+        for number in range(-20, 2000):
+            inside = sorted(
+                each for each in stored
+                if number == int(each.start_s / seconds) and since_s - seconds < each.start_s < until_s
+            )  # fmt: skip
+            values = [each for each in inside if each.last is not None]
+            weight = sum(each.good for each in values)
+            if inside:
+                mean = sum(each.mean * each.good for each in values) / weight if weight else None
+                expected.append((
+                    number * seconds, min((each.least for each in values), default=None),
+                    max((each.most for each in values), default=None), mean, values[-1].last if values else None,
+                    sum(each.good for each in inside), sum(each.bad for each in inside),
+                    max((each.level for each in inside), key=severity.index),
+                ))  # fmt: skip
+        assert [(each.start_s, each.least, each.most, pytest.approx(each.mean), each.last, each.good, each.bad,
+                 each.level) for each in found] == expected  # fmt: skip
+
+
+def test_coarse_samples_are_the_newest_ones_and_odd_rows_are_skipped(connection: sqlite3.Connection) -> None:
+    store(connection, [part(10.0 * number) for number in range(2100)])
+    connection.execute("UPDATE samples SET most = 'x' WHERE start_s = 20990.0")
+    found = read_coarse(connection, "r1", "a", 0.0, 1e9, 10.0)
+    assert (len(found), found[0].start_s, found[-1].start_s) == (1999, 1000.0, 20980.0)
+    assert connection.skipped_text  # type: ignore[attr-defined]
+
+
+def test_the_worst_level_of_each_robot_is_kept_for_two_days(connection: sqlite3.Connection) -> None:
+    store(connection, [part(10.0, level=WARN), part(880.0, level=STALE), part(900.0, level=OK, signal="b")])
+    store(connection, [part(890.0, level=WARN), part(910.0, level=OK), part(10.0, robot="r2", level=ERROR)])
+    store(connection, [part(20.0, robot="r2", level=STALE)])
+    expected = [("r1", 0.0, STALE), ("r1", 900.0, OK), ("r2", 0.0, ERROR)]
+    assert sorted(read_levels(connection, -1.0)) == expected
+    assert list(read_levels(connection, 900.0)) == [("r1", 900.0, OK)]
+    merge(connection, -1.0, 900.0)
+    assert [*read_levels(connection, -1.0)] == [("r1", 900.0, OK)]

@@ -98,7 +98,7 @@ def without_hints(connection: sqlite3.Connection) -> None:
 
 def without_version_5(connection: sqlite3.Connection) -> None:
     """Drops what version 5 added."""
-    for table in ("samples", "notes"):
+    for table in ("samples", "robot_levels", "notes"):
         connection.execute(f"DROP TABLE {table}")
 
 

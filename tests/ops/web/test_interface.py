@@ -714,6 +714,42 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
     with_site(use, robots)
 
 
+def test_stored_samples_and_the_levels_of_a_day(tmp_path: Path) -> None:
+    robots = Robots(history_file=str(tmp_path / "history.db"))
+    robots.observe(50.0)
+    robots.at(101.0)
+    robots.observe(19.0)
+    robots.at(105.0)
+    robots.observe("x")
+    for now_s in range(106, 122):
+        robots.at(float(now_s))
+    assert robots.history is not None
+    robots.history.run(lambda connection: None)
+    first = {
+        "robot": "atlas", "signal": "battery_level", "start": "2026-11-22T05:06:40.000Z", "seconds": 10.0, "min": 19.0,
+        "max": 50.0, "mean": 34.5, "last": 19.0, "good": 2, "bad": 1, "level": "ERROR",
+    }  # fmt: skip
+    second = {
+        **first, "start": "2026-11-22T05:06:50.000Z", "min": None, "max": None, "mean": None, "last": None, "good": 0,
+        "bad": 0,
+    }  # fmt: skip
+
+    async def use(site: Site) -> None:
+        path = "/api/history/samples?robot=atlas&signal=battery_level"
+        assert await site.get(path) == (200, {"samples": [first, second], "more": False})
+        assert (await site.get(f"{path}&from=2026-11-22T05:06:50Z"))[1]["samples"] == [second]
+        assert (await site.get(f"{path}&to=2026-11-22T05:06:50Z"))[1]["samples"] == [first]
+        minute = {**first, "start": "2026-11-22T05:06:00.000Z", "seconds": 60.0}
+        assert await site.get(f"{path}&seconds=60") == (200, {"samples": [minute], "more": False})
+        for query in ("robot=atlas", "signal=battery_level", "robot=a&signal=b&from=x", "robot=a&signal=b&seconds=0"):
+            assert (await site.get(f"/api/history/samples?{query}"))[0] == 400, query
+        # The cell of 05:00 is the last one of the 24 hours.
+        cells = {"from": "2026-11-21T05:15:00.000Z", "seconds": 900.0, "robots": {"atlas": "-" * 95 + "E"}}
+        assert await site.get("/api/history/levels") == (200, cells)
+
+    with_site(use, robots)
+
+
 def test_more_alerts_come_page_by_page(tmp_path: Path) -> None:
     robots = Robots(history_file=str(tmp_path / "history.db"))
     for number in range(6):
