@@ -1,4 +1,4 @@
-"""The report of a replay: one HTML file with a plot per signal, which opens without a network.
+"""A report, of a replay or of a history: one HTML file with a plot per signal, which opens without a network.
 
 Texts from recordings and configurations are escaped, and a content security policy allows only the file's two scripts
 and its style sheet, by their hashes. The tables need no script.
@@ -9,13 +9,10 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import math
 from datetime import timedelta, timezone
 from html import escape
 from itertools import islice
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
-
-import numpy as np
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple, Union
 
 from robot_health_monitor.core.explanation import bounds_text, judged_unit
 from robot_health_monitor.core.formatting import (
@@ -26,165 +23,29 @@ from robot_health_monitor.core.formatting import (
     with_hint,
     with_unit,
 )
-from robot_health_monitor.core.model import Level, Status, Transition
+from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig
 from robot_health_monitor.runtime.times import local_time
 
+from .history.rows import StoredTransition
 from .plot import plot_bounds, plot_script, plot_style, read_text
+from .plotted_signal import PlottedSignal, line_ahead
 
-MARK = '<meta name="generator" content="robot-health replay">'  # in the head of every report
+MARK = '<meta name="generator" content="robot-health report">'  # in the head of every report
 MOST_ALERTS = 1000  # most alerts in the table. All are counted.
-MOST_LEVELS = 5000  # most changes of level in a plot
 _MOST_BUCKETS = 4096
 _FEWEST_BUCKETS = 256
 _SHARES = (*(level.name for level in Level), "unknown")  # heads of the columns with shares of time
 _ALL_BUCKETS = 50_000  # buckets of all plots together: they make up most of the file
 
 
-class Envelope:
-    """Downsamples a signal to minimum and maximum per bucket of time, so that no extreme is lost.
-
-    The number of buckets is fixed. When time passes their end, their width doubles and neighbours merge.
-    """
-
-    def __init__(self, start_s: float, span_s: float, buckets: int = 4096) -> None:
-        """Starts empty, with an even number of buckets; `span_s` is the expected time until the end, in s.
-
-        The first bucket begins at `start_s`, in s since 1970, and takes earlier samples, too.
-        """
-        self.start_s = start_s
-        # Width of a bucket; the last sample of the span belongs to the last one.
-        self.width_s = max(span_s, 1e-6) / buckets * (1.0 + 1e-9)
-        self._low = np.full(buckets, math.inf)
-        self._high = np.full(buckets, -math.inf)
-        self._bad = np.zeros(buckets, dtype=bool)
-
-    @property
-    def columns(self) -> Tuple[List[int], List[float], List[float]]:
-        """Number, smallest and largest value of each bucket that has valid samples, in the order of time."""
-        places = np.flatnonzero(self._low <= self._high)
-        return places.tolist(), self._low[places].tolist(), self._high[places].tolist()
-
-    @property
-    def bad_times_s(self) -> List[float]:
-        """Middle of each bucket with bad samples, in s since 1970."""
-        return [self.start_s + (at + 0.5) * self.width_s for at in np.flatnonzero(self._bad).tolist()]
-
-    def add(self, times_s: Any, values: Any) -> None:
-        """Adds samples: arrays of doubles, times in s since 1970; values that are not finite are left out."""
-        good = np.isfinite(values)
-        places, values = self._places(times_s[good]), values[good]
-        if not len(places):
-            return
-        # Runs of samples in one bucket are reduced first: times rarely go back.
-        starts = np.flatnonzero(np.diff(places, prepend=-1))
-        np.minimum.at(self._low, places[starts], np.minimum.reduceat(values, starts))
-        np.maximum.at(self._high, places[starts], np.maximum.reduceat(values, starts))
-
-    def add_bad(self, times_s: Any) -> None:
-        """Adds bad samples, which have no value; `times_s` as for `add`."""
-        self._bad[self._places(times_s)] = True
-
-    def _places(self, times_s: Any) -> Any:
-        """Returns the bucket of each time; widens the buckets until there is one."""
-        if not len(times_s):
-            return np.empty(0, dtype=np.int64)
-        since_s = times_s - self.start_s
-        while float(since_s.max()) >= self.width_s * len(self._low):
-            self._double()
-        return np.clip((since_s / self.width_s).astype(np.int64), 0, len(self._low) - 1)
-
-    def _double(self) -> None:
-        half = len(self._low) // 2
-        self.width_s *= 2.0
-        for buckets, merge, empty in (
-            (self._low, np.minimum, math.inf),
-            (self._high, np.maximum, -math.inf),
-            (self._bad, np.logical_or, False),
-        ):
-            buckets[:half] = merge(buckets[0::2], buckets[1::2])
-            buckets[half:] = empty
-
-
-class PlottedSignal(Envelope):
-    """What the report keeps of one signal, in bounded memory: the values that the bounds apply to, and the levels."""
-
-    def __init__(self, config: SignalConfig, file: str, start_s: float, span_s: float, buckets: int) -> None:
-        """Starts empty, as `Envelope`; `file` names the configuration, if there are several."""
-        super().__init__(start_s, span_s, buckets)
-        self.config = config
-        self.file = file
-        self.levels: List[Tuple[float, str]] = []  # begin of each announced level, since 1970; empty: unknown
-        self.status: Optional[Status] = None  # at the end of the recordings
-        self._first_s = math.inf
-        self._last_s = -math.inf
-
-    def add_samples(self, times_s: Any, values: Any, bad_times_s: Any) -> None:
-        """Adds samples: `add` for those with a value, `add_bad` for bad ones."""
-        for times in (times_s, bad_times_s):
-            if len(times):
-                self._first_s = min(self._first_s, float(times[0]))
-                self._last_s = max(self._last_s, float(times[-1]))
-        self.add(times_s, values)
-        self.add_bad(bad_times_s)
-
-    def add_gap(self, begin_s: float, end_s: float) -> None:
-        """Adds a time that is not recorded, in s since 1970; samples before it must have been added."""
-        if self.levels or self._first_s < begin_s:
-            level = self.levels[-1][1] if self.levels else Level.OK.name
-            self.add_level(begin_s, "")
-            self.add_level(end_s, level)
-
-    def add_level(self, wall_s: float, level: str) -> None:
-        """Adds a change of the announced level, at a time in s since 1970."""
-        if len(self.levels) < MOST_LEVELS:
-            self.levels.append((wall_s, level))
-        elif self.levels[-1][1]:
-            self.levels.append((wall_s, ""))
-
-    @property
-    def last_line(self) -> Optional[Mapping[str, Any]]:
-        """The line of the forecast at the end of the recordings; None without one."""
-        return None if self.status is None else line_ahead("", self._last_s, self.status)
-
-    @property
-    def shown_levels(self) -> List[Tuple[float, str]]:
-        """The levels, with OK from the first sample until the first of them."""
-        first_s = self._first_s
-        if first_s == math.inf or (self.levels and self.levels[0][0] <= first_s):
-            return self.levels
-        return [(first_s, Level.OK.name), *self.levels]
-
-
-def line_ahead(alert: str, wall_s: float, status: Status) -> Optional[Mapping[str, Any]]:
-    """Returns the line of a forecast as the plot takes it; None without a forecast.
-
-    `alert` is the id of the alert that it gave, `wall_s` the time of its newest sample, in s since 1970.
-    """
-    if status.forecast is None:
-        return None
-    value, slope_per_s, horizon_s, meets_s, _ = status.forecast
-
-    def at(after_s: float) -> List[float]:
-        return [round(wall_s + after_s, 3), value + slope_per_s * (after_s - horizon_s)]
-
-    if not math.isfinite(at(0.0)[1]):  # JSON has no infinity
-        return None
-    return {
-        "id": alert,
-        "from": at(0.0),
-        "to": at(horizon_s),
-        "meets": None if meets_s is None or meets_s > horizon_s else at(meets_s),
-        "text": printable(with_degree_sign(status.outlook)),
-    }
-
-
 class ReportedAlert(NamedTuple):
     """A row in the table of alerts."""
 
     wall_s: float  # since 1970
-    file: str  # name of the configuration; empty if there is only one
-    transition: Transition
+    file: str  # name of the configuration or the robot; empty if there is only one
+    transition: Union[Transition, StoredTransition]
+    notes: Sequence[str] = ()  # lines that people wrote on it
 
 
 class Report(NamedTuple):
@@ -204,6 +65,8 @@ class Report(NamedTuple):
     signals: Sequence[PlottedSignal]  # their plots, in the same order
     alerts: Sequence[ReportedAlert]  # at most `MOST_ALERTS`
     all_alerts: int  # how many there were
+    group: str = "file"  # head of the column with `file`: `file` for configurations, or `robot`
+    events: Sequence[Tuple[float, str]] = ()  # what else happened: time and text
 
 
 def buckets_of(signals: int) -> int:
@@ -244,6 +107,7 @@ def render(report: Report) -> str:
         *_signal_table(report, plotted, several),
         "<h2>Alerts</h2>",
         *_alert_table(report, plotted, several),
+        *_event_table(report),
         *_plots(report),
         "</main>",
         f'<script type="application/json" id="data">{_json(_data(report))}</script>',
@@ -287,8 +151,8 @@ def _alert_table(report: Report, plotted: _Places, several: bool) -> Iterable[st
         return
     if report.all_alerts > len(report.alerts):
         yield f'<p class="hint">The first {len(report.alerts)} of {report.all_alerts}.</p>'
-    zone = timezone(timedelta(seconds=round(report.utc_offset_s)))
-    file_head = '<th scope="col">file</th>' if several else ""
+    zone = _zone(report)
+    file_head = f'<th scope="col">{_text(report.group)}</th>' if several else ""
     yield (
         '<div class="alerts table" id="alerts"><table><thead><tr><th scope="col">time</th><th scope="col">level</th>'
         f'{file_head}<th scope="col">alert</th></tr></thead><tbody>'
@@ -300,14 +164,33 @@ def _alert_table(report: Report, plotted: _Places, several: bool) -> Iterable[st
         if place is not None:
             time = f'<a href="#signal-{place}" data-alert="alert-{number}" data-at="{alert.wall_s!r}">{time}</a>'
         file = f'<td class="file">{_text(alert.file)}</td>' if several else ""
+        notes = "".join(f'<p class="note">{_text(note)}</p>' for note in alert.notes)
         yield (
             f'<tr id="alert-{number}"><td class="time">{time}</td><td class="level {level.lower()}">{level}</td>'
-            f'{file}<td class="text">{_text(_line(alert.transition))}</td></tr>'
+            f'{file}<td class="text">{_text(_line(alert.transition))}{notes}</td></tr>'
         )
     yield "</tbody></table></div>"
 
 
-def _line(transition: Transition) -> str:
+def _event_table(report: Report) -> Iterable[str]:
+    if not report.events:
+        return
+    yield "<h2>Monitor and silences</h2>"
+    yield (
+        '<div class="events table"><table><thead><tr><th scope="col">time</th><th scope="col">event</th></tr></thead>'
+        "<tbody>"
+    )
+    for wall_s, text in report.events:
+        time = _text(local_time(wall_s, zone=_zone(report)))
+        yield f'<tr><td class="time">{time}</td><td class="text">{_text(text)}</td></tr>'
+    yield "</tbody></table></div>"
+
+
+def _zone(report: Report) -> timezone:
+    return timezone(timedelta(seconds=round(report.utc_offset_s)))
+
+
+def _line(transition: Union[Transition, StoredTransition]) -> str:
     return with_degree_sign(with_hint(transition.text, transition.hint))
 
 
@@ -368,7 +251,11 @@ def _signal_data(signal: PlottedSignal, alerts: Sequence[Tuple[str, ReportedAler
     config = signal.config
     places, low, high = signal.columns
     warned = [(name, alert) for name, alert in alerts if alert.transition.to_level is not Level.OK]
-    lines = [line_ahead(name, alert.wall_s, alert.transition.status) for name, alert in warned]
+    lines = [
+        line_ahead(name, alert.wall_s, alert.transition.status)
+        for name, alert in warned
+        if isinstance(alert.transition, Transition)
+    ]
     return {
         "name": _plot_title(signal),
         "unit": printable(with_degree_sign(judged_unit(config))),

@@ -10,24 +10,37 @@ import sqlite3
 import sys
 import time
 from datetime import datetime
-from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, TypeVar, Union
+from typing import Any, Dict, Iterator, List, Optional, Sequence, TextIO, Tuple, TypeVar, Union
 
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import count_text, duration_text, number_text, printable
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.history import queries
 from robot_health_monitor.ops.history import samples as stored_samples
 from robot_health_monitor.ops.history.notes import notes_of
 from robot_health_monitor.ops.history.queries import MonitorEvent
+from robot_health_monitor.ops.history.rows import is_time
 from robot_health_monitor.ops.history.samples import SAMPLES_FIELDS, StoredSamples, samples_fields
 from robot_health_monitor.ops.history.summary import SignalSummary, summarize
 from robot_health_monitor.ops.silences import SilenceEvent, silence_events
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.libraries import libraries
 from robot_health_monitor.runtime.times import DATE_TIME, local_time
 
 from .alert_details import show_alert
 from .arguments import Parser, alert_id
 from .exit_codes import ExitCode
-from .history_entries import CSV_HEAD, NotedAlert, csv_cell, entry_json, entry_lines, entry_rows, is_coloured, time_text
+from .history_entries import (
+    CSV_HEAD,
+    NotedAlert,
+    csv_cell,
+    entry_json,
+    entry_lines,
+    entry_rows,
+    is_coloured,
+    outage_cells,
+    time_text,
+)  # fmt: skip
 from .history_file import DEFAULT_FILE, history_file, reading_history
 from .output.lines import plain_table, readable, share_text
 
@@ -75,10 +88,20 @@ def add_arguments(parser: Parser) -> None:
         action="store_true",
         help="per 10 s (after two days: 5 min): smallest, largest, mean and last value, samples, worst level",
     )
+    content.add_argument("--report", metavar="FILE", help="write a page with plots, one HTML file")
     content.add_argument("--alert", metavar="ID", type=alert_id, help="one transition, with a plot of its samples")
+    parser.add_argument(
+        "--force", action="store_true", help="let --report replace any file, except those that are read"
+    )
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="one JSON object per line")
     form.add_argument("--csv", action="store_true", help="comma-separated values")
+    parser.check = _check_form
+
+
+def _check_form(arguments: argparse.Namespace) -> str:
+    is_listed = arguments.json or arguments.csv
+    return "--report: not allowed with --json or --csv" if arguments.report is not None and is_listed else ""
 
 
 def _moment(text: str) -> float:
@@ -116,7 +139,11 @@ def show_history(arguments: argparse.Namespace, stream: Optional[TextIO] = None)
     show = _show_summary if arguments.summary else _show_samples if arguments.samples else _show_transitions
     if arguments.alert is not None:
         show = show_alert
-    with reading_history(history_file(arguments.file, arguments.ops)) as connection:
+    file = history_file(arguments.file, arguments.ops)
+    with reading_history(file) as connection:
+        if arguments.report is not None:
+            _write_report(connection, arguments, file)
+            return
         try:
             show(connection, arguments, stream)
         finally:
@@ -166,11 +193,33 @@ def _merged(alerts: Iterator[NotedAlert], events: Sequence[AnyEvent]) -> Iterato
     yield from events[place:]
 
 
-def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+def _summaries(connection: sqlite3.Connection, arguments: argparse.Namespace) -> Tuple[List[SignalSummary], float]:
+    """Returns the summaries, and when they end, in s since 1970. Without any, one line on stderr says why."""
     end_s = connection.execute("SELECT max(coalesce(stopped_s, alive_s)) FROM runs").fetchone()[0]
-    if end_s is None:
+    if not is_time(end_s):
         end_s = time.time()
-    summaries = summarize(connection, end_s, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal)
+    found = summarize(connection, end_s, since_s=arguments.since_s, robot=arguments.robot, signal=arguments.signal)
+    if not found and arguments.robot is None and arguments.signal is None:
+        sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")
+    elif not found:
+        sys.stderr.write("no signal matches\n")
+    return found, end_s
+
+
+def _write_report(connection: sqlite3.Connection, arguments: argparse.Namespace, file: str) -> None:
+    with libraries("numpy"):
+        from .history_report import history_page
+        from .report_file import ReportFile
+    inputs = [file + suffix for suffix in ("", "-wal", "-shm", ".lock")]
+    report = ReportFile(arguments.report, [*inputs, *([arguments.ops] if arguments.ops else [])], arguments.force)
+    summaries, end_s = _summaries(connection, arguments)
+    if not summaries:
+        raise ConfigError("--report: there is nothing to show")
+    report.write(history_page(connection, arguments, summaries, end_s))
+
+
+def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:
+    summaries, end_s = _summaries(connection, arguments)
     if arguments.json:
         for summary in summaries:
             stream.write(f"{json.dumps(_summary_fields(summary))}\n")
@@ -182,10 +231,6 @@ def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace,
         writer.writerows([[csv_cell(cell) for cell in row] for row in rows])
         return
     if not rows:
-        if arguments.robot is None and arguments.signal is None:
-            sys.stderr.write(f"the monitor did not run in this time; it last ran at {time_text(end_s)}\n")
-        else:
-            sys.stderr.write("no signal matches\n")
         return
     begin_s = end_s - max(summary.duration_s for summary in summaries)
     stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
@@ -209,14 +254,9 @@ def _summary_fields(summary: SignalSummary) -> Dict[str, Any]:
 
 def _summary_cells(summary: SignalSummary) -> List[str]:
     shares = [share_text(summary.shares.get(level, 0.0)) for level in _LEVELS]
-    available = "-" if summary.availability is None else share_text(summary.availability)
-    outage = duration_text(summary.longest_outage_s) if summary.longest_outage_s > 0.0 else "none"
-    recover_s = summary.mean_time_to_recover_s
-    recover = "-" if recover_s is None else duration_text(recover_s)
-    return [
-        summary.robot, summary.signal, *shares, share_text(summary.unknown), available, str(summary.alerts), outage,
-        recover,
-    ]  # fmt: skip
+    available, outage, recovery = outage_cells(summary)
+    unknown = share_text(summary.unknown)
+    return [summary.robot, summary.signal, *shares, unknown, available, str(summary.alerts), outage, recovery]
 
 
 def _show_samples(connection: sqlite3.Connection, arguments: argparse.Namespace, stream: TextIO) -> None:

@@ -1,4 +1,4 @@
-"""How an entry of a history is written: in lines, in JSON, in rows of a CSV file. The notes on an alert follow it."""
+"""How what a history has is written: in lines, in JSON, in rows of a CSV file. The notes on an alert follow it."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import json
 import os
 from typing import Dict, Iterator, List, NamedTuple, Sequence, TextIO, Tuple, Union
 
-from robot_health_monitor.core.formatting import printable, with_hint
+from robot_health_monitor.core.formatting import duration_text, printable, with_hint
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.outlets import json_line
 from robot_health_monitor.ops.history.notes import Note
 from robot_health_monitor.ops.history.queries import MonitorEvent
 from robot_health_monitor.ops.history.rows import StoredTransition
+from robot_health_monitor.ops.history.summary import SignalSummary
 from robot_health_monitor.ops.matchers import matchers_text
 from robot_health_monitor.ops.silences import SilenceEvent
 from robot_health_monitor.runtime.times import DATE_TIME, local_time
 
 from .history_file import iso_time
-from .output.lines import is_terminal
+from .output.lines import is_terminal, share_text
 
 CSV_HEAD = (
     "id", "time", "robot", "signal", "from_level", "to_level", "value", "statistic", "bound", "repeat", "fingerprint",
@@ -55,15 +56,32 @@ def time_text(wall_s: float) -> str:
 def entry_lines(entry: Entry, with_colour: bool) -> Iterator[str]:
     """Yields an entry in lines; with colours, the line of an alert has that of its new level."""
     if not isinstance(entry, NotedAlert):
-        text = _event_text(entry) if isinstance(entry, MonitorEvent) else _silence_text(entry)
-        yield f"{time_text(entry.wall_s)} {printable(text)}"
+        yield f"{time_text(entry.wall_s)} {printable(event_text(entry))}"
         return
     alert = entry.transition
     text = printable(f"{time_text(alert.wall_s)} #{alert.id} {alert.robot}: {with_hint(alert.text, alert.hint)}")
     yield f"\x1b[{_COLOURS[alert.to_level]}m{text}\x1b[0m" if with_colour else text
     for note in entry.notes:
-        author = f" by {note.author}" if note.author else ""
-        yield f"{time_text(note.wall_s)} #{alert.id} note{author}: {note.text}"
+        yield f"{time_text(note.wall_s)} #{alert.id} {_note_text(note)}"
+
+
+def note_text(note: Note) -> str:
+    """Returns a note on one line, with its local time."""
+    return f"{local_time(note.wall_s)} {_note_text(note)}"
+
+
+def _note_text(note: Note) -> str:
+    return f"note{f' by {note.author}' if note.author else ''}: {note.text}"
+
+
+def outage_cells(summary: SignalSummary) -> Tuple[str, str, str]:
+    """Returns availability, longest outage and mean time to recover of a signal, as texts."""
+    available, recover_s = summary.availability, summary.mean_time_to_recover_s
+    return (
+        "-" if available is None else share_text(available),
+        duration_text(summary.longest_outage_s) if summary.longest_outage_s > 0.0 else "none",
+        "-" if recover_s is None else duration_text(recover_s),
+    )
 
 
 def entry_json(entry: Union[NotedAlert, SilenceEvent], **more: object) -> str:
@@ -136,7 +154,10 @@ def _silence_fields(event: SilenceEvent) -> Dict[str, object]:
     }
 
 
-def _event_text(event: MonitorEvent) -> str:
+def event_text(event: Union[MonitorEvent, SilenceEvent]) -> str:
+    """Returns an event in words, without its time."""
+    if isinstance(event, SilenceEvent):
+        return _silence_text(event)
     return {
         "started": f"monitor started (version {event.detail})",
         "stopped": "monitor stopped",

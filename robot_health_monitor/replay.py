@@ -16,7 +16,8 @@ from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig, template_name
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
-from robot_health_monitor.ops.report import MOST_ALERTS, PlottedSignal, Report, ReportedAlert, buckets_of, render
+from robot_health_monitor.ops.plotted_signal import PlottedSignal
+from robot_health_monitor.ops.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
 from robot_health_monitor.recordings.judging import Differences, Judge, JudgedEvent, SignalSummary
 from robot_health_monitor.recordings.middleware import Player
 from robot_health_monitor.recordings.reading import Recordings

@@ -182,6 +182,23 @@ def _runs(connection: sqlite3.Connection) -> List[Tuple[int, float, float, Optio
     return [*checked(connection, "runs", rows, checks)]
 
 
+def configuration(connection: sqlite3.Connection, robot: str, at_s: float) -> Optional[Dict[str, Any]]:
+    """Returns the configuration of a robot that was in force at a time in s since 1970, else its first one.
+
+    It is what `Continuity.record_configuration` has stored; None: there is none.
+    """
+    query = """
+        SELECT configuration_changes.id, text FROM configuration_changes JOIN configurations USING (hash)
+        WHERE robot = ?1 ORDER BY wall_s > ?2, CASE WHEN wall_s > ?2 THEN configuration_changes.id
+        ELSE -configuration_changes.id END LIMIT 1
+    """
+    rows = connection.execute(query, (robot, at_s)).fetchall()
+    for _, text in checked(connection, "configuration_changes", rows, (is_count, is_json_object)):
+        found: Dict[str, Any] = json.loads(text)
+        return found
+    return None
+
+
 class MonitorEvent(NamedTuple):
     """An event of the monitor itself."""
 

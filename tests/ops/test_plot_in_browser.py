@@ -15,7 +15,8 @@ from harness.browser import show
 from robot_health_monitor.core.model import Level, Status, Transition
 from robot_health_monitor.core.signal_config import read_signal
 from robot_health_monitor.ops.plot import plot_script, plot_style
-from robot_health_monitor.ops.report import PlottedSignal, Report, ReportedAlert, render
+from robot_health_monitor.ops.plotted_signal import PlottedSignal
+from robot_health_monitor.ops.report import Report, ReportedAlert, render
 
 pytestmark = pytest.mark.newest_python
 

@@ -6,22 +6,17 @@ import base64
 import dataclasses
 import hashlib
 import json
-import math
 import re
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robot_health_monitor.core.model import Forecast, Level, Status, Transition
 from robot_health_monitor.core.signal_config import read_signal
+from robot_health_monitor.ops.plotted_signal import MOST_LEVELS, PlottedSignal
 from robot_health_monitor.ops.report import (
     MOST_ALERTS,
-    MOST_LEVELS,
-    Envelope,
-    PlottedSignal,
     Report,
     ReportedAlert,
     buckets_of,
@@ -325,77 +320,3 @@ def test_rules_are_words() -> None:
         "<p>WARN below 20 %, ERROR below 10 %; for at least 5 s; hysteresis 2 %; "
         "stays for 90 s after it has cleared; STALE after 3 s without a sample</p>"
     ) in render(report([signal]))
-
-
-def points(envelope: Envelope) -> List[Tuple[int, float, float]]:
-    """Returns number, smallest and largest value of each bucket with samples."""
-    return list(zip(*envelope.columns))
-
-
-def filled(envelope: Envelope, *samples: Tuple[float, float]) -> Envelope:
-    """Adds samples one by one."""
-    for time_s, value in samples:
-        envelope.add(np.array([time_s]), np.array([value]))
-    return envelope
-
-
-def test_a_bucket_keeps_the_smallest_and_the_largest_value() -> None:
-    envelope = Envelope(100.0, 8.0, buckets=4)
-    filled(envelope, (100.0, 5.0), (101.0, -3.0), (101.9, 4.0), (107.0, 1.0))
-    assert envelope.width_s == pytest.approx(2.0)
-    assert points(envelope) == [(0, -3.0, 5.0), (3, 1.0, 1.0)]
-
-
-def test_the_end_of_the_expected_span_lies_in_the_last_bucket() -> None:
-    envelope = filled(Envelope(0.0, 8.0, buckets=4), (8.0, 1.0))
-    assert points(envelope) == [(3, 1.0, 1.0)]
-
-
-def test_buckets_double_their_width_when_time_passes_their_end() -> None:
-    envelope = filled(Envelope(0.0, 4.0, buckets=4), (0.5, 1.0), (1.5, 9.0), (3.5, 2.0), (7.5, 3.0))
-    assert envelope.width_s == pytest.approx(2.0)
-    assert points(envelope) == [(0, 1.0, 9.0), (1, 2.0, 2.0), (3, 3.0, 3.0)]
-
-
-def test_samples_that_are_late_or_too_early_are_not_lost() -> None:
-    envelope = filled(Envelope(10.0, 4.0, buckets=4), (13.5, 1.0), (11.5, 2.0), (3.0, -7.0))
-    assert points(envelope) == [(0, -7.0, -7.0), (1, 2.0, 2.0), (3, 1.0, 1.0)]
-
-
-def test_a_chunk_may_be_out_of_order() -> None:
-    envelope = Envelope(0.0, 4.0, buckets=4)
-    envelope.add(np.array([0.5, 2.5, 0.6, 2.6, 0.7]), np.array([1.0, 5.0, -1.0, 6.0, 3.0]))
-    assert points(envelope) == [(0, -1.0, 3.0), (2, 5.0, 6.0)]
-
-
-def test_values_that_are_not_finite_are_left_out() -> None:
-    envelope = filled(Envelope(0.0, 4.0, buckets=4), (0.5, math.nan), (1.5, math.inf), (2.5, 1.0))
-    assert points(envelope) == [(2, 1.0, 1.0)]
-
-
-def test_bad_samples_are_kept_by_their_bucket() -> None:
-    envelope = Envelope(0.0, 4.0, buckets=4)
-    envelope.add_bad(np.array([0.1, 0.2, 3.9]))
-    assert envelope.bad_times_s == pytest.approx([0.5, 3.5])
-    envelope.add_bad(np.array([7.9]))
-    assert envelope.bad_times_s == pytest.approx([1.0, 3.0, 7.0])
-
-
-def test_a_recording_without_duration_has_a_place() -> None:
-    envelope = filled(Envelope(1_700_000_000.0, 0.0, buckets=4), (1_700_000_000.0, 1.0))
-    assert [point[1:] for point in points(envelope)] == [(1.0, 1.0)]
-
-
-@given(
-    st.lists(st.tuples(st.floats(0.0, 1e6), st.floats(-1e300, 1e300)), min_size=1, max_size=200),
-    st.integers(1, 50),
-)
-def test_no_extreme_is_lost_however_long_it_lasts(samples: List[Tuple[float, float]], chunk: int) -> None:
-    envelope = Envelope(0.0, 1.0, buckets=16)
-    for start in range(0, len(samples), chunk):
-        times, values = zip(*samples[start : start + chunk])
-        envelope.add(np.array(times), np.array(values))
-    found = points(envelope)
-    assert len(found) <= 16
-    assert min(low for _, low, _ in found) == min(value for _, value in samples)
-    assert max(high for _, _, high in found) == max(value for _, value in samples)

@@ -8,7 +8,8 @@ import pytest
 from harness.driven_browser import open_browser
 
 from robot_health_monitor.core.signal_config import read_signal
-from robot_health_monitor.ops.report import PlottedSignal, Report, render
+from robot_health_monitor.ops.plotted_signal import PlottedSignal
+from robot_health_monitor.ops.report import Report, render
 
 HEADER = [
     "signal", "samples", "bad", "OK", "WARN", "ERROR", "STALE", "unknown", "alerts", "min", "mean", "max", "longest gap"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Optional
 
 import pytest
 from harness.histories import transition
@@ -137,3 +137,22 @@ def test_monitor_events_are_starts_stops_resets_and_configurations(connection: s
         (190.0, "killed", "", ""),
         (200.0, "started", "", "1.0"),  # the present run has neither ended nor been killed
     ]
+
+
+def test_the_configuration_is_the_one_in_force_at_a_time() -> None:
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    schema.prepare(connection)
+    for number, (wall_s, robot) in enumerate(((10.0, "r1"), (20.0, "r1"), (15.0, "r1"), (12.0, "r2")), 1):
+        connection.execute("INSERT INTO configurations VALUES (?, ?)", (str(number), f'{{"number": {number}}}'))
+        insert = "INSERT INTO configuration_changes (wall_s, robot, hash) VALUES (?, ?, ?)"
+        connection.execute(insert, (wall_s, robot, str(number)))
+
+    def number(robot: str, at_s: float) -> Optional[int]:
+        found = queries.configuration(connection, robot, at_s)
+        return None if found is None else found["number"]
+
+    assert [number("r1", at_s) for at_s in (10.0, 12.0, 16.0, 30.0)] == [1, 1, 3, 3]  # the clock was set back at 20
+    assert number("r1", 5.0) == 1  # the first one, if all are later
+    assert (number("r2", 30.0), number("r3", 30.0)) == (4, None)
+    connection.execute("UPDATE configurations SET text = '[]'")
+    assert number("r1", 30.0) is None
