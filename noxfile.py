@@ -54,6 +54,7 @@ TOOLS = [
     ["prometheus"],
     ["prometheus-alertmanager"],
     ["prometheus-node-exporter"],
+    ["victoria-metrics"],
     ["faketime"],
     ["chromium", "chromium-driver"],
 ]

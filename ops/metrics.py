@@ -20,6 +20,10 @@ from robot_health_monitor.core.version import package_version
 METRICS_LIBRARY = "prometheus_client"
 _BY_SIGNAL = ("robot", "signal")
 
+FULL, FLEET = "full", "fleet"
+PROFILES = (FULL, FLEET)
+"""What a scrape contains: every metric, or what the exported rules of a fleet need."""
+
 _MOST_COUNTED = 20_000
 """With more signals, the counters of elements that are no longer watched are dropped."""
 
@@ -67,6 +71,11 @@ _LAST_TICK = Family(
     "robot_health_last_tick_timestamp_seconds",
     "Last tick of the monitor, in seconds since 1970; of several robots the oldest.",
 )
+_ROBOTS_LAST_TICK = Family(
+    _LAST_TICK.name,
+    "Last tick of the robot's monitor, in seconds since 1970; in the profile `fleet`, instead of the oldest.",
+    ("robot",),
+)
 _BUILD_INFO = Family("robot_health_build_info", "Version of the monitor.", ("version",))
 
 
@@ -95,7 +104,7 @@ class Metrics:
         self._wall_time_s = wall_time_s
         self._lock = threading.Lock()
         self._transitions: Dict[Tuple[str, str], Counter[Level]] = {}
-        self._kept: _Kept = {}
+        self._kept: Dict[str, _Kept] = {}  # by profile
 
     def counter(self, robot: str) -> Callable[[Transition], None]:
         """Returns the function that counts a transition of a robot. It may be called in any thread."""
@@ -122,13 +131,18 @@ class Metrics:
         tick_s = self._wall_time_s() - alert_system.tick_age_s
         return RobotMetrics(printable(robot), signals, transitions, link_up, tick_s)
 
-    def render(self, robots: Sequence[RobotMetrics]) -> Tuple[bytes, str]:
-        """Returns the exposition and its content type; raises ImportError if prometheus_client cannot be imported."""
+    def render(self, robots: Sequence[RobotMetrics], profile: str = FULL) -> Tuple[bytes, str]:
+        """Returns the exposition and its content type; raises ImportError if prometheus_client cannot be imported.
+
+        The profile `fleet` has only what the exported rules need.
+        """
         from prometheus_client import CONTENT_TYPE_LATEST
 
-        before, parts = self._kept, []
+        before, parts = self._kept.get(profile, {}), []
         after: _Kept = {}
         for family, *groups in _OF_ROBOTS:
+            if profile == FLEET and family in _NOT_IN_RULES:
+                continue
             parts.append(_exposition(family, ()))
             for series_of, rarely_change in groups:
                 if not rarely_change:
@@ -139,7 +153,10 @@ class Metrics:
                     known = before.get(key)
                     after[key] = known if known and known[0] == series else (series, _lines(family, series))
                     parts.append(after[key][1])
-        self._kept = after
+        self._kept[profile] = after
+        if profile == FLEET:
+            ticks = tuple(((robot.robot,), robot.tick_s) for robot in robots)
+            return b"".join([*parts, _exposition(_ROBOTS_LAST_TICK, ticks)]), CONTENT_TYPE_LATEST
         oldest_tick_s = min((robot.tick_s for robot in robots), default=self._wall_time_s())
         parts += [
             _exposition(_WAITING, (((), self._notifications_waiting()),)),
@@ -194,6 +211,7 @@ _OF_ROBOTS = (
     (_LINK_UP, (_link_up, True)),
 )
 """The metrics of robots: functions that return their series, and whether these rarely change."""
+_NOT_IN_RULES = (_TIME_TO_BOUND, _TRANSITIONS)
 
 
 def _lines(family: Family, series: _Series) -> bytes:

@@ -1,18 +1,22 @@
-"""`robot-health export`: the thresholds of a file for Prometheus and Grafana."""
+"""`robot-health export`: the thresholds of a file for Prometheus and Grafana, and the files of a fleet."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from typing import Sequence
 
 from robot_health_monitor.core.config import load_config
 from robot_health_monitor.core.formatting import printable
+from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver
 from robot_health_monitor.ops.export.grafana import export_dashboard
 from robot_health_monitor.ops.export.prometheus import Export, export_rules
 from robot_health_monitor.runtime.interrupts import Interrupts
 
-from .arguments import Parser, seconds
+from .arguments import Parser, duration, seconds
 from .exit_codes import ExitCode
+from .fleet_export import read_fleet, write_files
 
 
 def add_arguments(parser: Parser) -> None:
@@ -45,18 +49,86 @@ def add_arguments(parser: Parser) -> None:
     grafana = targets.add_parser(
         "grafana", help="a dashboard", description="Writes a dashboard in JSON, to import into Grafana 9 or newer."
     )
-    for target in (prometheus, grafana):
+    fleet = targets.add_parser(
+        "fleet",
+        help="the files of a fleet whose robots push",
+        description="Writes the configuration of an agent for the robots, and of the centre that they push to: "
+        "Prometheus or VictoriaMetrics, with Alertmanager. README.md in the folder says what to do with them.",
+    )
+    for target in (prometheus, grafana, fleet):
         target.add_argument("file", metavar="FILE", help="a thresholds.yaml")
+    _add_fleet_arguments(fleet)
+
+
+def _add_fleet_arguments(fleet: Parser) -> None:
+    fleet.add_argument(
+        "fleet",
+        metavar="FLEET",
+        nargs="?",
+        default="",
+        help="a fleet.yaml: its robots must report (default: those that reported in the last 24 h)",
+    )
+    fleet.add_argument("--receiver", metavar="URL", required=True, help="of the centre's remote write, in full")
+    fleet.add_argument("--to", metavar="FOLDER", required=True, help="folder to write the files to")
+    fleet.add_argument(
+        "--outage",
+        metavar="TIME",
+        type=duration,
+        default=86_400.0,
+        help="longest outage after which nothing is lost (default: 24h)",
+    )
+    fleet.add_argument(
+        "--interval", metavar="SECONDS", type=seconds, default=15.0, help="interval of scrapes (default: 15)"
+    )
+    fleet.add_argument(
+        "--silent-after",
+        metavar="TIME",
+        type=duration,
+        default=900.0,
+        help="silence of a robot that is an alert (default: 15m)",
+    )
+    fleet.add_argument(
+        "--monitor",
+        metavar="HOST:PORT",
+        action="append",
+        default=[],
+        help="monitor that an agent scrapes (repeatable; default: 127.0.0.1:9090)",
+    )
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes alerting rules or a dashboard on stdout, and what they cannot express on stderr; returns the exit code."""
+    """Writes alerting rules or a dashboard on stdout, and what they cannot express on stderr; returns the exit code.
+
+    The files of a fleet are written to a folder.
+    """
+    if arguments.target == "fleet":
+        return _export_fleet(arguments)
     config = load_config(arguments.file)
     if arguments.target == "prometheus":
         exported = export_rules(config, robots=arguments.robot, interval_s=arguments.interval)
     else:
         exported = Export(export_dashboard(config), ())
-    for problem in exported.problems:
-        sys.stderr.write(f"{printable(f'WARN: {problem}')}\n")
+    _warn(exported.problems)
     sys.stdout.write(exported.text)
     return ExitCode.SUCCESS
+
+
+def _export_fleet(arguments: argparse.Namespace) -> int:
+    settings = FleetSettings(
+        require_receiver(arguments.receiver),
+        arguments.outage,
+        arguments.interval,
+        arguments.silent_after,
+        [require_address(address) for address in arguments.monitor] or FleetSettings._field_defaults["monitors"],
+    )
+    exported = export_fleet(settings, *read_fleet(arguments.file, arguments.fleet))
+    write_files(arguments.to, exported.files)
+    _warn(exported.problems)
+    for name in exported.files:
+        sys.stdout.write(f"{printable(os.path.join(arguments.to, name))}\n")
+    return ExitCode.SUCCESS
+
+
+def _warn(problems: Sequence[str]) -> None:
+    for problem in problems:
+        sys.stderr.write(f"{printable(f'WARN: {problem}')}\n")

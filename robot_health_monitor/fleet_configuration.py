@@ -63,7 +63,7 @@ class RobotEntry:
     name: str
     """The robot's name, which is also its `hardware_id`."""
     url: str
-    """`ws://host:port` or `wss://host:port`."""
+    """`ws://host:port` or `wss://host:port`; empty: it pushes."""
     thresholds: Optional[str] = None
     namespace: Optional[str] = None
     token_file: Optional[str] = None
@@ -120,10 +120,10 @@ def read_addresses(texts: Sequence[str]) -> List[RobotEntry]:
     return list(entries.values())
 
 
-def read_entries(file: YamlFile, collected: Optional[Problems] = None) -> List[RobotEntry]:
+def read_entries(file: YamlFile, collected: Optional[Problems] = None, *, needs_url: bool = True) -> List[RobotEntry]:
     """Reads a fleet.yaml, not the files that it names. ConfigError: every mistake, with file, line and key.
 
-    With `collected`, which receives the mistakes, the robots without any are returned.
+    With `collected`, which receives the mistakes, the robots without any are returned. Robots that push need no `url`.
     """
     problems = Problems() if collected is None else collected
     entries: List[RobotEntry] = []
@@ -141,7 +141,7 @@ def read_entries(file: YamlFile, collected: Optional[Problems] = None) -> List[R
                 raise ConfigError("expected at least one robot, got none", ("robots",))
             for name, found in robots.items():
                 with problems:
-                    entries.append(_read_entry(name, found, defaults, os.path.dirname(file.file)))
+                    entries.append(_read_entry(name, found, defaults, os.path.dirname(file.file), needs_url))
         if collected is None:
             problems.raise_if_any()
     except ConfigError as error:
@@ -149,12 +149,14 @@ def read_entries(file: YamlFile, collected: Optional[Problems] = None) -> List[R
     return entries
 
 
-def _read_entry(name: str, found: object, defaults: Mapping[str, Any], folder: str) -> RobotEntry:
+def _read_entry(name: str, found: object, defaults: Mapping[str, Any], folder: str, needs_url: bool) -> RobotEntry:
     path = ("robots", name)
     if not _NAME.fullmatch(name):
         expected = "expected a name of at most 64 letters, digits and _ . -"
         raise ConfigError(f"{expected}, got {describe(name)}", path)
     values = _read_keys(require_mapping(found, path), ROBOT_PARAMETERS, path)
+    if values["url"] is None and not needs_url:
+        values["url"] = ""
     if values["url"] is None:
         raise ConfigError("expected the address of its rosbridge server, url: ws://host:port", path)
     values.update({key: default for key, default in defaults.items() if values[key] is None})

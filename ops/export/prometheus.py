@@ -15,6 +15,7 @@ A rule that says more than PromQL can express gets a comment, and a line in `Exp
 from __future__ import annotations
 
 import json
+import sys
 from typing import List, Mapping, NamedTuple, Sequence
 
 from robot_health_monitor.core.config import MonitorConfig
@@ -38,6 +39,8 @@ REPORTED, SCRAPED = "robot_health:reported_at", "robot_health:scraped_at"
 _SINCE = "robot_health:beyond_bound_since"
 _REPORTED = "reported"
 """Takes the place of the side of a bound where a driver reports its own level."""
+_LARGEST = repr(sys.float_info.max)
+"""Values are finite: infinity stands for invalid data. (For VictoriaMetrics, NaN is no result.)"""
 _ELEMENT = r"\[.+\]"
 _VALUE = "\0"
 """Stands for the value in a text that is escaped."""
@@ -86,24 +89,36 @@ def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_
     """
     has_forecasts = any(signal.statistic == "forecast" for signal in config.signals.values())
     forecasts = _FORECASTS.format(least=LEAST_SAMPLES) if has_forecasts else ""
-    header = _HEADER.format(interval=_duration(interval_s), alert=ALERT, forecasts=forecasts)
+    header = _HEADER.format(interval=duration(interval_s), alert=ALERT, forecasts=forecasts)
     lines: List[str] = header.splitlines()
     problems: List[str] = []
-    name = json.dumps("robot_health" + "".join(f" {name}" for name in robots))
-    lines += ["groups:", f"  - name: {name}", f"    interval: {_duration(interval_s)}", "    rules:"]
+    name = "robot_health" + "".join(f" {name}" for name in robots)
+    lines += ["groups:", *rule_group(name, config, robots, interval_s, problems)]
+    lines += _monitor_rules(robots, interval_s)
+    return Export("\n".join(lines) + "\n", problems)
+
+
+def rule_group(
+    name: str, config: MonitorConfig, robots: Sequence[str], interval_s: float, problems: List[str]
+) -> List[str]:
+    """Returns the lines of a group with the rules of every signal and of the link; appends to `problems`."""
+    lines = group_head(name, interval_s)
     for signal in config.signals.values():
         if signal.name != LINK:
             lines += _Rules(config, signal, robots, interval_s, problems).lines()
-    lines += _link_rule(robots)
-    lines += _monitor_rules(robots, interval_s)
-    return Export("\n".join(lines) + "\n", problems)
+    return lines + _link_rule(robots)
+
+
+def group_head(name: str, interval_s: float) -> List[str]:
+    """Returns the first lines of a group of rules, which are evaluated every `interval_s`."""
+    return [f"  - name: {json.dumps(name)}", f"    interval: {duration(interval_s)}", "    rules:"]
 
 
 def signal_matcher(signal: SignalConfig, *, with_template: bool = False) -> str:
     """Returns the matcher of the label `signal`: of one signal, or of the elements of a template."""
     if not signal.is_template:
-        return f"signal={_string(signal.name)}"
-    return f"signal=~{_string(signal.name + (f'({_ELEMENT})?' if with_template else _ELEMENT))}"
+        return f"signal={promql_string(signal.name)}"
+    return f"signal=~{promql_string(signal.name + (f'({_ELEMENT})?' if with_template else _ELEMENT))}"
 
 
 class _Rules:
@@ -148,7 +163,7 @@ class _Rules:
                 lines += self._error(bounds)
             elif bounds:
                 times = signal.for_s, signal.keep_firing_for_s
-                lines += _alert(self._label, level, self._crossed(level, bounds), self._reason(bounds), *times)
+                lines += alert(self._label, level, self._crossed(level, bounds), self._reason(bounds), *times)
         return lines + (self._stale() if signal.stale_after_s > 0.0 or signal.is_status else [])
 
     def _metric(
@@ -156,7 +171,9 @@ class _Rules:
     ) -> str:
         """Returns a metric of a signal, one series per robot: several monitors may watch one robot."""
         own = signal_matcher(self._signal, with_template=metric not in ("value", "latest"))
-        selected = f"robot_health_{metric}" + _selector(self._robots, f"signal={_string(signal)}" if signal else own)
+        selected = f"robot_health_{metric}" + selector(
+            self._robots, f"signal={promql_string(signal)}" if signal else own
+        )
         return (
             f"{aggregation} by (robot, signal) ({f'max_over_time({selected}{over})' if over else selected}{condition})"
         )
@@ -164,7 +181,7 @@ class _Rules:
     def _beyond_rule(self, level: str, side: str, bound: float) -> List[str]:
         if side == _REPORTED:  # WARN also while a worse level is reported, as for bounds
             value = self._metric("value", condition=" == 2" if level == "ERROR" else " >= 1")
-            return _record(BEYOND, value, f"{self._recorded}, level: {level}, side: {side}")
+            return record(BEYOND, value, f"{self._recorded}, level: {level}, side: {side}")
         operator = _OPERATORS[side]
         value = self._judged(side)
         expression = f"{value} {operator} {_number(bound)}"
@@ -172,21 +189,21 @@ class _Rules:
             clears_at = _number(self._clears_at(side, bound))
             before = self._beyond(level, f', side="{side}"')
             expression += f"\nor ({value} {operator} {clears_at} and on (robot, signal) {before})"
-        return _record(BEYOND, expression, f"{self._recorded}, level: {level}, side: {side}")
+        return record(BEYOND, expression, f"{self._recorded}, level: {level}, side: {side}")
 
     def _judged(self, side: str) -> str:
         """Returns the statistic that the bounds of a side apply to; of several monitors, the worst counts."""
         if self._forecasts:
-            return FORECAST + _selector(self._robots, signal_matcher(self._signal))
+            return FORECAST + selector(self._robots, signal_matcher(self._signal))
         return self._metric("value", "min" if side == "below" else "max")
 
     def _forecast_rule(self) -> List[str]:
         """Returns the rule that records the forecast. Prometheus predicts from the evaluation, also with `offset`."""
         signal = self._signal
-        latest = "robot_health_latest" + _selector(self._robots, signal_matcher(self._signal))
-        half, horizon = _duration(signal.window_s / 2.0), _number(signal.forecast_s or 0.0)
+        latest = "robot_health_latest" + selector(self._robots, signal_matcher(self._signal))
+        half, horizon = duration(signal.window_s / 2.0), _number(signal.forecast_s or 0.0)
         newer, older = f"{latest}[{half}]", f"{latest}[{half}] offset {half}"
-        ranges = {"window": f"{latest}[{_duration(signal.window_s)}]", "older half": older, "newer half": newer}
+        ranges = {"window": f"{latest}[{duration(signal.window_s)}]", "older half": older, "newer half": newer}
         lines = "\n    or ".join(
             f'label_replace(predict_linear({found}, {horizon}), "line", "{name}", "", "")'
             for name, found in ranges.items()
@@ -196,11 +213,11 @@ class _Rules:
         expression = f"{worst} by (robot, signal) (\n  {most_cautious} without (line) (\n    {lines}\n  )"
         expression += "".join(f"\n  and count_over_time({found}) >= {LEAST_SAMPLES}" for found in (older, newer))
         if signal.window_min_s:
-            expression += f"\n  and {latest} offset {_duration(signal.window_min_s)}"
-        return _record(FORECAST, expression + "\n)", self._recorded)
+            expression += f"\n  and {latest} offset {duration(signal.window_min_s)}"
+        return record(FORECAST, expression + "\n)", self._recorded)
 
     def _beyond(self, level: str, further: str = "") -> str:
-        return BEYOND + _selector(self._robots, f'{signal_matcher(self._signal)}, level="{level}"{further}')
+        return BEYOND + selector(self._robots, f'{signal_matcher(self._signal)}, level="{level}"{further}')
 
     def _comments(self, level: str) -> List[str]:
         """Reports what the rule of a level cannot express."""
@@ -238,22 +255,22 @@ class _Rules:
         valid, further_s = self._metric("data_valid"), signal.invalid_for_s - shorter_s
         invalid = f"{valid} == 0"
         if further_s:
-            lately = self._metric("data_valid", over=f"[{_duration(further_s)}]")
-            invalid = f"{lately} == 0 and {valid[:-1]} offset {_duration(further_s)}) == 0"
+            lately = self._metric("data_valid", over=f"[{duration(further_s)}]")
+            invalid = f"{lately} == 0 and {valid[:-1]} offset {duration(further_s)}) == 0"
         if not bounds:
-            return _alert(self._label, "ERROR", invalid, "invalid data", shorter_s, keep_s)
+            return alert(self._label, "ERROR", invalid, "invalid data", shorter_s, keep_s)
         crossed, lines = self._crossed("ERROR", bounds), []
         if for_s > shorter_s:
-            since = _SINCE + _selector(self._robots, signal_matcher(self._signal))
+            since = _SINCE + selector(self._robots, signal_matcher(self._signal))
             began = f"{since} or on (robot, signal) time() + 0 * (\n{crossed}\n)"
             expression = f"(\n{began}\n)\nand on (robot, signal) (\n{crossed}\n)"
-            lines = _record(_SINCE, expression, self._recorded)
+            lines = record(_SINCE, expression, self._recorded)
             firing = f'{signal_matcher(self._signal)}, level="ERROR", alertname="{ALERT}", alertstate="firing"'
-            lasted = f"time() - {since} >= {_number(for_s - shorter_s)} or ALERTS{_selector(self._robots, firing)}"
+            lasted = f"time() - {since} >= {_number(for_s - shorter_s)} or ALERTS{selector(self._robots, firing)}"
             crossed = f"({crossed})\nand on (robot, signal) ({lasted})"
-        expression = f"({invalid}) * NaN\nor on (robot, signal) ({crossed})"
-        reason = f"{{{{ if ne $value $value }}}}invalid data{{{{ else }}}}{self._reason(bounds)}{{{{ end }}}}"
-        return [*lines, *_alert(self._label, "ERROR", expression, reason, shorter_s, keep_s)]
+        expression = f"({invalid}) + Inf\nor on (robot, signal) ({crossed})"
+        reason = f"{{{{ if gt $value {_LARGEST} }}}}invalid data{{{{ else }}}}{self._reason(bounds)}{{{{ end }}}}"
+        return [*lines, *alert(self._label, "ERROR", expression, reason, shorter_s, keep_s)]
 
     def _contradiction(self, condition: Condition) -> str:
         """Returns an expression for: the other signal is known, and the condition on it does not hold."""
@@ -297,66 +314,68 @@ class _Rules:
     def _stale(self) -> List[str]:
         signal = self._signal
         level, samples = self._metric("level"), self._metric("samples_total", "sum")
-        longer_than_grace = _duration(signal.startup_grace_s + 0.001)
+        longer_than_grace = duration(signal.startup_grace_s + 0.001)
         expression = (
             f"{level} == 3\n"
             f"and ({samples} > 0 or {level[:-1]} offset {longer_than_grace}) == 3)\n"
-            f"unless on (robot) robot_health_link_up{_selector(self._robots)} == 0"
+            f"unless on (robot) robot_health_link_up{selector(self._robots)} == 0"
         )
         reason = f"no sample (limit {duration_text(signal.stale_after_s)})" if signal.stale_after_s > 0.0 else ""
         reported = "reported as stale" if signal.is_status else ""
-        return _alert(self._label, "STALE", expression, " or ".join(filter(None, (reported, reason))))
+        return alert(self._label, "STALE", expression, " or ".join(filter(None, (reported, reason))))
 
 
 def _link_rule(robots: Sequence[str]) -> List[str]:
     # Not `keep_firing_for`: a robot that is no longer watched has no link, so its alert ends at once.
-    link = f"robot_health_link_up{_selector(robots)}"
-    lately = f"min_over_time({link}[{_duration(LINK_CONFIG.keep_firing_for_s)}])"
+    link = f"robot_health_link_up{selector(robots)}"
+    lately = f"min_over_time({link}[{duration(LINK_CONFIG.keep_firing_for_s)}])"
     expression = f"max by (robot) ({link}) == 0\nor (max by (robot) ({lately}) == 0 and on (robot) {link})"
     comment = "      # The link to a robot; while it is down, its other alerts stay as they are."
-    return ["", comment, *_alert(LINK, "ERROR", expression, "down")]
+    return ["", comment, *alert(LINK, "ERROR", expression, "down")]
 
 
 def _monitor_rules(robots: Sequence[str], interval_s: float) -> List[str]:
     """Returns the rules for a monitor that is down or does not work: an alert for each robot that it reported last."""
-    selector = _selector(robots)
+    matchers = selector(robots)
     ticked = "robot_health_last_tick_timestamp_seconds"
     limit_s = max(30.0, 4.0 * interval_s)
     reported = (
-        f"max by (job, instance, robot) (time() + 0 * robot_health_level{selector})\n"
+        f"max by (job, instance, robot) (time() + 0 * robot_health_level{matchers})\n"
         "or (\n"
-        f"last_over_time({REPORTED}{selector}[{_MEMORY}])\n"
+        f"last_over_time({REPORTED}{matchers}[{_MEMORY}])\n"
         f"> on (job, instance) group_left last_over_time({SCRAPED}[{_MEMORY}]) - {_number(interval_s)}\n"
         "and on (job, instance) up == 0\n"
         ")"
     )
     expression = (
-        f"max by (robot) ({REPORTED}{selector})\n"
+        f"max by (robot) ({REPORTED}{matchers})\n"
         f"unless max by (robot) (\n"
-        f"  robot_health_level{selector} and on (job, instance) (time() - {ticked} <= {_number(limit_s)})\n"
+        f"  robot_health_level{matchers} and on (job, instance) (time() - {ticked} <= {_number(limit_s)})\n"
         ")"
     )
     return [
         "", "      # The monitor of a robot does not work, or cannot be scraped.",
-        *_record(SCRAPED, f"max by (job, instance) (time() + 0 * {ticked})"),
-        *_record(REPORTED, reported),
-        *_alert("monitor", "ERROR", expression, "does not run", for_s=2.0 * interval_s),
+        *record(SCRAPED, f"max by (job, instance) (time() + 0 * {ticked})"),
+        *record(REPORTED, reported),
+        *alert("monitor", "ERROR", expression, "does not run", for_s=2.0 * interval_s),
     ]  # fmt: skip
 
 
-def _record(name: str, expression: str, labels: str = "") -> List[str]:
+def record(name: str, expression: str, labels: str = "") -> List[str]:
+    """Returns the lines of a rule that records a series."""
     return ["", f"      - record: {name}", *([f"        labels: {{{labels}}}"] if labels else []), *_expr(expression)]
 
 
-def _alert(
+def alert(
     signal: str, level: str, expression: str, reason: str, for_s: float = 0.0, keep_firing_for_s: float = 0.0
 ) -> List[str]:
+    """Returns the lines of a rule that raises an alert."""
     times = {"for": for_s, "keep_firing_for": keep_firing_for_s}
     summary = json.dumps(f"{_ROBOT}{signal} {level}: {reason}")
     label = json.dumps(signal) if "{" in signal else signal
     return [
         "", f"      - alert: {ALERT}", *_expr(expression),
-        *(f"        {key}: {_duration(time_s)}" for key, time_s in times.items() if time_s > 0.0),
+        *(f"        {key}: {duration(time_s)}" for key, time_s in times.items() if time_s > 0.0),
         f"        labels: {{signal: {label}, level: {level}, severity: {SEVERITIES[Level[level]]}}}",
         f"        annotations: {{summary: {summary}}}",
     ]  # fmt: skip
@@ -370,23 +389,24 @@ def _expr(expression: str) -> List[str]:
     return ["        expr: |-", *(f"          {line}" for line in expression.splitlines())]
 
 
-def _selector(robots: Sequence[str], further: str = "") -> str:
+def selector(robots: Sequence[str], further: str = "") -> str:
+    """Returns the matchers of these robots, in braces; without any, nothing."""
     matchers = [further] if further else []
     if len(robots) == 1:
-        matchers.insert(0, f"robot={_string(robots[0])}")
+        matchers.insert(0, f"robot={promql_string(robots[0])}")
     elif robots:
         # Names match as they are: every character that is special in RE2 is escaped.
         pattern = "|".join("".join(c if c.isalnum() or c == "_" else f"\\{c}" for c in name) for name in robots)
-        matchers.insert(0, f"robot=~{_string(pattern)}")
+        matchers.insert(0, f"robot=~{promql_string(pattern)}")
     return f"{{{', '.join(matchers)}}}" if matchers else ""
 
 
-def _string(text: str) -> str:
+def promql_string(text: str) -> str:
     """Returns a string of PromQL."""
     return json.dumps(text, ensure_ascii=False)
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """Returns a duration as Prometheus reads it; it resolves milliseconds."""
     whole, milliseconds = divmod(round(seconds * 1000.0), 1000)
     return f"{f'{whole}s' if whole or not milliseconds else ''}{f'{milliseconds}ms' if milliseconds else ''}"

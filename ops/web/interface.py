@@ -21,7 +21,7 @@ from robot_health_monitor.runtime.times import iso_time
 
 from ..active_silences import Silences
 from ..history.history import History
-from ..metrics import METRICS_LIBRARY, Metrics
+from ..metrics import METRICS_LIBRARY, PROFILES, Metrics
 from .history_requests import (
     expire_silence,
     new_note,
@@ -326,9 +326,12 @@ class WebInterface:
         missing = self.missing()
         if missing is not None:
             raise ApiError(501, missing)
+        profile = request.query.get("profile", PROFILES[0])
+        if profile not in PROFILES:
+            raise ApiError(400, f"profile: expected {' or '.join(PROFILES)}, got {profile[:40]!r}")
         robots = await self._read_each(self._robots(), self._metrics.read)
         try:
-            body, content_type = await self._worker.run(partial(self._metrics.render, robots))
+            body, content_type = await self._worker.run(partial(self._metrics.render, robots, profile))
         except ImportError as error:
             raise ApiError(501, f"no metrics: {METRICS_LIBRARY} cannot be imported: {error}") from None
         return web.Response(body=body, headers={**API_HEADERS, "Content-Type": content_type})

@@ -65,3 +65,31 @@ def test_a_target_is_required(robot_health: Start, file: Path) -> None:
 
     assert (code, out, len(err)) == (2, [], 1)
     assert "prometheus" in err[0] and "grafana" in err[0]
+
+
+def test_the_files_of_a_fleet_are_written_and_listed(robot_health: Start, file: Path, tmp_path: Path) -> None:
+    fleet, folder = tmp_path / "fleet.yaml", tmp_path / "out"
+    fleet.write_text("robots: {r1: {}}")
+    receiver = "https://centre:9090/api/v1/write"
+
+    process = robot_health("export", "fleet", file, fleet, "--receiver", receiver, "--to", folder, "--outage", "6h")
+
+    code, out, err = outcome(process)
+    assert code == 0
+    assert err == ["WARN: battery_level WARN: not expressed: latch: the alert ends when the rule no longer fires"]
+    assert sorted(out) == sorted(str(path) for path in folder.rglob("*") if path.is_file())
+    assert len(out) == 13
+    assert "out_of_order_time_window: 10h" in (folder / "centre/prometheus.yml").read_text()
+
+
+def test_a_receiver_that_is_no_full_url_is_one_line_and_code_2(robot_health: Start, file: Path, tmp_path: Path) -> None:
+    code, out, err = outcome(
+        robot_health("export", "fleet", file, "--receiver", "https://centre:9090", "--to", tmp_path / "out")
+    )
+
+    assert (code, out) == (2, [])
+    assert err == [
+        "robot-health export: expected the URL of a receiver in full, such as https://centre:9090/api/v1/write, "
+        "got 'https://centre:9090'"
+    ]
+    assert not (tmp_path / "out").exists()

@@ -23,6 +23,13 @@ PROMTOOL = shutil.which("promtool")
 needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed (Debian's package prometheus)")
 
 
+def promtool(folder: Path, *arguments: str) -> str:
+    """Returns what promtool reports about files in a folder; empty if it accepts them."""
+    assert PROMTOOL is not None
+    done = subprocess.run([PROMTOOL, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=600)
+    return "" if done.returncode == 0 else done.stdout + done.stderr
+
+
 @dataclass(frozen=True)
 class Timeline:
     """A signal's configuration and a value, or None, for every second."""

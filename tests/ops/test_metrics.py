@@ -121,6 +121,42 @@ def test_a_signal_of_a_robot_that_cannot_be_reached_has_no_latest_value() -> Non
     assert "robot_health_latest" not in samples(metrics, robots)
 
 
+def test_the_profile_of_fleets_has_five_series_per_signal_and_the_robot_in_every_series() -> None:
+    ahead = {"statistic": "forecast", "window_s": 20.0, "forecast_s": 60.0, "warn_below": 20.0}
+    robots = Robots("atlas", "spot", signals={"soon": ahead, "battery": {"warn_below": 20.0}})
+    metrics = Metrics(lambda: 3, robots.wall_s)
+    watched(robots, metrics)
+    for second in range(21):
+        robots.at(100.0 + second)
+        for signal in ("soon", "battery"):
+            robots.observe(80.0 - 0.5 * second, signal)
+    robots.bus.nodes[1].cancel_timers()
+    robots.all[0].observe_link(True)
+    robots.at(125.0)
+    read = [metrics.read(robot) for robot in robots.all]
+    found: Dict[Any, int] = {}
+    ticks: Dict[str, float] = {}
+    for family in text_string_to_metric_families(metrics.render(read, "fleet")[0].decode()):
+        for sample in family.samples:
+            key = (sample.name, sample.labels["robot"], sample.labels.get("signal"))
+            found[key] = found.get(key, 0) + 1
+            if sample.name == "robot_health_last_tick_timestamp_seconds":
+                ticks[sample.labels["robot"]] = sample.value
+    names = {"robot_health_level", "robot_health_value", "robot_health_data_valid", "robot_health_samples_total"}
+    assert {name for name, robot, signal in found if (robot, signal) == ("atlas", "battery")} == names
+    assert {name for name, robot, signal in found if (robot, signal) == ("atlas", "soon")} == {
+        *names,
+        "robot_health_latest",
+    }
+    assert found["robot_health_samples_total", "atlas", "battery"] == 2
+    assert {name for name, robot, signal in found if (robot, signal) == ("atlas", None)} == {
+        "robot_health_link_up",
+        "robot_health_last_tick_timestamp_seconds",
+    }
+    assert ticks == {"atlas": robots.wall_s(), "spot": pytest.approx(robots.wall_s() - 5.0, abs=1.0)}
+    assert b"robot_health_transitions_total" in metrics.render(read)[0]  # the full profile is as before
+
+
 def test_the_age_of_the_oldest_tick_is_seen() -> None:
     robots = Robots("atlas", "spot")
     robots.bus.nodes[0].cancel_timers()

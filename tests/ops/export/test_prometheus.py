@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import random
-import subprocess
 import time
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -14,7 +13,7 @@ import pytest
 import yaml
 from harness.http_server import HttpServer, responding
 from harness.prometheus_server import PrometheusServer, needs_prometheus
-from harness.promtool import PROMTOOL, needs_promtool, random_timeline
+from harness.promtool import needs_promtool, promtool, random_timeline
 from harness.seeds import fixed_seed
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -35,13 +34,6 @@ Series = Dict[str, List[Optional[float]]]
 
 def exported(signals: Mapping[str, Any], **options: Any) -> Export:
     return export_rules(load_config({"signals": signals}), **options)
-
-
-def promtool(folder: Path, *arguments: str) -> str:
-    """Returns what promtool reports about files in a folder; empty if it accepts them."""
-    assert PROMTOOL is not None
-    done = subprocess.run([PROMTOOL, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=600)
-    return "" if done.returncode == 0 else done.stdout + done.stderr
 
 
 @needs_promtool

@@ -920,6 +920,15 @@ def test_the_state_of_the_monitor_itself_is_the_same_everywhere() -> None:
 # --- metrics ----------------------------------------------------------------------------------------------------------
 
 
+def test_a_profile_of_metrics_that_does_not_exist_is_an_error() -> None:
+    async def scenario(site: Site) -> None:
+        assert b"robot_health_level{" in (await site.get("/metrics?profile=fleet"))[1].encode()
+        expected = {"error": "profile: expected full or fleet, got 'lean'"}
+        assert await site.get("/metrics?profile=lean") == (400, expected)
+
+    with_site(scenario)
+
+
 def test_without_the_library_only_the_metrics_are_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robot_health_monitor.ops.web.interface.METRICS_LIBRARY", "no_such_library")
 

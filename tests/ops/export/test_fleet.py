@@ -1,0 +1,151 @@
+"""The files of a fleet: the tools that will read them accept them, and what they keep and take fits together."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any, Dict
+
+import pytest
+import yaml
+from harness.promtool import needs_promtool, promtool
+from harness.victoria_metrics import needs_victoria_metrics, vmalert_problem
+
+from robot_health_monitor.core import ConfigError, load_config
+from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver
+from robot_health_monitor.ops.export.fleet_rules import Judged
+
+RECEIVER = "https://centre.example.com:9090/api/v1/write"
+AMTOOL, ANALYZE = shutil.which("amtool"), shutil.which("systemd-analyze")
+THRESHOLDS = {"signals": {"battery_level": {"warn_below": 20.0, "keep_firing_for_s": 30.0}}}
+
+
+def files(**changed: Any) -> Dict[str, str]:
+    settings = FleetSettings(RECEIVER, 86_400.0, 15.0, 900.0)._replace(**changed)
+    return export_fleet(settings, [Judged("robot_health", load_config(THRESHOLDS), ())], ["r1"]).files
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, text in files().items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def problem(*command: str) -> str:
+    """Returns what a tool prints about a file; empty: it accepts it."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    return "" if done.returncode == 0 else done.stdout + done.stderr
+
+
+@needs_promtool
+def test_promtool_accepts_the_configuration_and_the_rules_of_prometheus(folder: Path) -> None:
+    assert promtool(folder, "check", "config", "centre/prometheus.yml") == ""
+    assert promtool(folder, "check", "config", "--agent", "--syntax-only", "robot/agent.yml") == ""
+    assert promtool(folder, "check", "rules", "--lint-fatal", "centre/rules.yaml") == ""
+
+
+@pytest.mark.skipif(AMTOOL is None, reason="amtool is not installed (Debian's package prometheus-alertmanager)")
+def test_amtool_accepts_the_configuration_of_alertmanager(folder: Path) -> None:
+    assert problem("amtool", "check-config", str(folder / "centre/alertmanager.yml")) == ""
+
+
+@needs_victoria_metrics
+def test_vmagent_and_vmalert_accept_their_files(folder: Path) -> None:
+    assert vmalert_problem(folder / "centre/rules.vm.yaml") == ""
+    assert problem("vmagent", "-dryRun", f"-promscrape.config={folder / 'robot/vmagent.yml'}") == ""
+
+
+@needs_victoria_metrics
+@pytest.mark.parametrize("unit", ["robot/robot-health-vmagent", "centre/robot-health-victoria-metrics"])
+def test_every_flag_of_a_unit_exists(folder: Path, unit: str) -> None:
+    command = re.search(r"ExecStart=(\S+) ((?:.|\\\n)*?)\nExec", (folder / f"{unit}.service").read_text())
+    assert command is not None
+    usage = subprocess.run([command[1], "-help"], capture_output=True, text=True, check=False, timeout=60)
+    known = set(re.findall(r"^  -(\S+)", usage.stdout + usage.stderr, re.MULTILINE))
+    assert {flag.split("=")[0][1:] for flag in command[2].split() if flag != "\\"} <= known
+
+
+@needs_promtool
+@pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is not installed")
+@pytest.mark.parametrize("url", [RECEIVER, "http://127.0.0.1/api/v1/write"])
+def test_systemd_accepts_the_units(tmp_path: Path, url: str) -> None:
+    for name, text in files(receiver=url).items():
+        if name.endswith(".service"):
+            unit = tmp_path / Path(name).name
+            unit.write_text(re.sub(r"ExecStart=\S+", "ExecStart=/bin/true", text))  # it looks for the executable
+            assert "robot-health" not in problem("systemd-analyze", "verify", str(unit))
+
+
+@pytest.mark.parametrize(("outage_s", "kept", "taken"), [(86_400.0, "25h", "28h"), (5_400.0, "150m", "330m")])
+def test_the_centre_takes_all_that_an_agent_keeps(outage_s: float, kept: str, taken: str) -> None:
+    written = files(outage_s=outage_s)
+
+    assert f"--storage.agent.retention.max-time={kept} " in written["robot/robot-health-agent.service"]
+    assert yaml.safe_load(written["centre/prometheus.yml"])["storage"]["tsdb"]["out_of_order_time_window"] == taken
+
+
+def test_an_agent_scrapes_the_lean_profile_of_its_monitors_and_sends_only_that() -> None:
+    written = files(monitors=["127.0.0.1:9001", "[::1]:9002"])
+
+    for name in ("robot/agent.yml", "robot/vmagent.yml"):
+        found = yaml.safe_load(written[name])
+        (job,) = found["scrape_configs"]
+        assert job["params"] == {"profile": ["fleet"]}
+        assert job["static_configs"] == [{"targets": ["127.0.0.1:9001", "[::1]:9002"]}]
+    (sent,) = yaml.safe_load(written["robot/agent.yml"])["remote_write"]
+    assert sent["url"] == RECEIVER
+    assert sent["basic_auth"] == {"username": "robots", "password_file": "/etc/robot-health/receiver.password"}
+    assert sent["write_relabel_configs"] == [
+        {"source_labels": ["__name__"], "regex": "robot_health_.*", "action": "keep"}
+    ]
+
+
+def test_the_readme_has_ten_lines() -> None:
+    assert len(files()["README.md"].splitlines()) == 10
+
+
+@pytest.mark.parametrize("scheme", ["http", "https"])
+def test_the_centre_listens_where_the_robots_push_to(scheme: str) -> None:
+    written = files(receiver=f"{scheme}://centre/api/v1/write")
+
+    port = {"http": ":80", "https": ":443"}[scheme]
+    assert f"--web.listen-address={port} " in written["centre/robot-health-prometheus.service"]
+    assert f"-httpListenAddr={port} " in written["centre/robot-health-victoria-metrics.service"]
+    assert ("-tlsCertFile" in written["centre/robot-health-victoria-metrics.service"]) == (scheme == "https")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "centre:9090",
+        "https://centre:9090",
+        "https://centre:9090/",
+        "ftp://centre/write",
+        "https://robots:secret@centre/write",
+        "https://centre:70000/write",
+        "https://centre/write?a=b",
+        "https://centre/%n",
+        "https://centre/a b",
+        "https://centre/write\nUser=root",
+    ],
+)
+def test_a_receiver_that_is_no_full_url_or_has_a_password_is_refused(url: str) -> None:
+    with pytest.raises(ConfigError, match="expected the URL of a receiver in full") as caught:
+        require_receiver(url)
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("address", ["", "host", "host:0", "host:70000", 'a"b:1', "host:1\n"])
+def test_a_monitor_that_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(ConfigError, match="expected host:port of a monitor"):
+        require_address(address)
+
+
+def test_a_silence_shorter_than_four_intervals_is_refused() -> None:
+    with pytest.raises(ConfigError, match="at least 4 intervals"):
+        files(silent_after_s=59.0)

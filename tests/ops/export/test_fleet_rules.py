@@ -1,0 +1,119 @@
+"""The rules of a fleet, judged by promtool: silent robots, and robots that are no longer part of it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any, List, Mapping, Sequence, Tuple
+
+from harness.promtool import needs_promtool, promtool
+
+from robot_health_monitor.core import load_config
+from robot_health_monitor.ops.export.fleet_rules import Judged, export_fleet_rules
+
+BATTERY = {"battery_level": {"unit": "%", "warn_below": 20.0, "error_below": 10.0, "stale_after_s": 60.0}}
+TICK = 'robot_health_last_tick_timestamp_seconds{{robot="{}", instance="127.0.0.1:9090"}}'
+
+
+def silent(robot: str, text: str) -> Mapping[str, Any]:
+    return {
+        "exp_labels": {"robot": robot, "signal": "monitor", "level": "ERROR", "severity": "critical"},
+        "exp_annotations": {"summary": f"{robot}: monitor ERROR: has not reported for {text}"},
+    }
+
+
+def findings(
+    folder: Path, rules: str, series: Mapping[str, str], expected: Sequence[Tuple[str, List[Mapping[str, Any]]]]
+) -> str:
+    """Returns what promtool reports; empty if the alerts at these times are as expected. Values are a minute apart."""
+    (folder / "rules.yaml").write_text(rules)
+    test = {
+        "interval": "1m",
+        "input_series": [{"series": name, "values": values} for name, values in series.items()],
+        "alert_rule_test": [
+            {"eval_time": time, "alertname": "RobotHealth", "exp_alerts": alerts} for time, alerts in expected
+        ],
+    }
+    (folder / "test.yaml").write_text(
+        json.dumps({"rule_files": ["rules.yaml"], "evaluation_interval": "1m", "tests": [test]})
+    )
+    return promtool(folder, "test", "rules", "test.yaml")
+
+
+def rules(expected: Any = None, **judged: Any) -> str:
+    groups = [Judged("robot_health", load_config({"signals": BATTERY}), ())]
+    return export_fleet_rules(groups, expected, interval_s=15.0, silent_after_s=900.0).text
+
+
+@needs_promtool
+def test_a_robot_is_an_alert_once_it_was_silent_for_longer_than_allowed_and_for_24_h_after_it_reported(
+    tmp_path: Path,
+) -> None:
+    """By hand: last tick at 10 min; 16 min later it is pending, and one evaluation later firing."""
+    series = {TICK.format("r1"): "0+60x10", TICK.format("r2"): "0+60x1500"}
+    expected = [
+        ("26m", []),
+        ("27m", [silent("r1", "17m 0s")]),
+        ("24h9m", [silent("r1", "23h 59m 0s")]),
+        ("24h10m", []),
+    ]
+
+    assert findings(tmp_path, rules(), series, expected) == ""
+
+
+@needs_promtool
+def test_with_a_fleet_file_a_robot_must_report_and_one_that_left_it_is_no_alert(tmp_path: Path) -> None:
+    series = {TICK.format("r1"): "0+60x10", TICK.format("left"): "0+60x10", TICK.format("r2"): "0+60x1600"}
+    never = silent("never", "more than 15 min")
+    expected = [
+        ("5m", []),
+        ("16m", [never]),
+        ("27m", [silent("r1", "17m 0s"), never]),
+        ("26h", [silent("r1", "1d 1h 50m 0s"), never]),
+    ]
+
+    assert findings(tmp_path, rules(["r1", "r2", "never"]), series, expected) == ""
+
+
+@needs_promtool
+def test_a_robot_that_reports_again_ends_its_alert_at_once(tmp_path: Path) -> None:
+    series = {TICK.format("r1"): "0+60x10 " + "_ " * 29 + "2400+60x10"}
+
+    assert findings(tmp_path, rules(), series, [("39m", [silent("r1", "29m 0s")]), ("41m", [])]) == ""
+
+
+@needs_promtool
+def test_a_monitor_that_hangs_while_its_metrics_are_still_served_has_not_reported(tmp_path: Path) -> None:
+    series = {TICK.format("r1"): "0+60x10 600x30"}
+
+    assert findings(tmp_path, rules(), series, [("26m", []), ("27m", [silent("r1", "17m 0s")])]) == ""
+
+
+@needs_promtool
+def test_robots_with_different_thresholds_are_judged_by_their_own(tmp_path: Path) -> None:
+    low = {"battery_level": {**BATTERY["battery_level"], "warn_below": 15.0}}
+    groups = [
+        Judged("robot_health 1", load_config({"signals": BATTERY}), ["r1", "r.2"]),
+        Judged("robot_health 2", load_config({"signals": low}), ["r3"]),
+    ]
+    text = export_fleet_rules(groups, ["r1", "r.2", "r3"], interval_s=15.0, silent_after_s=900.0).text
+    names = ("r1", "r.2", "r3", "rx2")
+    series = {f'robot_health_value{{robot="{name}", signal="battery_level"}}': "17x20" for name in names}
+    series.update({TICK.format(name): "0+60x20" for name in names})
+    warn = [
+        {
+            "exp_labels": {"robot": name, "signal": "battery_level", "level": "WARN", "severity": "warning"},
+            "exp_annotations": {"summary": f"{name}: battery_level WARN: 17 % is below 20 %"},
+        }
+        for name in ("r1", "r.2")
+    ]
+
+    assert findings(tmp_path, text, series, [("10m", warn)]) == ""
+    assert promtool(tmp_path, "check", "rules", "rules.yaml") == ""
+
+
+def test_no_rule_depends_on_the_address_of_a_robot() -> None:
+    for text in (rules(), rules(["r1"])):
+        words = set(re.findall(r"\w+", text.split("groups:")[1]))
+        assert not words & {"instance", "job", "up"}
