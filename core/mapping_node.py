@@ -119,16 +119,15 @@ class RawSubscription:
         self.callback: Callback = lambda item, now_s: callback(item[0], now_s, item[1])
         self._node = node
         self._type_name = type_name
-        self._format: Optional[RawFormat] = None
         self._has_failed = False
 
     def deliver(self, message: Message) -> None:
-        """Passes a message as JSON to the node, with its format."""
-        if self._format is None:
-            type_name = self._type_name or self._node.type_of(self.topic)
-            self._format = json_format(type_name, definition(type_name))
+        """Passes a message as JSON to the node, with its format, once this is known."""
+        found = self._node.raw_format_of(self.topic, self._type_name)
+        if found is None or found.message_encoding != "json":
+            return
         try:
-            item = json_bytes(message), self._format
+            item = json_bytes(message), found
         except (MessageError, TypeError, ValueError, RecursionError) as error:
             if not self._has_failed:
                 self._has_failed = True
@@ -259,6 +258,11 @@ class MappingNode(abc.ABC):
     def type_of(self, topic: str) -> str:
         """Returns the type of a topic by its resolved name, empty if it is not known."""
         return ""
+
+    def raw_format_of(self, topic: str, type_name: str) -> Optional[RawFormat]:
+        """Returns the format of a topic's messages as they are captured; None if it is not known yet."""
+        type_name = type_name or self.type_of(topic)
+        return json_format(type_name, definition(type_name))
 
     def resolve(self, name: str) -> str:
         """Returns the absolute name that a name stands for, after remapping."""

@@ -10,11 +10,14 @@ import base64
 import functools
 import json
 import math
-from typing import Any, Dict, Mapping, Sequence
+from typing import Any, Dict, Mapping, Optional, Sequence
 
-from .definitions import ROS1_KINDS, TEXTS, Definitions, Field, parse_msg
+from .definitions import ROS1_KINDS, SEQUENCE, TEXTS, Definitions, Field, parse_definition, parse_msg
+from .dialect import FieldType
 from .errors import MessageError
+from .fixed_fields import Getter
 from .middleware import Message, RawFormat, canonical_type
+from .serialized_statuses import serialized_getter
 
 _MOST_PROPERTIES = 5_000
 """Properties of a schema. A definition of a few lines can describe millions; the rest is left open."""
@@ -24,11 +27,13 @@ _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _STAMP = {"type": "object", "properties": {name: {"type": "integer"} for name in ("secs", "nsecs")}}
 
 
+@functools.lru_cache(maxsize=1000)
 def ros1_format(type_name: str, definition: str) -> RawFormat:
     """Returns the format of serialized messages of ROS 1."""
     return RawFormat("ros1", canonical_type(type_name), "ros1msg", definition, "ros1")
 
 
+@functools.lru_cache(maxsize=1000)
 def ros2_format(type_name: str, definition: str) -> RawFormat:
     """Returns the format of serialized messages of ROS 2, whose definition is in .msg."""
     return RawFormat("cdr", "/msg/".join(canonical_type(type_name).split("/")), "ros2msg", definition, "ros2")
@@ -47,6 +52,24 @@ def json_format(type_name: str, definition: str) -> RawFormat:
         definitions = {}
     schema = {"title": root, **_Schemas(definitions).of_type(root, 0)}
     return RawFormat("json", root, "jsonschema", json.dumps(schema, separators=(",", ":")), "")
+
+
+def bytes_getter(raw_format: RawFormat, field: str) -> Optional[Getter]:
+    """Returns a getter of a field from serialized messages; None if it cannot be read from their bytes alone."""
+    is_cdr = raw_format.message_encoding == "cdr"
+    root = canonical_type(raw_format.schema_name)
+    try:
+        definitions = parse_definition(root, raw_format.schema, "msg", "uint8" if is_cdr else "int8")
+        return serialized_getter(functools.partial(_field_types, definitions), root, field, is_cdr=is_cdr)
+    except (ValueError, KeyError):
+        return None
+
+
+def _field_types(definitions: Definitions, type_name: str) -> Mapping[str, FieldType]:
+    return {
+        name: FieldType(kind, kind, kind if "/" in kind else None, size is not None, None if size == SEQUENCE else size)
+        for name, kind, size in definitions[type_name].fields
+    }
 
 
 def json_bytes(message: Message) -> bytes:

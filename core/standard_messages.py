@@ -253,6 +253,7 @@ def is_stamped(type_name: str) -> bool:
     return bool(known) and messages.is_stamped(known)
 
 
+@functools.lru_cache(maxsize=1000)
 def definition(type_name: str) -> str:
     """Returns a type's definition and those of the types it contains, as from `gendeps --cat`; empty if unknown."""
     texts, names, parts = {**MESSAGES, **_ROSGRAPH}, [canonical_type(type_name)], []

@@ -36,7 +36,7 @@ from robot_health_monitor.runtime.log_limit import LimitedLog
 
 from ..address import host_and_port, shown_address
 from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Connection, Limits, Operation, ProtocolError, Wire, operations
-from ..protocol.codec import HEAD_BYTES, decode, topic_of_message
+from ..protocol.codec import HEAD_BYTES, decode, serialized_publication, topic_of_message
 from ..sockets import FloodError, Incoming, ignore_result, within
 from .cause import UP, Cause, cause_of_close, cause_of_error
 from .services import ServiceCalls
@@ -285,6 +285,8 @@ class ServerConnection:
             except FloodError:
                 return _FLOODED
             kind = message.type
+            if kind is aiohttp.WSMsgType.BINARY and self._receive_serialized(message.data):
+                continue
             if kind is aiohttp.WSMsgType.BINARY and len(message.data) > _LARGE_CBOR_BYTES:
                 await self._receive_large(message.data, incoming.received_s)
             elif kind in _MESSAGES:
@@ -330,6 +332,13 @@ class ServerConnection:
         except Exception as error:  # one message must not end the connection
             text = f"a message from {self.address} was not processed: {_text(error)}"
             self._log.write("failed", Severity.ERROR, text)
+
+    def _receive_serialized(self, data: bytes) -> bool:
+        """Passes a serialized message on; returns False if it is none."""
+        found = serialized_publication(data) if self.subscriptions.has_bytes else None
+        if found is not None:
+            self.subscriptions.deliver_bytes(*found)
+        return found is not None
 
     def _receive_undecoded(self, data: Wire) -> bool:
         """Counts the arrival of a large message; returns False if it has to be decoded."""

@@ -8,14 +8,21 @@ import contextlib
 import math
 import ssl
 import time
-from typing import Any, Callable, Coroutine, List, Mapping, Optional, TypeVar, Union
+from typing import Any, Callable, Coroutine, List, Mapping, Optional, TypeVar
 
 from robot_health_monitor.core.errors import ConfigError, LinkError, ServiceError
 from robot_health_monitor.core.hints import Answer
 from robot_health_monitor.core.local import LogLine
-from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode, MappingSubscription, RawSubscription
-from robot_health_monitor.core.middleware import Callback, Message, Middleware, RawCallback, Severity, split_type_name
-from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE, MappingNode
+from robot_health_monitor.core.middleware import (
+    Callback,
+    Message,
+    Middleware,
+    RawCallback,
+    RawFormat,
+    Severity,
+    split_type_name,
+)
 from robot_health_monitor.core.standard_messages import check_type, complete
 from robot_health_monitor.core.timers import ClockTimer
 
@@ -23,6 +30,7 @@ from ..protocol import DEFAULT_LIMITS, Limits
 from ..protocol.operations import Publish
 from .cause import Cause
 from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
+from .receivers import CaptureReceiver, ClockReceiver, FieldReceiver, Receiver
 from .services import Call, PublisherLookup
 from .topics import list_topics
 
@@ -168,59 +176,6 @@ class RosbridgeClient:
             self.log(Severity.WARN, f"no connection to {self.connection.address}: {cause.text}")
 
 
-class _Subscription(MappingSubscription):
-    """One node's subscription to one field of a topic; a `Receiver` of the connection."""
-
-    null_is_nan = True
-
-    def __init__(
-        self, node: RosbridgeMiddleware, topic: str, type_name: str, field: Optional[str], callback: Callback
-    ) -> None:
-        super().__init__(node, topic, type_name, field, callback)
-        self.arrivals_only = field is None
-        self._faults = node.faults
-        self._limit_mb = node.limits.message_bytes / 1e6
-        self._is_dropping = False
-        self.dropped = 0
-        """Messages that were too large to be read."""
-
-    def deliver(self, message: Message) -> None:
-        """Reads the field and passes its value on."""
-        if self._is_dropping:
-            self._is_dropping = False
-            self._faults.clear(self._part())
-        MappingSubscription.deliver(self, message)
-
-    def too_large(self, size_bytes: int) -> None:
-        """Reports a dropped message as a fault, which ends with the next message that can be read."""
-        self._is_dropping = True
-        self.dropped += 1
-        text = f"dropped {self.dropped} messages, the last of {size_bytes / 1e6:.1f} MB (limit {self._limit_mb:.1f} MB)"
-        self._faults.report(self._part(), text, Level.WARN)
-
-    def end(self) -> None:
-        """Ends the subscription and its fault."""
-        self.active = False
-        if self._is_dropping:
-            self._faults.clear(self._part())
-
-    def _part(self) -> str:
-        return f"topic {self.topic}"
-
-
-class _RawSubscription(RawSubscription):
-    """One node's subscription to the messages of a topic as JSON; a `Receiver` of the connection."""
-
-    arrivals_only = False
-
-    def too_large(self, size_bytes: int) -> None:
-        """Does nothing."""
-
-    def end(self) -> None:
-        """Ends the subscription."""
-        self.active = False
-
-
 class RosbridgeMiddleware(MappingNode):
     """One node for a robot behind rosbridge; implements `core.middleware.Middleware`."""
 
@@ -240,10 +195,10 @@ class RosbridgeMiddleware(MappingNode):
         self._connection = client.connection
         self._outputs = outputs
         self._services: List[str] = []
-        self._subscriptions: List[Union[_Subscription, _RawSubscription]] = []
+        self._subscriptions: List[Receiver] = []
         self._wake: Optional[asyncio.TimerHandle] = None
         self._on_first_clock: List[Callable[[], None]] = []
-        self._clock_receiver = _ClockReceiver(self)
+        self._clock_receiver = ClockReceiver(self)
         if use_sim_time:
             self._connection.subscriptions.add(CLOCK, CLOCK_TYPE, self._clock_receiver)
 
@@ -255,7 +210,7 @@ class RosbridgeMiddleware(MappingNode):
     @property
     def dropped(self) -> int:
         """Messages of current subscriptions that were too large to be read."""
-        return sum(each.dropped for each in tuple(self._subscriptions) if isinstance(each, _Subscription))
+        return sum(receiver.dropped for receiver in tuple(self._subscriptions))
 
     def advertise(self, topic: str, type_name: str, *, latched: bool = False) -> str:
         if self._outputs is not None:
@@ -286,19 +241,22 @@ class RosbridgeMiddleware(MappingNode):
 
     def subscribe(
         self, topic: str, type_name: str, callback: Callback, *, field: Optional[str] = "", latched: bool = False
-    ) -> _Subscription:
-        subscription = _Subscription(self, self.resolve(topic), type_name, field, callback)
+    ) -> FieldReceiver:
+        subscription = FieldReceiver(self, self.limits.message_bytes, self.resolve(topic), type_name, field, callback)
         with self._lock:
             self._subscriptions.append(subscription)
             self._connection.subscriptions.add(subscription.topic, type_name, subscription)
         return subscription
 
-    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> _RawSubscription:
-        subscription = _RawSubscription(self, self.resolve(topic), type_name, callback)
+    def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> CaptureReceiver:
+        subscription = CaptureReceiver(self, self.limits.message_bytes, self.resolve(topic), type_name, callback)
         with self._lock:
             self._subscriptions.append(subscription)
             self._connection.subscriptions.add(subscription.topic, type_name, subscription)
         return subscription
+
+    def raw_format_of(self, topic: str, type_name: str) -> Optional[RawFormat]:
+        return self._connection.subscriptions.formats.get(topic)
 
     def topic_types(self) -> Mapping[str, str]:
         return {each.topic: each.type_name for each in self._client.run_and_wait(list_topics)}
@@ -388,18 +346,3 @@ class RosbridgeMiddleware(MappingNode):
         self._wake = None
         self.run_steady_timers()
         self.arm()
-
-
-class _ClockReceiver:
-    """Receives /clock for one node."""
-
-    arrivals_only = False
-
-    def __init__(self, node: RosbridgeMiddleware) -> None:
-        self._node = node
-
-    def deliver(self, message: Message) -> None:
-        self._node.take_clock(message)
-
-    def too_large(self, size_bytes: int) -> None:
-        """Does nothing: no message of this type is that large."""

@@ -6,25 +6,44 @@ Several receivers of one topic share one subscription at the server.
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import functools
 import threading
 from typing import Any, Callable, Dict, Mapping, Optional, Protocol, Set, Tuple
 
 from robot_health_monitor.core.errors import LinkError, ServiceError
-from robot_health_monitor.core.middleware import canonical_type
+from robot_health_monitor.core.middleware import RawFormat, canonical_type
+from robot_health_monitor.core.raw_messages import json_format, ros1_format, ros2_format
 
 from ..protocol import Operation, operations
 from .services import Call
+from .topics import find_definition
 
+_OWN = "cbor"
+"""The compression by which this project's server is known."""
+_SERIALIZED = "cbor-raw"
 _TYPE_PERIOD_S = 1.0
 _TYPE_TIMEOUT_S = 5.0
+_MOST_ASKED = 20
+"""Topics whose format the server is asked for at the same time."""
 
 
 class Receiver(Protocol):
     """Receives the messages of one topic, in the event loop."""
 
     @property
+    def needs_format(self) -> bool:
+        """True if the format of the messages has to be found out."""
+
+    @property
     def arrivals_only(self) -> bool:
         """True if the messages need not be decoded: only their arrival counts."""
+
+    def takes_bytes(self, raw_format: RawFormat) -> bool:
+        """Prepares for serialized messages of a format; returns False if it needs decoded ones."""
+
+    def deliver_bytes(self, data: bytes) -> None:
+        """Called with every serialized message, if all receivers of the topic take them."""
 
     def deliver(self, message: Mapping[str, Any]) -> None:
         """Called with every message; with an empty one if `arrivals_only` and the message was not decoded."""
@@ -44,8 +63,19 @@ class Subscriptions:
         self._compression = "none"
         self._types: Dict[str, str] = {}
         self._receivers: Dict[str, Tuple[Receiver, ...]] = {}
+        self._wake: Callable[[], None] = _nothing
         self._untyped: Set[str] = set()
         """Topics not advertised yet, whose type is unknown: most servers refuse a subscription without a type."""
+        self.formats: Dict[str, RawFormat] = {}
+        """The format in which the messages are captured, by topic, as far as it is needed and known."""
+        self._definitions: Dict[str, Tuple[str, str]] = {}
+        """Type, as the server spells it, and definition of the topics in `formats`."""
+        self._sent: Dict[str, str] = {}
+        """The compression of each subscription that was sent on this connection."""
+        self.has_bytes = False
+        """Whether serialized messages may arrive on this connection."""
+        self._undefined: Dict[str, None] = {}
+        """Topics whose format is needed, and not known on this connection; those asked for longest ago come first."""
 
     def add(self, topic: str, type_name: str, receiver: Receiver) -> None:
         """Subscribes; the type may be empty: the server is then asked for it."""
@@ -55,6 +85,10 @@ class Subscriptions:
             if first or (type_name and not self._types[topic]):
                 self._types[topic] = canonical_type(type_name)
                 self._send_subscribe(topic)
+            if receiver.needs_format and topic not in self._definitions:
+                self._undefined[topic] = None
+                self._wake()
+            self._choose_format(topic)
 
     def remove(self, topic: str, receiver: Receiver) -> None:
         """Ends one `add`."""
@@ -62,23 +96,40 @@ class Subscriptions:
             left = tuple(other for other in self._receivers.get(topic, ()) if other is not receiver)
             if left:
                 self._receivers[topic] = left
+                self._choose_format(topic)
             elif self._receivers.pop(topic, None) is not None:
                 del self._types[topic]
                 self._untyped.discard(topic)
+                for known in (self._undefined, self._definitions, self.formats, self._sent):
+                    known.pop(topic, None)
                 self._send(operations.Unsubscribe(topic, _subscription_id(topic)))
 
     def send_all(self, compression: str) -> None:
         """Sends every subscription, on a new connection: with `cbor` to this project's server, else with `none`."""
         with self._lock:
             self._compression = compression
-            for topic in self._types:
+            self._sent.clear()
+            self.has_bytes = False
+            self._definitions.clear()
+            if compression == _OWN:
+                self.formats.clear()
+            for topic, receivers in self._receivers.items():
                 self._send_subscribe(topic)
+                if any(receiver.needs_format for receiver in receivers):
+                    self._undefined[topic] = None
+            self._wake()
 
     def deliver(self, topic: str, message: Mapping[str, Any]) -> None:
         """Passes a message on to its receivers."""
         self._untyped.discard(topic)
         for receiver in self._receivers.get(topic, ()):
             receiver.deliver(message)
+
+    def deliver_bytes(self, topic: str, data: bytes) -> None:
+        """Passes a serialized message on to its receivers, unless these have just asked for decoded ones."""
+        if self._sent.get(topic) == _SERIALIZED:
+            for receiver in self._receivers.get(topic, ()):
+                receiver.deliver_bytes(data)
 
     def deliver_undecoded(self, topic: str, size_bytes: int) -> None:
         """Passes on the arrival of a message that was not decoded."""
@@ -94,21 +145,48 @@ class Subscriptions:
         return all(receiver.arrivals_only for receiver in self._receivers.get(topic, ()))
 
     async def find_types(self) -> None:
-        """Asks the server for the types of topics subscribed to without one. Runs until it is cancelled."""
+        """Asks the server for the types and formats of topics that lack them. Runs until it is cancelled."""
+        woken = asyncio.Event()
+        self._wake = functools.partial(_set_threadsafe, asyncio.get_event_loop(), woken)
         while True:
-            await asyncio.sleep(_TYPE_PERIOD_S)
-            if self._untyped:
-                topics = tuple(self._untyped)
-                await asyncio.gather(*(self._find_type(topic) for topic in topics), return_exceptions=True)
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(woken.wait(), _TYPE_PERIOD_S)
+            woken.clear()
+            untyped, undefined = tuple(self._untyped), tuple(self._undefined)[:_MOST_ASKED]
+            asking = [*map(self._find_type, untyped), *map(self._find_format, undefined)]
+            await asyncio.gather(*asking, return_exceptions=True)
 
     def _send_subscribe(self, topic: str) -> None:
         type_name = self._types[topic]
-        if not type_name and self._compression != "cbor":
+        if not type_name and self._compression != _OWN:
             # Only this project's server accepts a topic that does not exist yet without a type.
             self._untyped.add(topic)
             return
         self._untyped.discard(topic)
-        self._send(operations.Subscribe(topic, type_name, _subscription_id(topic), compression=self._compression))
+        raw_format = self.formats.get(topic)
+        is_raw = topic in self._definitions and raw_format is not None and bool(raw_format.profile)
+        self.has_bytes = self.has_bytes or is_raw
+        compression = self._sent[topic] = _SERIALIZED if is_raw else self._compression
+        self._send(operations.Subscribe(topic, type_name, _subscription_id(topic), compression=compression))
+
+    def _choose_format(self, topic: str) -> None:
+        """Chooses the format in which a topic is captured, and subscribes again if it is transported otherwise.
+
+        Bytes only from this project's server: rosbridge_suite has one subscription for all its clients, and while one
+        of them receives bytes, the others receive nothing (RobotWebTools/rosbridge_suite#610).
+        """
+        receivers = self._receivers[topic]
+        if topic not in self._definitions or not any(receiver.needs_format for receiver in receivers):
+            return
+        type_name, definition = self._definitions[topic]
+        found = json_format(type_name, definition)
+        if definition and self._compression == _OWN:
+            raw = (ros2_format if "/msg/" in type_name else ros1_format)(type_name, definition)
+            if all(receiver.takes_bytes(raw) for receiver in receivers):
+                found = raw
+        self.formats[topic] = found
+        if (_SERIALIZED if found.profile else self._compression) != self._sent.get(topic):
+            self._send_subscribe(topic)
 
     async def _find_type(self, topic: str) -> None:
         found: Optional[object] = None
@@ -123,6 +201,38 @@ class Subscriptions:
             if isinstance(found, str) and found and topic in self._untyped:
                 self._types[topic] = canonical_type(found)
                 self._send_subscribe(topic)
+
+    async def _find_format(self, topic: str) -> None:
+        type_name = self._types.get(topic, "")
+        definition = ""
+        try:
+            answer = await self._call("/rosapi/topic_type", {"topic": topic}, _TYPE_TIMEOUT_S)
+            type_name = str(answer.get("type") or "") or type_name
+            if type_name:
+                definition = await find_definition(self._call, type_name)
+        except LinkError:
+            return
+        except ServiceError:
+            pass  # a server without rosapi, or one that does not know the type
+        with self._lock:
+            if topic not in self._undefined:
+                return  # no longer needed
+            del self._undefined[topic]
+            if type_name:
+                self._definitions[topic] = type_name, definition
+                self._types[topic] = self._types[topic] or canonical_type(type_name)
+                self._choose_format(topic)
+            else:
+                self._undefined[topic] = None
+
+
+def _set_threadsafe(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
+    with contextlib.suppress(RuntimeError):  # the loop has ended
+        loop.call_soon_threadsafe(event.set)
+
+
+def _nothing() -> None:
+    """Wakes nothing."""
 
 
 def _subscription_id(topic: str) -> str:

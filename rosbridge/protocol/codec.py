@@ -232,6 +232,19 @@ class _CborDecoder:
             raise ProtocolError("a key is not a string")
         return self._text(length)
 
+    def serialized(self) -> Optional[bytes]:
+        """Reads a map of `secs`, `nsecs` and `bytes`; returns the bytes, None for another map."""
+        if self.head() != (_MAP, 3):
+            return None
+        data = None
+        for _ in range(3):
+            name, (kind, argument) = self.key(), self.head()
+            if name == "bytes" and kind == _BYTES:
+                data = self._take(argument)
+            elif name not in ("secs", "nsecs") or kind != _UNSIGNED:
+                return None
+        return data
+
     def _container(self, kind: int, length: int, levels: int) -> Any:
         if levels == 0:
             raise ProtocolError(f"nested more than {self._nesting} levels deep")
@@ -313,6 +326,23 @@ def _members_of_cbor(data: bytes) -> Iterator[Tuple[str, str]]:
             return
         while True:
             yield decoder.key(), decoder.key()
+
+
+def serialized_publication(data: bytes) -> Optional[Tuple[str, bytes]]:
+    """Returns topic and bytes of a message of the compression `cbor-raw`, of any size; None: another message."""
+    decoder = _CborDecoder(data, DEFAULT_LIMITS)
+    found: Dict[str, Any] = {}
+    try:
+        if decoder.head() != (_MAP, 3):
+            return None
+        for _ in range(3):
+            name = decoder.key()
+            found[name] = decoder.serialized() if name == "msg" else decoder.key()
+    except ProtocolError:
+        return None
+    if found.keys() != {"op", "topic", "msg"} or found["op"] != "publish" or found["msg"] is None:
+        return None
+    return found["topic"], found["msg"]
 
 
 _BYTES_PER_PIXEL = 3

@@ -6,10 +6,11 @@ types that this package publishes, so that `robot-health run` also serves client
 
 from __future__ import annotations
 
+import base64
 import struct
 from typing import Any, Callable, List, Mapping, Optional, Set
 
-from robot_health_monitor.core.definitions import NUMBERS, ROS1_KINDS, Definitions, parse_msg
+from robot_health_monitor.core.definitions import NUMBERS, ROS1_KINDS, Definitions, Field, parse_msg
 from robot_health_monitor.core.errors import MessageError
 from robot_health_monitor.core.middleware import canonical_type
 from robot_health_monitor.core.standard_messages import SERVICES, definition
@@ -122,12 +123,27 @@ def _write_message(definitions: Definitions, type_name: str, message: Mapping[st
             continue
         length = max(field.size, 0)
         values = value or [None] * length
+        if isinstance(values, str):
+            values = _bytes_of(field, values)
         if length and len(values) != length:
             raise MessageError(f"{field.name}: expected {length} values, got {len(values)}")
         if not length:
             parts.append(struct.pack("<I", len(values)))
+        if isinstance(values, bytes):
+            parts.append(values)
+            continue
         for item in values:
             _write_value(definitions, field.kind, item, parts)
+
+
+def _bytes_of(field: Field, text: str) -> bytes:
+    """Returns a byte array, which is base64 text in rosbridge's form."""
+    if _LETTERS.get(field.kind) != "B":
+        raise MessageError(f"{field.name}: expected a list, got text")
+    try:
+        return base64.b64decode(text, validate=True)
+    except ValueError as error:
+        raise MessageError(f"{field.name}: expected base64 text: {error}") from None
 
 
 def _write_value(definitions: Definitions, kind: str, value: Any, parts: List[bytes]) -> None:

@@ -155,6 +155,11 @@ class Topic:
         self._queues: Dict[Encoding, EncodingQueue[Receiver]] = {}
         self._dropped = 0
 
+    def set_type(self, type_name: str, serialize: Optional[Serializer]) -> None:
+        """Sets the type and what makes raw bytes of a message, of a topic whose type was not known."""
+        self.type_name = type_name
+        self._serialize = serialize
+
     @property
     def compressions(self) -> Sequence[str]:
         """The compressions that clients have requested."""

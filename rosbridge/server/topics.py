@@ -15,6 +15,7 @@ from robot_health_monitor.runtime.event_loops import ThreadPool
 from ..protocol import Id, Limits, ProtocolError
 from ..protocol.definitions import null_reader, serializer
 from .access import Access
+from .sending import Serializer
 from .served_node import ROSOUT, ROSOUT_TYPE, ServedNode
 from .topic import Options, Receiver, Topic
 
@@ -75,6 +76,8 @@ class Topics:
                 subscribed = self._topics.setdefault(topic, _Subscribed(await self._create(topic, type_name)))
             elif options is not None:
                 _require_same_type(topic, subscribed.topic.type_name, type_name)
+                if type_name and not subscribed.topic.type_name:
+                    subscribed.topic.set_type(type_name, await self._serializer(type_name))
             async with subscribed.lock:
                 if self._topics.get(topic) is subscribed:
                     await self._set_options(subscribed, receiver, options)
@@ -86,10 +89,16 @@ class Topics:
             known = await self._node.topic_type(name)
             _require_same_type(name, known, type_name)
             type_name = known or type_name
-            text = await self._node.message_definition(type_name)
         except ServiceError as error:
             raise ProtocolError(str(error), "subscribe") from None
-        return Topic(name, type_name, serializer(type_name, text), self._encoder, self._log, self._limits)
+        serialize = await self._serializer(type_name)
+        return Topic(name, type_name, serialize, self._encoder, self._log, self._limits)
+
+    async def _serializer(self, type_name: str) -> Optional[Serializer]:
+        try:
+            return serializer(type_name, await self._node.message_definition(type_name))
+        except ServiceError as error:
+            raise ProtocolError(str(error), "subscribe") from None
 
     async def _set_options(self, subscribed: _Subscribed, receiver: Receiver, options: Optional[Options]) -> None:
         topic = subscribed.topic
@@ -111,6 +120,7 @@ class Topics:
             return
         needed = set(topic.compressions)
         if "cbor-raw" in needed and subscribed.raw is None and self._node.threads:
+            topic.native_raw = True  # until it has subscribed, nothing is serialized in its place, as ROS 1 does
             try:
                 take = self._node.hand_over(topic.deliver_raw)
                 subscribed.raw = await self._node.call(
@@ -119,7 +129,6 @@ class Topics:
                     topic.type_name,
                     lambda data, now_s, raw_format: take(data, now_s),
                 )
-                topic.native_raw = True
             except ConfigError:
                 topic.native_raw = False
         if topic.native_raw:

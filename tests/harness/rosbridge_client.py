@@ -81,6 +81,8 @@ class ForeignServer:
         self.sockets: List[web.WebSocketResponse] = []
         self.requests: List[web.Request] = []
         self.types: Dict[str, str] = {}
+        self.details: Dict[str, Any] = {}
+        """The definitions of each type, as `rosapi_msgs/TypeDef`."""
         self.rosapi = True
         self.on_connect: Optional[Callable[[web.WebSocketResponse], Awaitable[None]]] = None
         """What to do with a new connection before reading from it."""
@@ -118,7 +120,10 @@ class ForeignServer:
                     failure = {"op": "service_response", "id": fields["id"], "service": "s", "values": "not there"}
                     await socket.send_json({**failure, "result": False})
                 elif fields["op"] == "call_service":
-                    values = {"type": self.types.get(fields["args"].get("topic", ""), "")}
+                    asked = fields["args"]
+                    values = {"type": self.types.get(asked.get("topic", ""), "")}
+                    if fields["service"] == "/rosapi/message_details":
+                        values = {"typedefs": self.details.get(asked["type"], [])}
                     await socket.send_json(
                         {"op": "service_response", "id": fields["id"], "service": "s", "values": values, "result": True}
                     )

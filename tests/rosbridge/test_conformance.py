@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 from harness.port_conformance import PortConformance
+from harness.raw_conformance import RawConformance
 
 
-class TestRosbridge(PortConformance):
+class TestRosbridge(RawConformance, PortConformance):
     @pytest.fixture
     def harness(self) -> Any:
         from harness.rosbridge import RosbridgeHarness

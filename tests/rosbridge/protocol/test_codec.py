@@ -23,6 +23,7 @@ from robot_health_monitor.rosbridge.protocol.codec import (
     encode_json_with_nan,
     encode_large_json,
     encode_png,
+    serialized_publication,
     topic_of_message,
 )
 from robot_health_monitor.rosbridge.protocol.limits import Limits, ProtocolError
@@ -306,3 +307,31 @@ def test_the_image_contains_the_text_and_line_feeds_at_its_end(text: str) -> Non
 @pytest.mark.parametrize("length", [0, 1, 2, 3, 299, 300, 301, 1_000_000])
 def test_every_length_fits(length: int) -> None:
     assert decode_png(encode_png("x" * length)) == "x" * length
+
+
+def test_serialized_messages_are_taken_from_cbor_without_base64() -> None:
+    data = bytes(range(256)) * 8
+    message = {"op": "publish", "topic": "/in", "msg": {"secs": 1, "nsecs": 2, "bytes": data}}
+    wire = cbor2.dumps(message)
+    assert serialized_publication(wire) == ("/in", data)
+    assert serialized_publication(cbor2.dumps(dict(reversed(list(message.items()))))) == ("/in", data)
+    assert [serialized_publication(wire[:length]) for length in range(len(wire))] == [None] * len(wire)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"op": "publish", "topic": "/in", "msg": {"data": 1.0}},
+        {"op": "publish", "topic": "/in", "msg": {"secs": 1, "nsecs": 2, "bytes": "text"}},
+        {"op": "publish", "topic": "/in", "msg": {"secs": 1, "nsecs": -2, "bytes": b""}},
+        {"op": "publish", "topic": "/in", "msg": {"secs": 1, "secs2": 2, "bytes": b""}},
+        {"op": "publish", "topic": "/in", "msg": 3},
+        {"op": "status", "topic": "/in", "msg": {"secs": 1, "nsecs": 2, "bytes": b""}},
+        {"op": "publish", "msg": {"secs": 1, "nsecs": 2, "bytes": b""}, "id": "x"},
+        {"op": "publish", "topic": 3, "msg": {"secs": 1, "nsecs": 2, "bytes": b""}},
+        [1],
+        3,
+    ],
+)
+def test_other_messages_are_not_taken_for_serialized_ones(message: object) -> None:
+    assert serialized_publication(cbor2.dumps(message)) is None

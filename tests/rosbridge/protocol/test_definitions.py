@@ -140,3 +140,12 @@ def test_null_is_read_as_nan_in_float_fields_only() -> None:
 )
 def test_a_type_that_contains_itself_or_is_unknown_is_not_serialized(definition: str) -> None:
     assert serializer("x/Root", definition) is None
+
+
+def test_byte_arrays_are_serialized_from_base64_text() -> None:
+    serialize = serializer("x/Root", "uint8[] data\nuint8[2] pair\nint32[] numbers\n")
+    assert serialize is not None
+    assert serialize({"data": "AP8B", "pair": "AgM=", "numbers": []}) == b"\x03\0\0\0\x00\xff\x01\x02\x03" + bytes(4)
+    for wrong in ({"data": "no base64!"}, {"numbers": "AP8B"}, {"pair": "AP8B"}):
+        with pytest.raises(MessageError, match="expected"):
+            serialize(wrong)

@@ -1,0 +1,149 @@
+"""Messages that are captured over rosbridge: as bytes from this project's server, as JSON from others."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, List
+
+from harness.raw_conformance import Capture, decoded
+from harness.rosbridge_client import ForeignServer, Watched, scenario, until
+from harness.rosbridge_peer import FLOAT32, Robot, with_robot
+
+ARM = {
+    "type": "acme_msgs/Arm",
+    "fieldnames": ["torque", "name"],
+    "fieldtypes": ["float32", "string"],
+    "fieldarraylen": [0, -1],
+}
+
+
+def subscriptions(server: ForeignServer) -> List[Any]:
+    return [fields for fields in server.received if fields["op"] == "subscribe"]
+
+
+@scenario
+async def test_another_server_is_asked_for_the_definition_and_sends_json() -> None:
+    """Never bytes: rosbridge_suite would send nothing to its other clients."""
+    foreign = ForeignServer()
+    foreign.types["/arm"], foreign.details["acme_msgs/msg/Arm"] = "acme_msgs/msg/Arm", [ARM]
+    watched, capture = Watched(await foreign.start()), Capture()
+    try:
+        watched.node.subscribe_raw("/arm", "", capture)
+        await until(lambda: watched.node.raw_format_of("/arm", "") is not None)
+        await foreign.publish("/arm", {"torque": [1.5, None], "name": "left"})
+        await until(lambda: len(capture.items) == 1)
+        (data, _, raw_format) = capture.items[0]
+        assert decoded(data, raw_format) == {"torque": [1.5, None], "name": "left"}
+        assert raw_format[:3] == ("json", "acme_msgs/Arm", "jsonschema")
+        assert list(json.loads(raw_format.schema)["properties"]) == ["torque", "name"]
+        assert [fields.get("compression", "none") for fields in subscriptions(foreign)] == ["none"]
+    finally:
+        await watched.close()
+        await foreign.close()
+
+
+@scenario
+async def test_a_server_without_rosapi_is_captured_with_a_schema_that_allows_everything() -> None:
+    foreign = ForeignServer()
+    foreign.rosapi = False
+    watched, capture = Watched(await foreign.start()), Capture()
+    try:
+        watched.node.subscribe_raw("/arm", "acme_msgs/Arm", capture)
+        await until(lambda: watched.node.raw_format_of("/arm", "") is not None)
+        await foreign.publish("/arm", {"torque": 1})
+        await until(lambda: len(capture.items) == 1)
+        (data, _, raw_format) = capture.items[0]
+        assert data == b'{"torque":1}'
+        assert json.loads(raw_format.schema) == {"title": "acme_msgs/Arm", "type": "object", "properties": {}}
+    finally:
+        await watched.close()
+        await foreign.close()
+
+
+@scenario
+async def test_capture_goes_on_after_a_reconnection_and_follows_a_new_definition() -> None:
+    foreign = ForeignServer()
+    foreign.types["/arm"], foreign.details["acme_msgs/Arm"] = "acme_msgs/Arm", [ARM]
+    watched, capture = Watched(await foreign.start()), Capture()
+    try:
+        watched.node.subscribe_raw("/arm", "", capture)
+        await until(lambda: watched.node.raw_format_of("/arm", "") is not None)
+        await foreign.publish("/arm", {"torque": [], "name": "a"})
+        await until(lambda: len(capture.items) == 1)
+        foreign.details["acme_msgs/Arm"] = [{**ARM, "fieldnames": ["torque", "label"]}]
+        await foreign.sockets[-1].close()
+        await until(lambda: "label" in str(watched.node.raw_format_of("/arm", "")))
+        await foreign.publish("/arm", {"torque": [], "label": "b"})
+        await until(lambda: len(capture.items) == 2)
+        first, second = (raw_format for _, _, raw_format in capture.items)
+        assert first != second
+        assert decoded(*capture.items[1][::2]) == {"torque": [], "label": "b"}
+    finally:
+        await watched.close()
+        await foreign.close()
+
+
+@scenario
+async def test_a_message_that_is_too_large_to_be_read_is_a_fault_until_the_next() -> None:
+    foreign = ForeignServer()
+    foreign.types["/arm"], foreign.details["acme_msgs/Arm"] = "acme_msgs/Arm", [ARM]
+    watched, capture = Watched(await foreign.start()), Capture()
+    try:
+        watched.node.subscribe_raw("/arm", "", capture)
+        await until(lambda: watched.node.raw_format_of("/arm", "") is not None)
+        await foreign.publish("/arm", {"torque": [], "name": "x" * 1_100_000})
+        await until(lambda: watched.node.dropped == 1)
+        assert [fault.text for fault in watched.node.faults.current().values()] == [
+            "dropped 1 messages, the last of 1.1 MB (limit 1.0 MB)"
+        ]
+        await foreign.publish("/arm", {"torque": [], "name": "x"})
+        await until(lambda: len(capture.items) == 1)
+        assert not watched.node.faults.current()
+    finally:
+        await watched.close()
+        await foreign.close()
+
+
+@with_robot()
+async def test_this_projects_server_sends_bytes_which_are_judged_too(robot: Robot) -> None:
+    watched, capture = Watched(robot.url), Capture()
+    watched.node.subscribe("/battery_level", FLOAT32, watched.hear, field="data")
+    watched.node.subscribe_raw("/battery_level", "", capture)
+    robot.publish(0.0)
+
+    def is_captured() -> bool:
+        robot.publish(1.0)
+        return bool(capture.items)
+
+    await until(is_captured)
+    data, _, raw_format = capture.items[0]
+    assert (data, raw_format.profile, raw_format.schema) == (b"\0\0\x80?", "ros1", "float32 data\n")
+    await watched.settle()
+    watched.heard.clear()
+    capture.items.clear()
+    robot.publish(2.0, 3.0)
+    await until(lambda: watched.heard[-2:] == [2.0, 3.0] and capture.values()[-2:] == [2.0, 3.0])
+    assert {each.message_encoding for _, _, each in capture.items} == {"ros1"}
+    await watched.close()
+
+
+@with_robot()
+async def test_a_subscription_that_needs_whole_messages_makes_the_capture_json_until_it_ends(robot: Robot) -> None:
+    watched, capture = Watched(robot.url), Capture()
+    watched.node.subscribe_raw("/battery_level", FLOAT32, capture)
+
+    def arrives_as(encoding: str) -> Any:
+        def check() -> bool:
+            robot.publish(1.0)
+            return bool(capture.items) and capture.items[-1][2].message_encoding == encoding
+
+        return check
+
+    await until(arrives_as("ros1"))
+    whole = watched.node.subscribe("/battery_level", FLOAT32, watched.hear)
+    await until(arrives_as("json"))
+    await until(lambda: {"data": 1.0} in watched.heard)
+    watched.node.unsubscribe(whole)
+    await until(arrives_as("ros1"))
+    assert set(capture.values()) == {1.0}
+    await watched.close()
