@@ -56,20 +56,22 @@ def checked(
 ) -> Iterator[Tuple[Any, ...]]:
     """Yields the rows that pass the checks, one per column; skips the others. The first column identifies the row."""
     for row in rows:
-        if all(check(value) for check, value in zip(checks, row)):
-            yield tuple(row)
+        for check, value in zip(checks, row):  # not `all`, which takes twice as long
+            if not check(value):
+                skip(connection, table, row[0])
+                break
         else:
-            skip(connection, table, row[0])
+            yield tuple(row)
 
 
 def is_number(value: object) -> bool:
     """Whether a value is a finite number."""
-    return isinstance(value, (int, float)) and math.isfinite(value)
+    return isinstance(value, (float, int)) and math.isfinite(value)
 
 
 def is_time(value: object) -> bool:
     """Whether a value is a time in s since 1970 that a calendar has."""
-    return isinstance(value, (int, float)) and -LATEST_S <= value <= LATEST_S
+    return isinstance(value, (float, int)) and -LATEST_S <= value <= LATEST_S
 
 
 def is_text(value: object) -> bool:

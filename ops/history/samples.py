@@ -29,6 +29,7 @@ _COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
 _CHECKS = (
     is_text, is_text, is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level,
 )  # fmt: skip
+_LEVELS = tuple(Level)  # by their numbers
 _START = 2  # index of the column
 _OF_SIGNAL = "robot = ? AND signal = ?"
 _REPLACE = f"INSERT OR REPLACE INTO samples (robot, signal, {_COLUMNS}) VALUES ({', '.join('?' * 11)})"
@@ -106,8 +107,8 @@ SAMPLES_FIELDS = ("robot", "signal", "start", "seconds", "min", "max", "mean", "
 
 def samples_fields(samples: StoredSamples) -> Dict[str, Any]:
     """Returns samples as JSON values, for users: the begin as ISO 8601, the level by its name."""
-    values = samples._replace(start_s=iso_time(samples.start_s), level=samples.level.name)  # type: ignore[arg-type]
-    return dict(zip(SAMPLES_FIELDS, values))
+    robot, signal, start_s, *values, level = samples
+    return dict(zip(SAMPLES_FIELDS, (robot, signal, iso_time(start_s), *values, level.name)))
 
 
 def store(connection: sqlite3.Connection, samples: Iterable[StoredSamples]) -> None:
@@ -297,4 +298,5 @@ def _rows(connection: sqlite3.Connection, where: str, values: Iterable[object], 
 
 
 def _checked(connection: sqlite3.Connection, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
-    return [StoredSamples._make((*row[:-1], Level(row[-1]))) for row in checked(connection, "samples", rows, _CHECKS)]
+    found = checked(connection, "samples", rows, _CHECKS)
+    return [StoredSamples(*values, _LEVELS[level]) for *values, level in found]

@@ -1,9 +1,10 @@
-"""The soak test, `make soak`: memory, threads and files must stay flat; kill -9 must lose and repeat nothing.
+"""The soak test, `make soak`: memory, threads and files must stay flat; kill -9 must lose and repeat nothing; stored
+samples must equal the raw ones.
 
     make soak                              a thousand kills, a million samples in virtual time, ten minutes of clients,
-                                           ten minutes of a thousand alerts per second
+                                           ten minutes of a thousand alerts per second, thirty days of stored samples
     make soak ARGS="--minutes 1"           a short run
-    make soak ARGS="--samples 0 --kills 0 --storm-minutes 0 --seed 7"   only the real time part of an earlier run
+    make soak ARGS="--samples 0 --kills 0 --storm-minutes 0 --days 0 --seed 7"   only the real time part of another run
 
 Prints the figures. Exit code 1 if one of them is not flat, or a transition or latch was lost or repeated.
 """
@@ -19,7 +20,7 @@ from typing import List, Optional
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
-from soak import kill, real_time, storm, virtual_time  # noqa: E402  # found through the line above
+from soak import kill, real_time, samples, storm, virtual_time  # noqa: E402  # found through the line above
 from soak.figures import Figure, table  # noqa: E402
 
 
@@ -31,6 +32,10 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("--kills", type=int, default=1_000, help="how often a monitor with a history is killed")
     parser.add_argument("--storm-minutes", type=float, default=10.0, help="duration of the storm of alerts")
     parser.add_argument("--storm-mb", type=float, default=20.0, help="keep_mb of the history in the storm")
+    parser.add_argument(
+        "--days", type=float, default=30.0, help="days of samples that a history stores in virtual time"
+    )
+    parser.add_argument("--sample-period", type=float, default=2.0, help="time between these samples, in s")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**9))
     options = parser.parse_args(arguments)
     print(f"seed {options.seed}", flush=True)
@@ -51,6 +56,12 @@ def main(arguments: Optional[List[str]] = None) -> int:
         in_storm = storm.run(options.storm_minutes * 60.0, options.storm_mb, options.seed)
         print(table(in_storm), flush=True)
         figures += in_storm
+    if options.days:
+        differences, stored = samples.run(options.days, options.sample_period, options.seed)
+        print("\n".join([table(stored), *differences[:20]]), flush=True)
+        figures += stored
+        if differences:
+            return 1
     return 0 if all(figure.is_met for figure in figures) else 1
 
 

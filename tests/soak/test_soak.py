@@ -14,7 +14,7 @@ SOAK = Path(__file__).parent
 
 def run_soak(*options: str) -> subprocess.CompletedProcess[str]:
     """Runs the parts of the soak test for which there is an option."""
-    off = {"--minutes": "0", "--samples": "0", "--kills": "0", "--storm-minutes": "0"}
+    off = {"--minutes": "0", "--samples": "0", "--kills": "0", "--storm-minutes": "0", "--days": "0"}
     command = [sys.executable, str(SOAK), *(word for pair in off.items() for word in pair), *options]
     return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=600)
 
@@ -48,3 +48,9 @@ def test_a_storm_of_alerts_does_not_fill_the_disk() -> None:
     run = run_soak("--storm-minutes", "0.1", "--storm-mb", "5")
     assert run.returncode == 0, run.stdout
     assert "file and log" in run.stdout
+
+
+def test_stored_samples_equal_the_raw_ones_before_and_after_they_are_merged() -> None:
+    run = run_soak("--days", "2.2", "--sample-period", "60", "--seed", "22")
+    assert run.returncode == 0, run.stdout
+    assert "hours of signals in the history" in run.stdout
