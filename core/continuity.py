@@ -83,6 +83,7 @@ class Continuity:
         states = self._history.restore()
         self._saved = dict(states)
         stopped_s = self._history.watched_until_s()
+        self._offset_s = self._history.wall_s() - now_s
         self.record_samples(now_s)
         return self._monitor.restore(states, None if at_first_call else now_s, self._history.wall_s(), stopped_s)
 
@@ -105,12 +106,13 @@ class Continuity:
         monitor, wall_s = self._monitor, self._history.wall_s()
         if not monitor.signals():  # before the first call
             return
-        if wall_s // PERIOD_S != self._period:
-            self._period = wall_s // PERIOD_S
-            self._record_samples(now_s + _SAME_TIME_S, wall_s - now_s)
         if not abs(wall_s - now_s - self._offset_s) < _SAME_TIME_S:
             self._offset_s = wall_s - now_s
             self._at_rest_since_s = {}
+            self.record_samples(now_s)  # what comes belongs to other periods; simulated time comes here all the time
+        if wall_s // PERIOD_S != self._period:
+            self._period = wall_s // PERIOD_S
+            self._record_samples(now_s + _SAME_TIME_S, wall_s - now_s)
         changed: Dict[str, SavedSignal] = {
             name: {} for name, saved in self._saved.items() if saved and name not in monitor.signals()
         }

@@ -299,4 +299,4 @@ def _rows(connection: sqlite3.Connection, where: str, values: Iterable[object], 
 
 def _checked(connection: sqlite3.Connection, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
     found = checked(connection, "samples", rows, _CHECKS)
-    return [StoredSamples(*values, _LEVELS[level]) for *values, level in found]
+    return [StoredSamples._make((*values, _LEVELS[level])) for *values, level in found]

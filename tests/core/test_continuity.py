@@ -238,6 +238,32 @@ class TestSamples:
         parts = monitor.take_samples(math.inf, 1e9)["battery"]
         assert [(each.start_s - 1e9, each.last) for each in parts] == [(0.0, 1.0), (10.0, 2.0), (10.0, 3.0)]
 
+    @pytest.mark.parametrize("wall_per_s", [0.2, 3.0])
+    def test_in_simulated_time_that_runs_faster_or_slower_they_belong_to_periods_of_the_wall_clock(
+        self, wall_per_s: float
+    ) -> None:
+        robot = Robot(battery={"stale_after_s": 60.0})
+        samples = round(40.0 / wall_per_s)  # in 40 s of the wall clock: 4 periods
+        for _ in range(samples):
+            robot.run_for(1, battery=1.0)
+            robot.history.wall_offset_s += wall_per_s - 1.0
+        robot.system.close()
+        good = dict.fromkeys((0.0, 10.0, 20.0, 30.0), 0)
+        for each in (each for stored in robot.history.samples for each in stored["battery"]):
+            good[min(each.start_s - 1e9, 30.0)] += each.good
+            assert each.start_s - 1e9 <= 40.0
+        assert sum(good.values()) == samples
+        assert all(abs(number - samples / 4) <= 1.0 + 1.0 / wall_per_s for number in good.values())
+
+    def test_a_wall_clock_that_is_set_back_or_ahead_begins_other_periods(self) -> None:
+        robot = Robot(battery={"stale_after_s": 60.0})
+        for step_s in (3600.0, -7200.0, 0.0):
+            robot.run_for(3, battery=1.0)
+            robot.history.wall_offset_s += step_s
+        robot.system.close()
+        starts = [each.start_s - 1e9 for stored in robot.history.samples for each in stored["battery"]]
+        assert starts == [0.0, 3600.0, -3600.0]
+
     def test_a_history_without_samples_collects_none(self) -> None:
         robot = Robot(battery={})
         robot.history.keeps_samples = False
