@@ -149,6 +149,8 @@ class Transition:
     """True for a repeated announcement (`repeat_s`)."""
     hint: str = field(default="", compare=False)
     """Why there are no samples, as far as the middleware knows; empty: nothing is known. Not part of `text`."""
+    black_box: str = field(default="", compare=False)
+    """Name of the file that records it; empty: none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "statistics", FrozenDict(self.statistics))

@@ -33,7 +33,12 @@ from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, SIGNAL
 from robot_health_monitor.exit_codes import exit_codes_text
 from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
 from robot_health_monitor.ops import metrics
-from robot_health_monitor.ops.configuration import HISTORY_PARAMETERS, SERVER_PARAMETERS, TARGET_PARAMETERS
+from robot_health_monitor.ops.configuration import (
+    BLACK_BOX_PARAMETERS,
+    HISTORY_PARAMETERS,
+    SERVER_PARAMETERS,
+    TARGET_PARAMETERS,
+)
 from robot_health_monitor.ops.history.samples import SAMPLES_FIELDS
 
 DOCS = Path(__file__).resolve().parent
@@ -63,6 +68,7 @@ def _blocks() -> Mapping[str, Callable[[], str]]:
         "aggregator": _own(AGGREGATOR_PARAMETERS),
         "battery_sensor": _sensor_parameters(),
         "history": HISTORY_PARAMETERS,
+        "black_box": BLACK_BOX_PARAMETERS,
         "notify": TARGET_PARAMETERS,
         "server": SERVER_PARAMETERS,
         "fleet": ROBOT_PARAMETERS,
@@ -299,6 +305,7 @@ API: Mapping[str, Mapping[str, str]] = {
         "since": "since when the level before had lasted",
         "text": "the alert line",
         "hint": "why there are no samples; may be empty",
+        "black_box": "name of the file that records it, for `GET /api/black_box/NAME`; empty: none",
         "repeat": "whether it repeats an alert (`repeat_s`)",
         "notes": "what people wrote on it, oldest first, see below",
     },

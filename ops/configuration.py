@@ -19,7 +19,7 @@ from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.parameters import Parameter, read_parameters, require_mapping
 from robot_health_monitor.core.yaml_file import YamlFile
 
-SECTIONS = ("history", "notify", "server")
+SECTIONS = ("history", "black_box", "notify", "server")
 
 TARGET_TYPES = ("alertmanager", "webhook", "command", "apprise", "heartbeat")
 
@@ -31,6 +31,20 @@ HISTORY_PARAMETERS = (
     Parameter("keep_mb", float, 500.0, "largest size of the file with its log, in MB; old entries are deleted", 1, 1e6),
     Parameter("samples", bool, True, "also store samples: per signal and 10 s smallest, largest, mean and last value"),
 )
+
+BLACK_BOX_PARAMETERS = (
+    Parameter("folder", str, None, "path of the folder with the recordings, which is created"),
+    Parameter(
+        "topics", tuple, (),
+        "further topics to record, absolute names; * and ? as in file names, except for images and clouds",
+    ),
+    Parameter("before_s", float, 30.0, "time before an alert that is recorded, in s", 0.0, 3600.0),
+    Parameter("after_s", float, 10.0, "time after the latest alert that is recorded, in s", 0.0, 3600.0),
+    Parameter("min_level", str, "WARN", "lowest level that is recorded", choices=("WARN", "STALE", "ERROR")),
+    Parameter("memory_mb", float, 32.0, "memory of the messages of all robots, in MB; the oldest go first", 1, 1e5),
+    Parameter("keep_mb", float, 1000.0, "largest size of the folder, in MB; the oldest recordings are deleted", 1, 1e7),
+    Parameter("keep_days", float, 30.0, "age at which recordings are deleted, in days", 0.01, 36_500.0),
+)  # fmt: skip
 
 _TYPE = Parameter("type", str, None, "kind of target", choices=TARGET_TYPES)
 
@@ -83,6 +97,20 @@ class HistorySettings:
 
 
 @dataclass(frozen=True)
+class BlackBoxSettings:
+    """What is recorded around alerts, and for how long it is kept: `BLACK_BOX_PARAMETERS`. The path is absolute."""
+
+    folder: str
+    topics: Tuple[str, ...] = ()
+    before_s: float = 30.0
+    after_s: float = 10.0
+    min_level: Level = Level.WARN  # by severity
+    memory_mb: float = 32.0
+    keep_mb: float = 1000.0
+    keep_days: float = 30.0
+
+
+@dataclass(frozen=True)
 class TargetSettings:
     """A target of notifications: `TARGET_PARAMETERS`; those that its type does not have keep their defaults."""
 
@@ -120,11 +148,14 @@ class OpsConfig:
     history: Optional[HistorySettings] = None
     notify: Tuple[TargetSettings, ...] = ()  # in the order of the file
     server: Optional[ServerOptions] = None  # None: as configured elsewhere
+    black_box: Optional[BlackBoxSettings] = None
 
     @property
     def summary(self) -> str:
         """What is configured, in one line; empty: nothing."""
         parts = [] if self.history is None else [f"history in {self.history.file}"]
+        if self.black_box is not None:
+            parts.append(f"black box in {self.black_box.folder}")
         if self.notify:
             names = ", ".join(target.name for target in self.notify)
             parts.append(f"{len(self.notify)} target{'s' if len(self.notify) > 1 else ''} ({names})")
@@ -142,7 +173,7 @@ def read_ops(file: YamlFile) -> OpsConfig:
     try:
         with problems:
             read_parameters(tree, (), (), SECTIONS)
-        for name, read in zip(SECTIONS, (_read_history, _read_targets, _read_server)):
+        for name, read in zip(SECTIONS, (_read_history, _read_black_box, _read_targets, _read_server)):
             if name in tree:
                 with problems:
                     sections[name] = read(require_mapping(tree[name], (name,)), (name,), folder)
@@ -207,6 +238,21 @@ def _read_history(tree: Mapping[str, Any], path: Path, folder: str) -> HistorySe
         problems.add(ConfigError(f"expected the path of a file, got the folder {file!r}", (*path, "file")))
     problems.raise_if_any()
     return HistorySettings(**{**values, "file": _resolve(file, folder)})
+
+
+def _read_black_box(tree: Mapping[str, Any], path: Path, folder: str) -> BlackBoxSettings:
+    problems = Problems()
+    values = _read_values(tree, BLACK_BOX_PARAMETERS, path, problems)
+    if not tree.get("folder", ""):
+        problems.add(ConfigError("expected the path of the folder, got nothing", (*path, "folder")))
+    for topic in values.get("topics", ()):
+        if not topic.startswith(("/", "*", "?")) or any(letter.isspace() for letter in topic):
+            problem = f"expected absolute names of topics, such as /imu or /arm/*, got {topic[:_MOST_SHOWN]!r}"
+            problems.add(ConfigError(problem, (*path, "topics")))
+    problems.raise_if_any()
+    return BlackBoxSettings(
+        **{**values, "folder": _resolve(str(values["folder"]), folder), "min_level": Level[values["min_level"]]}
+    )
 
 
 def _read_targets(tree: Mapping[str, Any], path: Path, folder: str) -> Tuple[TargetSettings, ...]:

@@ -181,5 +181,5 @@ def _transition(robot: str, from_level: Level, to_level: Level) -> Dict[str, obj
     return {
         "signal": "test", "from_level": from_level.name, "to_level": to_level.name, "value": None, "statistic": "last",
         "bound": None, "now_s": 0.0, "since_s": 0.0, "robot": robot, "fingerprint": "0" * 16, "text": text,
-        "statistics": {}, "repeat": False, "hint": "",
+        "statistics": {}, "repeat": False, "hint": "", "black_box": "",
     }  # fmt: skip

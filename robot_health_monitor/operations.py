@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional
 from robot_health_monitor.core.errors import ConfigError, ServiceError
 from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.middleware import Middleware, Severity
+from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
 from robot_health_monitor.core.nodes.node import host_name
@@ -25,6 +26,8 @@ from robot_health_monitor.ops.configuration import OpsConfig, read_ops
 
 if TYPE_CHECKING:
     from robot_health_monitor.ops.active_silences import Silences
+    from robot_health_monitor.ops.black_box.black_box import BlackBox
+    from robot_health_monitor.ops.black_box.robot_black_box import RobotBlackBox
     from robot_health_monitor.ops.history.history import History, RobotHistory
     from robot_health_monitor.ops.notifications import Notifier
     from robot_health_monitor.rosbridge.server import Server
@@ -59,11 +62,15 @@ class Operations:
         """None: as `history`."""
         self.notifier: Optional[Notifier] = None
         """None: as `history`."""
+        self.black_box: Optional[BlackBox] = None
+        """None: not configured."""
+        self._wall_time_s = wall_time_s
+        self._black_boxes: Dict[str, RobotBlackBox] = {}
         self._alert_systems: Dict[str, AlertSystem] = {}
         self._histories: Dict[str, RobotHistory] = {}
         self._fed_s = float("-inf")
         self._server: Optional[Server] = None
-        if config.history is not None or config.notify or always_history:
+        if config.history is not None or config.notify or config.black_box is not None or always_history:
             from robot_health_monitor.ops.active_silences import Silences
             from robot_health_monitor.ops.history.history import History
             from robot_health_monitor.ops.notifications import Notifier
@@ -74,6 +81,11 @@ class Operations:
             self.notifier = Notifier(
                 self.history, config.notify, self.silences, self.faults, wall_time_s, self.is_simulated
             )
+
+        if config.black_box is not None:
+            from robot_health_monitor.ops.black_box.black_box import BlackBox
+
+            self.black_box = BlackBox(config.black_box, self.faults, wall_time_s)
 
     def use(self, config: OpsConfig) -> List[str]:
         """Applies the targets of another configuration and returns what changed; the rest needs a restart.
@@ -90,6 +102,8 @@ class Operations:
             texts.append("notify: takes effect after a restart")
         if config.history != self.config.history:
             texts.append("history: takes effect after a restart")
+        if config.black_box != self.config.black_box:
+            texts.append("black_box: takes effect after a restart")
         self.config = config
         return texts
 
@@ -106,6 +120,7 @@ class Operations:
         robot = robot_name(middleware)
         self.end_robot(robot)  # a robot that is started anew
         history = None if self.history is None else self.history.of_robot(robot)
+        black_box = self._start_black_box(middleware, robot)
         try:
             alert_system = AlertSystem(
                 middleware,
@@ -114,12 +129,22 @@ class Operations:
                 history=history,
                 announce_pauses=announce_pauses,
                 silence_of=partial(self.silence_text, robot),
-                self_report=replace(self_report, pending_notifications=self._count_pending),
+                black_box_of=_no_black_box if black_box is None else black_box.of_alert,
+                self_report=replace(
+                    self_report,
+                    pending_notifications=self._count_pending,
+                    black_box_s=lambda: None if black_box is None else black_box.reach_s,
+                ),
             )
         except BaseException:
             if history is not None:
                 history.close()
+            if black_box is not None:
+                black_box.close()
             raise
+        if black_box is not None:
+            self._black_boxes[robot] = black_box
+            middleware.exclusively(partial(black_box.attach, alert_system))
         if history is not None:
             self._histories[robot] = history
         self._alert_systems[robot] = alert_system
@@ -145,6 +170,9 @@ class Operations:
     def end_robot(self, robot: str) -> None:
         """Ends the part of a robot that is no longer watched; does nothing for one that is not known."""
         self._alert_systems.pop(robot, None)
+        black_box = self._black_boxes.pop(robot, None)
+        if black_box is not None:
+            black_box.close()
         history = self._histories.pop(robot, None)
         if history is not None:
             history.close()
@@ -160,6 +188,7 @@ class Operations:
             pending_notifications=self._count_pending,
             silenced=self.count_silenced,
             clients_dropped=lambda: None if self._server is None else self._server.dropped,
+            black_box_dropped=lambda: None if self.black_box is None else self.black_box.ring.dropped,
         )
 
     def silence_text(self, robot: str, signal: str) -> Optional[str]:
@@ -210,8 +239,22 @@ class Operations:
             if all(alert_system.tick_age_s < _LATE_S for alert_system in tuple(self._alert_systems.values())):
                 self.notifier.note_tick()
 
+    def _start_black_box(self, middleware: Middleware, robot: str) -> Optional[RobotBlackBox]:
+        if self.black_box is None or self.history is None:
+            return None
+        from robot_health_monitor.ops.black_box.robot_black_box import RobotBlackBox
+        from robot_health_monitor.ops.history.queries import black_boxes_of_open_alerts
+
+        try:
+            files = self.history.run(lambda connection: black_boxes_of_open_alerts(connection, robot))
+        except ServiceError:  # the history reports it
+            files = {}
+        return RobotBlackBox(self.black_box, middleware, robot, files)
+
     def _close(self) -> None:
-        for part in (self.notifier, self.silences, self.history):
+        for black_box in tuple(self._black_boxes.values()):
+            black_box.close()
+        for part in (self.notifier, self.silences, self.history, self.black_box):
             if part is not None:
                 part.close()
 
@@ -222,6 +265,10 @@ def open_operations(
     """Opens what an ops.yaml configures, as `Operations`; empty `file`: none. ConfigError: nothing has been opened."""
     config = read_ops(read_yaml(file)) if file else OpsConfig()
     return Operations(config, wall_time_s, always_history=always_history)
+
+
+def _no_black_box(transition: Transition) -> str:
+    return ""
 
 
 def configured_ops(parameters: Mapping[str, object]) -> str:

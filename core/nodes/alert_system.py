@@ -15,7 +15,7 @@ from ..errors import ConfigError
 from ..explanation import source_text
 from ..faults import Fault
 from ..formatting import printable
-from ..middleware import Middleware, Result, Severity, Subscription, resolve_name
+from ..middleware import Message, Middleware, Result, Severity, Subscription, resolve_name
 from ..model import Changes, Level, Sample, Status, Transition
 from ..monitor import Monitor
 from ..outlets import (
@@ -60,6 +60,7 @@ class AlertSystem:
         history: Optional[SignalHistory] = None,
         announce_pauses: bool = True,
         silence_of: Callable[[str], Optional[str]] = lambda signal: None,
+        black_box_of: Callable[[Transition], str] = lambda transition: "",
         self_report: SelfReport = EMPTY_REPORT,
     ) -> None:
         """Starts watching; raises ConfigError if the configuration cannot be used.
@@ -71,6 +72,7 @@ class AlertSystem:
             history: gives the states to continue from, and stores each transition before any outlet receives it.
             announce_pauses: emit a notice after the process was stopped. False where another part does so.
             silence_of: returns the text of the silence of a signal, None without one. Must be fast.
+            black_box_of: returns the name of the file that records a transition, empty if none does. Must be fast.
             self_report: what the node's own status shows of other parts of the process.
         """
         self._middleware = middleware
@@ -91,6 +93,7 @@ class AlertSystem:
         self.monitor = Monitor(config, self.robot)
         """Judges the signals; read it to show their state."""
         self.silence_of = silence_of
+        self._black_box_of = black_box_of
         self.outlets = Outlets(middleware.faults)
         """Receives every transition and notice; more outlets may be added at any time."""
         for name, outlet in outlets.items():
@@ -166,6 +169,16 @@ class AlertSystem:
         """Leaves a time out of durations and silences, as `Monitor.skip`. No ticks were due in it."""
         self.self_monitor.skip(until_s - since_s)
         self._announce(self.monitor.skip(since_s, until_s), until_s)
+
+    @property
+    def configuration(self) -> MonitorConfig:
+        """The configuration in force, with the signals that have no sensor."""
+        return self._config
+
+    def diagnostics(self, now_s: float) -> Message:
+        """Returns the whole state, as it is published on /diagnostics."""
+        signals = self.monitor.report(now_s).statuses.values()
+        return array_message([*map(self._with_silence, signals), self.self_monitor.status()], self._node)
 
     @property
     def tick_age_s(self) -> float:
@@ -352,13 +365,15 @@ class AlertSystem:
 
     def _publish_report(self, now_s: float) -> None:
         if self._middleware.has_listeners(node.DIAGNOSTICS):
-            signals = self.monitor.report(now_s).statuses.values()
-            self._publish_statuses(*map(self._with_silence, signals), self.self_monitor.status())
+            self._middleware.publish(node.DIAGNOSTICS, self.diagnostics(now_s))
 
     def _announce(self, changes: Changes, now_s: float) -> None:
         for text in changes.notices:
             self.outlets.emit(Notice(now_s, Severity.INFO, text))
         for transition in changes:
+            black_box = self._black_box_of(transition)
+            if black_box:
+                transition = replace(transition, black_box=black_box)
             if self._continuity is not None:  # no failure of a history may keep an alert from the outlets
                 self._middleware.faults.guard("storing an alert", self._continuity.record, transition)
             self.outlets.emit(transition)

@@ -58,6 +58,10 @@ class SelfReport:
     """Number of signals that are not OK and silenced."""
     clients_dropped: Callable[[], Optional[int]] = lambda: None
     """Number of messages that the server dropped."""
+    black_box_s: Callable[[], Optional[float]] = lambda: None
+    """How far the messages of the black box in memory reach back, in s."""
+    black_box_dropped: Callable[[], Optional[int]] = lambda: None
+    """Number of messages that the black box dropped before their time, because its memory was full."""
 
     def texts(self) -> Mapping[str, str]:
         """Returns the key-values as /diagnostics shows them. A function that raises does not hide the others."""
@@ -71,6 +75,7 @@ _FORMATS: Mapping[str, Callable[[Any], str]] = {
     "uptime_s": "{:.0f}".format,
     "samples_per_s": number_text,
     "tick_late_s": "{:.3f}".format,
+    "black_box_s": "{:.1f}".format,
     "simulated": ", ".join,
     "without_sensor": ", ".join,
 }

@@ -140,6 +140,14 @@ def read_states(connection: sqlite3.Connection, robot: str) -> Dict[str, Any]:
     return states
 
 
+def black_boxes_of_open_alerts(connection: sqlite3.Connection, robot: str) -> Dict[str, str]:
+    """Returns the name of the file that records each open alert of a robot, by signal."""
+    newest = "SELECT max(id) FROM transitions WHERE robot = ? AND repeated = 0 GROUP BY signal"
+    query = f"SELECT signal, black_box FROM transitions WHERE id IN ({newest}) AND to_level != 0 AND black_box != ''"
+    rows = connection.execute(query, (robot,)).fetchall()
+    return {signal: name for signal, name in rows if is_text(signal) and is_text(name)}
+
+
 def evidence(connection: sqlite3.Connection, transition_id: int) -> Sequence[Tuple[float, float]]:
     """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN: not a number).
 

@@ -116,7 +116,7 @@ class StoredTransition:
     wall_s: float
     """When, in s since 1970."""
     robot: str
-    """As the fields of `Transition` of the same names, down to `hint`."""
+    """As the fields of `Transition` of the same names, down to `black_box`."""
     signal: str
     from_level: Level
     to_level: Level
@@ -132,19 +132,20 @@ class StoredTransition:
     """None: not finite."""
     repeat: bool
     hint: str
+    black_box: str
 
 
 _FIELDS = tuple(StoredTransition.__dataclass_fields__)
 
 TRANSITION_COLUMNS = (
     "wall_s, robot, signal, from_level, to_level, value, statistic, bound, now_s, since_s, fingerprint, text, "
-    "statistics, repeated, hint"
+    "statistics, repeated, hint, black_box"
 )
 """The columns of a transition except its id, in the order of `transition_row`."""
 
 TRANSITION_CHECKS = (
     is_count, is_time, is_text, is_text, is_level, is_level, _is_datum, is_text, optional(is_number), is_number,
-    is_number, is_text, is_text, is_json_object, is_count, is_text,
+    is_number, is_text, is_text, is_json_object, is_count, is_text, is_text,
 )  # fmt: skip
 """The checks of the id and the `TRANSITION_COLUMNS`."""
 
@@ -161,7 +162,7 @@ def transition_row(transition: Transition, wall_s: float) -> Tuple[Any, ...]:
         int(transition.to_level), _storable(transition.value), transition.statistic, transition.bound,
         transition.now_s, transition.since_s, transition.fingerprint, printable(transition.text),
         json.dumps({name: value if math.isfinite(value) else None for name, value in transition.statistics.items()}),
-        int(transition.repeat), printable(transition.hint),
+        int(transition.repeat), printable(transition.hint), transition.black_box,
     )  # fmt: skip
 
 

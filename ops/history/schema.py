@@ -95,7 +95,8 @@ CREATE TABLE transitions (
     text TEXT NOT NULL,
     statistics TEXT NOT NULL,            -- JSON object
     repeated INTEGER NOT NULL,           -- 1: a repetition (repeat_s), no change of level
-    hint TEXT NOT NULL DEFAULT ''        -- why there were no samples
+    hint TEXT NOT NULL DEFAULT '',       -- why there were no samples
+    black_box TEXT NOT NULL DEFAULT ''   -- name of the file that records it
 );
 CREATE INDEX transitions_by_time ON transitions(wall_s) WHERE {INDEXED};
 -- The samples of the window at the time of a transition; see rows.py.
@@ -212,7 +213,12 @@ _MIGRATIONS: Mapping[int, Tuple[str, ...]] = {
     ),
     2: ("ALTER TABLE transitions ADD COLUMN hint TEXT NOT NULL DEFAULT ''",),
     3: ("DROP INDEX IF EXISTS transitions_by_signal",),
-    4: (_SAMPLES, _ROBOT_LEVELS, _NOTES),
+    4: (
+        _SAMPLES,
+        _ROBOT_LEVELS,
+        _NOTES,
+        "ALTER TABLE transitions ADD COLUMN black_box TEXT NOT NULL DEFAULT ''",
+    ),
 }
 """By version: migrates a file from this version to the next one."""
 

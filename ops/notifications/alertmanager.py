@@ -67,7 +67,8 @@ class Alertmanager(HttpTarget, Sender):
         times = {"startsAt": utc_text(alert.since_s - self._ahead_s)}
         if ended_s is not None:
             times["endsAt"] = utc_text(ended_s - self._ahead_s)
-        return {"labels": labels, "annotations": {"summary": text}, **times}
+        annotations = {"summary": text, **({"black_box": alert.black_box} if alert.black_box else {})}
+        return {"labels": labels, "annotations": annotations, **times}
 
     def _post(self, alerts: Sequence[Dict[str, Any]]) -> str:
         answer = self.call(json.dumps(alerts), _PATH)

@@ -119,6 +119,7 @@ def is_transition(line: object) -> bool:
         and all(is_number(transition.get(name)) for name in ("now_s", "since_s"))
         and isinstance(transition.get("repeat"), bool)
         and isinstance(transition.get("hint", ""), str)
+        and isinstance(transition.get("black_box", ""), str)
     )
 
 

@@ -26,7 +26,7 @@ from robot_health_monitor.core.patterns import matches_pattern
 
 from ..configuration import TargetSettings
 from .database import delete_odd_rows, is_transition
-from .sender import Notification, Notified, alert_line
+from .sender import Notification, Notified, alert_line, black_box_of
 
 MOST_WAITING = 1_000
 """Rows per target from which on those are dropped that a later one of the same alert supersedes."""
@@ -322,7 +322,8 @@ def _matches(patterns: Sequence[str], name: str) -> bool:
 def _notified(level: int, since_s: float, line: str) -> Notified:
     transition = json.loads(line)
     known = Level[transition["to_level"]] if level == _UNCONFIRMED else Level(level)
-    return Notified(transition["robot"], transition["signal"], known, since_s, alert_line(transition))
+    text, black_box = alert_line(transition), black_box_of(transition)
+    return Notified(transition["robot"], transition["signal"], known, since_s, text, black_box)
 
 
 def _no_longer_watched(line: str) -> str:

@@ -32,6 +32,7 @@ class Notified:
     level: Level
     since_s: float  # wall time at which the level began, in s since 1970
     text: str  # the alert line, after the name of the robot
+    black_box: str = ""  # name of the file that records it; empty: none
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Notification:
     @property
     def sent(self) -> Notified:
         """What the target knows once it has received this."""
-        return Notified(self.robot, self.signal, self.level, self.at_s, self.text)
+        return Notified(self.robot, self.signal, self.level, self.at_s, self.text, black_box_of(self.transition))
 
     def as_json(self) -> str:
         """Formats the transition as `--json` does, but for `text`, and with `notification`, `time` (UTC) and `test`."""
@@ -84,6 +85,11 @@ def alert_line(transition: Mapping[str, Any]) -> str:
     'husky1: link ERROR: down: refused (was OK for 2 h)'
     """
     return f"{transition['robot']}: {with_hint(str(transition['text']), str(transition.get('hint', '')))}"
+
+
+def black_box_of(transition: Mapping[str, Any]) -> str:
+    """Returns the name of the file that records a transition; empty: none. Older files have no such field."""
+    return str(transition.get("black_box", ""))
 
 
 class DeliveryError(ServiceError):

@@ -152,6 +152,7 @@ def _alert(connection: sqlite3.Connection, transition: StoredTransition) -> Json
         "since": iso_time(transition.wall_s - (transition.now_s - transition.since_s)),
         "text": transition.text,
         "hint": transition.hint,
+        "black_box": transition.black_box,
         "repeat": transition.repeat,
         "notes": [_note_json(note) for note in notes_of(connection, transition.id)],
     }

@@ -114,6 +114,7 @@ def test_json_has_every_field_and_levels_by_name() -> None:
         "statistics": {"mean": 21.0},
         "repeat": False,
         "hint": "",
+        "black_box": "",
     }
 
 

@@ -13,6 +13,7 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.configuration import (
+    BlackBoxSettings,
     HistorySettings,
     OpsConfig,
     ServerOptions,
@@ -64,6 +65,28 @@ def test_the_file_of_the_design_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("section", ["history: {file: a.db}", "notify: {}", "server: {}"])
 def test_every_section_is_optional(tmp_path: Path, section: str) -> None:
     assert read(tmp_path, section)
+
+
+def test_a_black_box_is_read(tmp_path: Path) -> None:
+    text = "black_box: {folder: bb, topics: [/imu, '/arm/*', '*'], before_s: 5, after_s: 0, min_level: STALE, "
+    text += "memory_mb: 8, keep_mb: 100, keep_days: 3}"
+    expected = BlackBoxSettings(f"{tmp_path}/bb", ("/imu", "/arm/*", "*"), 5.0, 0.0, Level.STALE, 8.0, 100.0, 3.0)
+    assert read(tmp_path, text).black_box == expected
+    assert read(tmp_path, "black_box: {folder: /bb}").black_box == BlackBoxSettings("/bb")
+
+
+def test_every_mistake_of_a_black_box_is_reported(tmp_path: Path) -> None:
+    text = "black_box:\n  topics: [imu, '/a b']\n  before_s: -1\n  min_level: OK\n  memory_mb: 0\n  keep_gb: 1\n"
+    assert mistakes(tmp_path, text) == [
+        "ops.yaml:1: black_box.folder: expected the path of the folder, got nothing",
+        "ops.yaml:2: black_box.topics: expected absolute names of topics, such as /imu or /arm/*, got 'imu'",
+        "ops.yaml:2: black_box.topics: expected absolute names of topics, such as /imu or /arm/*, got '/a b'",
+        "ops.yaml:3: black_box.before_s: expected a number from 0 to 3600, got -1",
+        "ops.yaml:4: black_box.min_level: expected one of WARN, STALE, ERROR, got 'OK'",
+        "ops.yaml:5: black_box.memory_mb: expected a number from 1 to 100000, got 0",
+        "ops.yaml:6: black_box.keep_gb: unknown key; did you mean keep_mb? expected one of folder, topics, before_s, "
+        "after_s, min_level, memory_mb, keep_mb, keep_days",
+    ]
 
 
 def test_relative_paths_are_relative_to_the_file(tmp_path: Path) -> None:
@@ -130,7 +153,7 @@ def test_all_mistakes_are_reported_with_the_lines_of_their_keys(tmp_path: Path) 
         "ops.yaml:3: history.keep_days: expected a number from 0.01 to 36500, got -1",
         "ops.yaml:4: history.keep_gb: unknown key; did you mean keep_mb? expected one of file, keep_days, "
         "keep_mb, samples",
-        "ops.yaml:5: notfy: unknown key; did you mean notify? expected one of history, notify, server",
+        "ops.yaml:5: notfy: unknown key; did you mean notify? expected one of history, black_box, notify, server",
         f"ops.yaml:7: notify.pager.type: expected {types}, got 'alertmanger'",
         "ops.yaml:8: notify.both.url_file: expected either url or url_file, got both",
         "ops.yaml:9: notify.neither: expected either url or url_file, got neither",

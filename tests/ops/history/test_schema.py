@@ -91,7 +91,7 @@ def test_a_migration_that_fails_changes_nothing(tmp_path: Path, monkeypatch: pyt
 
 def without_hints(connection: sqlite3.Connection) -> None:
     """Makes the table `transitions` of versions 1 and 2, empty."""
-    columns = TRANSITION_COLUMNS.replace(", hint", "")
+    columns = TRANSITION_COLUMNS.replace(", hint, black_box", "")
     connection.execute("DROP TABLE transitions")
     connection.execute(f"CREATE TABLE transitions (id INTEGER PRIMARY KEY AUTOINCREMENT, {columns})")
 
@@ -100,6 +100,13 @@ def without_version_5(connection: sqlite3.Connection) -> None:
     """Drops what version 5 added."""
     for table in ("samples", "robot_levels", "notes"):
         connection.execute(f"DROP TABLE {table}")
+    names = [name for _, name, *_ in connection.execute("PRAGMA table_info(transitions)")]
+    if "black_box" in names:
+        columns = TRANSITION_COLUMNS.replace(", black_box", "")
+        connection.execute("ALTER TABLE transitions RENAME TO newer")
+        connection.execute(f"CREATE TABLE transitions (id INTEGER PRIMARY KEY AUTOINCREMENT, {columns})")
+        connection.execute(f"INSERT INTO transitions SELECT id, {columns} FROM newer")
+        connection.execute("DROP TABLE newer")
 
 
 def test_alerts_of_version_2_are_kept_without_a_hint(tmp_path: Path) -> None:
@@ -108,7 +115,7 @@ def test_alerts_of_version_2_are_kept_without_a_hint(tmp_path: Path) -> None:
     schema.prepare(connection)
     without_hints(connection)
     row = transition_row(transition(1, Level.STALE), 5.0)
-    connection.execute(f"INSERT INTO transitions VALUES (7{', ?' * 14})", row[:-1])
+    connection.execute(f"INSERT INTO transitions VALUES (7{', ?' * 14})", row[:-2])
     without_version_5(connection)
     connection.execute("PRAGMA user_version = 2")
     connection.close()
@@ -122,9 +129,9 @@ def test_alerts_of_version_3_are_kept_without_their_index(tmp_path: Path) -> Non
     path = tmp_path / "history.db"
     connection = sqlite3.connect(path, isolation_level=None)
     schema.prepare(connection)
-    connection.execute("CREATE INDEX transitions_by_signal ON transitions(robot, signal, id)")
     connection.execute(INSERT_TRANSITION, transition_row(transition(1, Level.WARN), 5.0))
     without_version_5(connection)
+    connection.execute("CREATE INDEX transitions_by_signal ON transitions(robot, signal, id)")
     connection.execute("PRAGMA user_version = 3")
     connection.close()
     history = opened(path)

@@ -677,6 +677,7 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "since": "2026-11-22T05:06:40.000Z",
             "text": "battery_level WARN: 19 % is below 20 % (was OK for 1 s)",
             "hint": "",
+            "black_box": "",
             "repeat": False,
             "notes": [],
         }

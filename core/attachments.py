@@ -1,0 +1,109 @@
+"""What a black box attaches to a recording, so that it can be judged again: the configuration and the saved states.
+
+`ops/black_box` writes these files into the recording, `recordings/black_box.py` reads them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any, Dict, Mapping, NamedTuple
+
+from .config import MonitorConfig
+from .errors import ConfigError, MessageError
+from .signal_config import Condition, SignalConfig, read_signal
+from .state_reader import SavedSignal
+
+THRESHOLDS = "thresholds.yaml"
+"""Name of the attachment with the configuration in force."""
+STATE = "state.json"
+"""Name of the attachment with the states of the signals at the beginning."""
+
+_DEFAULTS = {
+    field.name: field.metadata["parameter"].default
+    for field in dataclasses.fields(SignalConfig)
+    if "parameter" in field.metadata and field.name != "topic"
+}
+_CONDITIONS = ("only_if", "latch_release_if")
+
+
+class SavedMonitor(NamedTuple):
+    """The state of a monitor at one moment."""
+
+    robot: str
+    time_s: float
+    """When, in s since 1970."""
+    states: Mapping[str, SavedSignal]
+    """State of each signal, as `Monitor.snapshot` returns it."""
+
+    def moved(self, offset_s: float) -> SavedMonitor:
+        """Returns it with all times later by `offset_s`: states may be saved on another clock."""
+        return SavedMonitor(
+            self.robot, self.time_s + offset_s, {name: _moved(state, offset_s) for name, state in self.states.items()}
+        )
+
+    def to_json(self) -> str:
+        """Returns it as the text of `STATE`."""
+        return json.dumps({"robot": self.robot, "time_s": self.time_s, "signals": dict(self.states)})
+
+
+def read_saved_monitor(text: str) -> SavedMonitor:
+    """Reads the text of `STATE`; raises MessageError. The states themselves are checked when they are restored."""
+    try:
+        tree = json.loads(text)
+        robot, time_s, states = tree["robot"], tree["time_s"], tree["signals"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise MessageError(f"{STATE}: expected an object with robot, time_s and signals") from None
+    if not (isinstance(robot, str) and isinstance(time_s, float) and isinstance(states, dict)):
+        raise MessageError(f"{STATE}: expected robot, time_s and signals to be a text, a number and an object")
+    return SavedMonitor(robot, time_s, states)
+
+
+def thresholds_tree(
+    config: MonitorConfig, robot: str, topics: Mapping[str, str], *, use_sim_time: bool
+) -> Dict[str, Any]:
+    """Returns a configuration as the mapping of a thresholds.yaml, which reads as the same signals.
+
+    `topics` has the absolute name for each topic that it names otherwise.
+    """
+    signals = {name: _settings(signal, topics) for name, signal in config.signals.items()}
+    parameters: Dict[str, Any] = {"robot_name": robot, "publish_rate": config.publish_rate, "signals": signals}
+    if use_sim_time:
+        parameters["use_sim_time"] = True
+    return {"alert_system": {"ros__parameters": parameters}}
+
+
+def _settings(signal: SignalConfig, topics: Mapping[str, str]) -> Dict[str, Any]:
+    given: Dict[str, Any] = {"topic": topics.get(signal.topic, signal.topic)}
+    for key, default in _DEFAULTS.items():
+        value = getattr(signal, key)
+        if value is not None and value != default:
+            given[key] = list(value) if isinstance(value, tuple) else value
+    for key, default in _DEFAULTS.items():  # leave out what follows from the rest
+        if default is None and key in given:
+            without = {name: value for name, value in given.items() if name != key}
+            try:
+                if getattr(read_signal(signal.name, without), key) == getattr(signal, key):
+                    given = without
+            except ConfigError:
+                pass  # it is required
+    conditions = {key: getattr(signal, key) for key in _CONDITIONS}
+    return {**given, **{key: _condition(value) for key, value in conditions.items() if value is not None}}
+
+
+def _condition(condition: Condition) -> Dict[str, Any]:
+    is_between = condition.comparison == "between"
+    number = [condition.number, condition.upper] if is_between else condition.number
+    return {"signal": condition.signal, condition.comparison: number}
+
+
+def _moved(state: SavedSignal, offset_s: float) -> SavedSignal:
+    """Returns a state of `Monitor.snapshot` with its times moved; its format is that of core/state_reader.py."""
+    moved = dict(state)
+    for key, times in (("since", None), ("storm", ("first", "last"))):
+        if key in state:
+            moved[key] = {
+                name: value + offset_s if times is None or name in times else value
+                for name, value in state[key].items()
+            }
+    return moved

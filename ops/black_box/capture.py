@@ -1,0 +1,166 @@
+"""Which topics of a robot are recorded, and the subscriptions to them."""
+
+from __future__ import annotations
+
+from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+from robot_health_monitor.core.config import MonitorConfig
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE
+from robot_health_monitor.core.middleware import Middleware, RawFormat, Severity, Subscription, canonical_type
+from robot_health_monitor.core.patterns import matches_pattern
+from robot_health_monitor.core.signal_config import LINK
+
+from .ring import Channel
+
+LARGE_TYPES = frozenset(
+    {
+        "sensor_msgs/Image",
+        "sensor_msgs/CompressedImage",
+        "sensor_msgs/PointCloud",
+        "sensor_msgs/PointCloud2",
+        "stereo_msgs/DisparityImage",
+        "theora_image_transport/Packet",
+        "ffmpeg_image_transport_msgs/FFMPEGPacket",
+        "point_cloud_interfaces/CompressedPointCloud2",
+        "foxglove_msgs/CompressedImage",
+        "foxglove_msgs/CompressedVideo",
+        "foxglove_msgs/PointCloud",
+        "foxglove_msgs/RawImage",
+        "velodyne_msgs/VelodyneScan",
+    }
+)
+"""Images, videos and clouds: recorded only if the configuration has their topic's full name."""
+
+_MOST_TOPICS = 1_000
+
+Add = Callable[[float, Channel, bytes], None]
+
+
+def is_pattern(topic: str) -> bool:
+    """Whether a text stands for several topics."""
+    return "*" in topic or "?" in topic
+
+
+class _Topic:
+    """A subscription to one topic."""
+
+    def __init__(self, add: Add, name: str, *, is_named: bool, clock: Optional[Callable[[], float]]) -> None:
+        self.subscription: Optional[Subscription] = None
+        self.is_unwanted = False
+        """Whether it turned out to be an image or a cloud."""
+        self._add = add
+        self._name = name
+        self._is_named = is_named
+        self._clock = clock
+        self._format: Optional[RawFormat] = None
+        self.channel: Optional[Channel] = None
+        """None before the first message."""
+
+    def take(self, data: bytes, now_s: float, raw_format: RawFormat) -> None:
+        if raw_format is not self._format:
+            self._format = raw_format
+            self.is_unwanted = not self._is_named and canonical_type(raw_format.schema_name) in LARGE_TYPES
+            topic = self._name if self.subscription is None else self.subscription.topic
+            self.channel = None if self.is_unwanted else Channel(topic, raw_format)
+        if self.channel is not None:
+            self._add(now_s if self._clock is None else self._clock(), self.channel, data)
+
+
+class Capture:
+    """The subscriptions of one robot's black box. Called with the node's lock."""
+
+    def __init__(self, middleware: Middleware, topics: Sequence[str], add: Add, own_topics: Collection[str]) -> None:
+        """Subscribes to nothing yet.
+
+        Args:
+            middleware: the robot's node.
+            topics: further topics, by name or pattern.
+            add: receives the time in s on the steady clock, channel and bytes of each message.
+            own_topics: what the node publishes itself; patterns leave it out.
+        """
+        self._middleware = middleware
+        self._named = [topic for topic in topics if not is_pattern(topic)]
+        self._patterns = [topic for topic in topics if is_pattern(topic)]
+        self._own = frozenset(own_topics)
+        self._add = add
+        self.is_simulated = middleware.waiting_for_clock() or abs(middleware.now_s() - middleware.steady_s()) > 1.0
+        """Whether the node's time is that of /clock, which may stand still: then messages have steady time."""
+        self.found: Mapping[str, str] = {}
+        """The types of the robot's topics by name, for the patterns; set by another thread."""
+        self._config: Optional[MonitorConfig] = None
+        self._followed: Optional[Mapping[str, str]] = None
+        self._topics: Dict[Tuple[str, str], _Topic] = {}
+        self._duplicates: Dict[Tuple[str, str], str] = {}
+        self._refused: Dict[Tuple[str, str], None] = {}
+
+    @property
+    def resolved(self) -> Mapping[str, str]:
+        """The absolute name of each topic, by the name in the configuration."""
+        own = {key[0]: topic.subscription.topic for key, topic in self._topics.items() if topic.subscription}
+        return {**own, **{key[0]: topic for key, topic in self._duplicates.items()}}
+
+    @property
+    def channels(self) -> List[Channel]:
+        """Those with messages."""
+        return [topic.channel for topic in self._topics.values() if topic.channel is not None]
+
+    def follow(self, config: MonitorConfig) -> None:
+        """Subscribes to what is to be recorded by now, and ends the rest. Does nothing if nothing has changed."""
+        for key in [key for key, topic in self._topics.items() if topic.is_unwanted]:
+            self._end(key)
+            self._refused[key] = None
+            self._config = None  # it may be named, too
+        if config is self._config and self.found == self._followed:
+            return
+        self._config, self._followed = config, self.found
+        types: Dict[str, str] = {}
+        for name, signal in config.signals.items():
+            if name != LINK and canonical_type(signal.type) not in LARGE_TYPES:
+                types[signal.topic] = types.get(signal.topic) or signal.type
+        if self.is_simulated:
+            types[CLOCK] = CLOCK_TYPE
+        wanted = [*types.items(), *((name, "") for name in self._named), *self._matching(self._followed)]
+        for key in self._topics.keys() - set(wanted):
+            self._end(key)
+        self._duplicates = {key: topic for key, topic in self._duplicates.items() if key in wanted}
+        for key in wanted:
+            if key not in self._topics and key not in self._refused and key not in self._duplicates:
+                self._subscribe(key)
+
+    def close(self) -> None:
+        """Ends all subscriptions."""
+        for key in tuple(self._topics):
+            self._end(key)
+
+    def _matching(self, topics: Mapping[str, str]) -> Iterator[Tuple[str, str]]:
+        """Yields the topics with their types that a pattern selects."""
+        for name, type_name in sorted(topics.items()):
+            is_wanted = name not in self._own and canonical_type(type_name) not in LARGE_TYPES
+            if is_wanted and any(matches_pattern(name, pattern) for pattern in self._patterns):
+                yield name, type_name
+
+    def _subscribe(self, key: Tuple[str, str]) -> None:
+        if len(self._topics) >= _MOST_TOPICS:
+            return
+        clock = self._middleware.steady_s if self.is_simulated else None
+        topic = _Topic(self._add, key[0], is_named=key[0] in self._named, clock=clock)
+        try:
+            subscription = self._middleware.subscribe_raw(*key, topic.take)
+        except ConfigError as error:
+            self._refused[key] = None
+            self._middleware.log(Severity.WARN, f"black box: {key[0]} is not recorded: {error.problem}")
+            return
+        if subscription.topic in self.resolved.values():  # by another name
+            self._middleware.unsubscribe(subscription)
+            self._duplicates[key] = subscription.topic
+            return
+        topic.subscription = subscription
+        self._topics[key] = topic
+
+    def _end(self, key: Tuple[str, str]) -> None:
+        topic = self._topics.pop(key)
+        if topic.subscription is not None:
+            self._middleware.unsubscribe(topic.subscription)
+            ended = topic.subscription.topic
+            self._duplicates = {key: name for key, name in self._duplicates.items() if name != ended}

@@ -1,0 +1,147 @@
+"""One MCAP file, written by the library mcap; and the completion of files that a killed process left."""
+
+from __future__ import annotations
+
+import os
+from typing import IO, Any, Dict, Iterable, Mapping, Sequence, Tuple
+
+from robot_health_monitor.core.middleware import RawFormat
+from robot_health_monitor.core.version import package_version
+
+from .ring import Channel, Message
+
+PART = ".part"
+"""Ending of the name of a file that is not complete."""
+
+_CHUNK_BYTES = 256 << 10  # what a kill loses at most, apart from what waits in memory
+_MEDIA_TYPES = {".yaml": "application/yaml", ".json": "application/json"}
+
+
+class RecordingFile:
+    """An MCAP file that is being written, under a temporary name. All methods may raise OSError."""
+
+    def __init__(self, path: str, profile: str, begin_ns: int, attachments: Mapping[str, str]) -> None:
+        """Creates the file. It begins at a time, in ns since 1970, which is also that of the attachments."""
+        from mcap.writer import Writer  # only those who have a black box need it
+
+        self._path = path
+        self._stream: IO[bytes] = open(path + PART, "xb")
+        self._channels: Dict[Tuple[str, RawFormat], int] = {}
+        self._schemas: Dict[RawFormat, int] = {}
+        self._counts: Dict[int, int] = {}
+        self.messages = 0
+        """Number of messages that were written."""
+        try:
+            self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES)
+            self._writer.start(profile, f"robot-health {package_version()}")
+            for name, text in attachments.items():
+                media_type = _MEDIA_TYPES[os.path.splitext(name)[1]]
+                self._writer.add_attachment(begin_ns, begin_ns, name, media_type, text.encode("utf-8"))
+            self._stream.flush()
+        except BaseException:
+            self.discard()
+            raise
+
+    @property
+    def bytes(self) -> int:
+        """Its size until now."""
+        return self._stream.tell()
+
+    def write(self, messages: Sequence[Message], offset_s: float) -> None:
+        """Writes messages; with `offset_s` added, their times are seconds since 1970."""
+        for time_s, channel, data in messages:
+            number = self._channels.get(channel) or self._register(channel)
+            time_ns = max(0, round((time_s + offset_s) * 1e9))
+            self._counts[number] = sequence = self._counts.get(number, 0) + 1
+            self._writer.add_message(number, time_ns, data, time_ns, sequence & 0xFFFFFFFF)
+            self.messages += 1
+        self._stream.flush()
+
+    def finish(self, metadata: Mapping[str, str]) -> None:
+        """Completes the file and gives it its name."""
+        self._writer.add_metadata("robot-health", dict(metadata))
+        _complete(self._writer, self._stream, self._path)
+
+    def discard(self) -> None:
+        """Removes the file; never raises."""
+        for action in (self._stream.close, lambda: os.unlink(self._path + PART)):
+            try:
+                action()
+            except OSError:
+                pass
+
+    def _register(self, channel: Channel) -> int:
+        found = channel.format
+        if found not in self._schemas:
+            schema = found.schema.encode("utf-8")
+            self._schemas[found] = self._writer.register_schema(found.schema_name, found.schema_encoding, schema)
+        self._channels[channel] = self._writer.register_channel(
+            channel.topic, found.message_encoding, self._schemas[found]
+        )
+        return self._channels[channel]
+
+
+def complete(path: str) -> bool:
+    """Completes a file that a killed process left; returns whether it had a message. Else it is removed.
+
+    What was written up to the last complete chunk is kept. May raise OSError.
+    """
+    from mcap.writer import Writer
+
+    target = path + ".completed" + PART
+    with open(path + PART, "rb") as source, open(target, "wb") as stream:
+        writer = Writer(stream, chunk_size=_CHUNK_BYTES)
+        if _copy(_records(source), writer):
+            _complete(writer, stream, path, target)
+        else:
+            os.unlink(target)
+    os.unlink(path + PART)
+    return os.path.exists(path)
+
+
+def _records(source: IO[bytes]) -> Iterable[Any]:
+    """Yields the records of a file as far as they can be read."""
+    from mcap.exceptions import McapError
+    from mcap.stream_reader import StreamReader
+
+    try:
+        yield from StreamReader(source).records
+    except (McapError, ValueError, EOFError, IndexError, KeyError, RuntimeError, OverflowError, MemoryError):
+        return
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] not in ("struct", "zstd", "zstandard", "lz4"):
+            raise
+
+
+def _copy(records: Iterable[Any], writer: Any) -> int:
+    """Copies messages with their schemas, channels and attachments; returns how many messages there were."""
+    from mcap import records as kinds
+
+    schemas: Dict[int, int] = {0: 0}
+    channels: Dict[int, int] = {}
+    number = 0
+    for record in records:
+        if isinstance(record, kinds.Header):
+            writer.start(record.profile, record.library)
+        elif isinstance(record, kinds.Attachment):
+            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+        elif isinstance(record, kinds.Schema):
+            if record.id not in schemas:
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+        elif isinstance(record, kinds.Channel):
+            if record.id not in channels and record.schema_id in schemas:
+                schema = schemas[record.schema_id]
+                channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schema)
+        elif isinstance(record, kinds.Message) and record.channel_id in channels:
+            channel = channels[record.channel_id]
+            writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+            number += 1
+    return number
+
+
+def _complete(writer: Any, stream: IO[bytes], path: str, part: str = "") -> None:
+    writer.finish()
+    stream.flush()
+    os.fsync(stream.fileno())
+    stream.close()
+    os.replace(part or path + PART, path)

@@ -1,0 +1,192 @@
+"""The black box of one robot: what waits in memory, and when a recording begins and ends."""
+
+from __future__ import annotations
+
+from typing import Dict, Mapping, Optional
+
+from robot_health_monitor.core.attachments import SavedMonitor
+from robot_health_monitor.core.elements import ARRAY_TYPE, STATUS_TYPE
+from robot_health_monitor.core.errors import ConfigError, MessageError
+from robot_health_monitor.core.middleware import Message as Mapped
+from robot_health_monitor.core.middleware import Middleware, Severity
+from robot_health_monitor.core.model import Level, Transition
+from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.nodes.node import DIAGNOSTICS, base_name
+from robot_health_monitor.core.outlets import Event, alert_message, array_message
+from robot_health_monitor.core.state_reader import SavedSignal
+
+from .black_box import PART, BlackBox, Recording
+from .capture import Capture
+from .ring import Channel, RobotRing
+
+_CHECK_PERIOD_S = 1.0
+_SEGMENTS = 6  # in `before_s`
+_LONGEST_SEGMENT_S = 5.0
+
+
+class RobotBlackBox:
+    """Records one robot. All methods are called with its node's lock, except `of_alert`, which may be without."""
+
+    def __init__(self, box: BlackBox, middleware: Middleware, robot: str, open_files: Mapping[str, str]) -> None:
+        """Subscribes to nothing yet: `attach`. `open_files` are those of alerts that are still open, by signal."""
+        self.robot = robot
+        self._box = box
+        self._middleware = middleware
+        self._ring = RobotRing(box.ring, box.settings.before_s)
+        self._segment_s = max(_CHECK_PERIOD_S, min(_LONGEST_SEGMENT_S, box.settings.before_s / _SEGMENTS))
+        self._topics = {
+            type_name: middleware.advertise(topic, type_name)
+            for topic, type_name in (("alerts", STATUS_TYPE), (DIAGNOSTICS, ARRAY_TYPE))
+        }
+        self._channels: Dict[str, Channel] = {}
+        self._capture = Capture(middleware, box.settings.topics, self._ring.add, self._topics.values())
+        self._alert_system: Optional[AlertSystem] = None
+        self._states: Dict[str, SavedSignal] = {}
+        self._rest: Dict[str, float] = {}
+        self._recording: Optional[Recording] = None
+        self._open = dict(open_files)
+        box.note_open(robot, self._open)
+
+    def attach(self, alert_system: AlertSystem) -> None:
+        """Begins to record what the robot's alert_system watches."""
+        self._alert_system = alert_system
+        alert_system.outlets.add("black box", self._note)
+        self._check(self._middleware.now_s())
+        self._middleware.create_timer(_CHECK_PERIOD_S, self._check, steady=True)
+        self._box.watch_topics(self.robot, self._middleware, self._note_topics)
+
+    def of_alert(self, transition: Transition) -> str:
+        """Returns the name of the file that records a transition, which begins with it or goes on; empty: none.
+
+        Call it before the transition is stored and announced. Never raises.
+        """
+        try:
+            return self._file_of(transition)
+        except Exception as error:
+            self._middleware.faults.report(PART, f"{type(error).__name__}: {error}")
+            return ""
+
+    def _file_of(self, transition: Transition) -> str:
+        signal, level = transition.signal, transition.to_level
+        if level is Level.OK:
+            if self._open.pop(signal, None) is not None:
+                self._box.note_open(self.robot, self._open)
+            return ""
+        if transition.repeat or level.severity < self._box.settings.min_level.severity or self._box.is_broken:
+            return self._open.get(signal, "") if transition.repeat else ""
+        name = self._begin_or_continue(transition)
+        if name:
+            self._open[signal] = name
+            self._box.note_open(self.robot, self._open)
+        return name
+
+    @property
+    def reach_s(self) -> float:
+        """How far its messages in memory reach back, in s."""
+        return self._ring.reach_s(self._middleware.steady_s())
+
+    def close(self) -> None:
+        """Ends the recording after what has come."""
+        self._end_recording()
+        self._capture.close()
+        self._ring.close()
+        self._box.forget(self.robot)
+
+    def _begin_or_continue(self, transition: Transition) -> str:
+        steady_s, after_s = self._middleware.steady_s(), self._box.settings.after_s
+        recording = self._recording
+        if recording is not None and not recording.is_failed:
+            recording.end_s = steady_s + after_s
+            return recording.name
+        self._end_recording()
+        if self._ring.current is None or self._alert_system is None:
+            return ""
+        reader = self._ring.reader()
+        recording = self._recording = Recording(
+            name=self._box.new_name(self.robot, transition.signal),
+            robot=self.robot,
+            reader=reader,
+            offset_s=self._box.wall_time_s() - steady_s,
+            saved=SavedMonitor(self.robot, reader.first.begin_s, reader.first.states),
+            config=self._alert_system.configuration,
+            topics=self._capture.resolved,
+            use_sim_time=self._capture.is_simulated,
+            profile=self._profile(),
+            alert=transition.text,
+            end_s=steady_s + after_s,
+        )
+        self._box.begin(recording)
+        self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()))
+        return recording.name
+
+    def _end_recording(self) -> None:
+        if self._recording is not None:
+            self._ring.end_reader()
+            self._recording.is_ended = True
+            self._recording = None
+            self._box.wake()
+
+    def _profile(self) -> str:
+        """Returns the profile of the file: that of its messages if they agree."""
+        formats = {channel.format.profile for channel in (*self._channels.values(), *self._capture.channels)}
+        return formats.pop() if len(formats) == 1 else ""
+
+    def _check(self, now_s: float) -> None:
+        """Runs once a second."""
+        assert self._alert_system is not None
+        if self._box.is_broken:
+            self._capture.close()
+            self._ring.close()
+            return
+        steady_s = self._middleware.steady_s()
+        self._capture.follow(self._alert_system.configuration)
+        current = self._ring.current
+        if current is None or steady_s - current.begin_s >= self._segment_s - _CHECK_PERIOD_S / 2.0:
+            self._begin_segment(now_s, steady_s)
+        recording = self._recording
+        if recording is None:
+            return
+        if recording.is_failed or recording.is_large or steady_s >= recording.end_s:
+            self._end_recording()
+        else:
+            self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()))
+
+    def _begin_segment(self, now_s: float, steady_s: float) -> None:
+        """Saves the states of the signals. Those at rest have not changed."""
+        assert self._alert_system is not None
+        monitor = self._alert_system.monitor
+        states: Dict[str, SavedSignal] = {}
+        rest: Dict[str, float] = {}
+        changed = 0
+        for name in monitor.signals():
+            at_rest_since_s = monitor.at_rest_since_s(name)
+            if at_rest_since_s is not None:
+                rest[name] = at_rest_since_s
+            if at_rest_since_s is not None and self._rest.get(name) == at_rest_since_s and name in self._states:
+                states[name] = self._states[name]
+            else:
+                states[name] = monitor.snapshot(name, self._middleware.now_s(), steady_s)
+                changed += 1
+        self._states, self._rest = states, rest
+        self._ring.begin_segment(steady_s, states, changed)
+
+    def _note(self, event: Event) -> None:
+        """Records what the monitor announces."""
+        if isinstance(event, Transition) and self._alert_system is not None:
+            node, silence = base_name(self._middleware), self._alert_system.silence_of(event.signal)
+            self._record("alerts", STATUS_TYPE, alert_message(event, node, silence))
+            self._record(DIAGNOSTICS, ARRAY_TYPE, array_message([event.status], node))
+
+    def _record(self, topic: str, type_name: str, message: Mapped) -> None:
+        try:
+            data, found = self._middleware.serialize(type_name, message)
+        except (ConfigError, MessageError) as error:
+            self._middleware.log(Severity.WARN, f"black box: {topic} is not recorded: {error}")
+            return
+        channel = self._channels.get(type_name)
+        if channel is None or channel.format is not found:
+            channel = self._channels[type_name] = Channel(self._topics[type_name], found)
+        self._ring.add(self._middleware.steady_s(), channel, data)
+
+    def _note_topics(self, topics: Mapping[str, str]) -> None:
+        self._capture.found = topics

@@ -1,0 +1,218 @@
+"""The black box of a process: disks that fail, limits, other processes, kill -9. An alert never waits for any of it."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any, Iterator, List
+
+import pytest
+from harness.black_boxes import BATTERY, RecordedRobot, recorded
+from harness.waiting import wait_for
+
+pytest.importorskip("mcap")
+
+from robot_health_monitor.core import Level
+from robot_health_monitor.ops.black_box import black_box
+from robot_health_monitor.ops.black_box.folder import is_file_name
+from robot_health_monitor.ops.black_box.recording_file import RecordingFile
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def faults(robot: RecordedRobot) -> List[str]:
+    return [f"{part}: {fault.text}" for part, fault in robot.operations.faults.current().items() if "black" in part]
+
+
+def alert(robot: RecordedRobot) -> str:
+    """Causes an alert and waits until its recording has ended; returns the name of its file."""
+    robot.feed(1.0, 50.0)
+    robot.feed(1.0, 15.0)
+    name = robot.transitions[-1].black_box
+    robot.feed(15.0, 50.0)
+    return name
+
+
+@pytest.fixture
+def small_files() -> Iterator[int]:
+    """Makes the disk full for files of more than 100 kB: writing fails with EFBIG."""
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    yield 100_000
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_a_full_disk_is_a_fault_that_the_next_file_ends(tmp_path: Path, small_files: int) -> None:
+    robot = RecordedRobot(tmp_path, topics=("/noise",))
+    robot.feed(1.0, 50.0)
+    robot.feed(1.0, 15.0)
+    robot.publish("/noise", {"data": os.urandom(200_000).hex()}, "std_msgs/String")
+    robot.wait(15.0)
+    assert robot.files() == []
+    assert [text for text in faults(robot) if text.startswith("black box: ") and "File too large" in text]
+    assert os.listdir(tmp_path) == [".lock"]
+    assert [each.to_level for each in robot.transitions] == [Level.WARN, Level.STALE]
+    robot.wait(60.0)
+    alert(robot)
+    assert len(robot.files()) == 1
+    assert faults(robot) == []
+    robot.close()
+
+
+def test_a_folder_that_cannot_be_created_is_a_fault(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    robot = RecordedRobot(tmp_path / "file" / "folder")
+    alert(robot)
+    assert robot.files() == []
+    assert faults(robot) == [f"black box: {tmp_path}/file/folder: Not a directory"]
+    robot.close()
+
+
+def test_a_folder_of_another_monitor_is_a_fault_and_nothing_is_recorded(tmp_path: Path) -> None:
+    first, second = RecordedRobot(tmp_path), RecordedRobot(tmp_path, name="r2")
+    wait_for(lambda: faults(first) + faults(second))
+    refused = first if faults(first) else second
+    used = second if refused is first else first
+    assert faults(refused) == [f"black box: nothing is recorded: {tmp_path}: another monitor writes into this folder"]
+    assert alert(refused) == ""
+    assert alert(used) == used.files()[0].name
+    first.close()
+    second.close()
+
+
+def test_without_the_library_there_is_one_fault_and_no_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    robot = RecordedRobot(tmp_path)
+    assert alert(robot) == ""
+    assert faults(robot) == ["black box: nothing is recorded: mcap is not installed: pip install mcap"]
+    assert [each.to_level for each in robot.transitions] == [Level.WARN, Level.OK]
+    assert robot.bus.graph().nodes["/alert_system"].subscribes.count("/battery") == 1
+    robot.close()
+
+
+def test_a_slow_disk_delays_no_alert_and_what_is_lost_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_write = threading.Event()
+    write = RecordingFile.write
+
+    def slow(file: RecordingFile, *arguments: Any) -> None:
+        may_write.wait(30.0)
+        write(file, *arguments)
+
+    monkeypatch.setattr(RecordingFile, "write", slow)
+    robot = RecordedRobot(tmp_path, memory_mb=1.0, after_s=600.0)
+    robot.feed(1.0, 50.0)
+    robot.feed(500.0, 15.0, rate_hz=20.0)  # 10,000 messages take more than 1 MB
+    robot.feed(5.0, 5.0)
+    assert [each.to_level for each in robot.transitions] == [Level.WARN, Level.ERROR]
+    may_write.set()
+    robot.wait(1000.0)
+    robot.files()
+    assert robot.operations.black_box is not None
+    robot.operations.black_box.wake()
+    wait_for(lambda: faults(robot))
+    (text,) = faults(robot)
+    assert text.startswith("black box messages: ")
+    assert text.endswith(" messages are missing in recordings: the disk was too slow for memory_mb 1")
+    robot.close()
+
+
+def test_a_folder_full_of_open_alerts_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    signals = {name: {**BATTERY, "topic": name} for name in "abc"}
+    robot = RecordedRobot(tmp_path, signals, keep_mb=1.0, topics=("/noise",), after_s=1.0)
+    names = []
+    for name in "abc":
+        for each in "abc":
+            robot.publish(each, 50.0 if each >= name else 15.0)
+        robot.wait(1.0)
+        robot.publish("/noise", {"data": os.urandom(300_000).hex()}, "std_msgs/String")
+        robot.publish(name, 15.0)
+        names.append(robot.transitions[-1].black_box)
+        for _ in range(40):  # far from the message before
+            robot.wait(1.0)
+            for each in "abc":
+                robot.publish(each, 50.0 if each > name else 15.0)
+        robot.files()
+    kept = [path.name for path in robot.files()]
+    assert kept == sorted(names[:2])
+    full = "nothing is recorded: the recordings of open alerts take keep_mb (1)"
+    assert faults(robot) == [f"black box folder: {full}"]
+    robot.close()
+
+
+def test_names_are_unique_and_harmless(tmp_path: Path) -> None:
+    robot = RecordedRobot(tmp_path)
+    box = robot.operations.black_box
+    assert box is not None
+    names = [box.new_name("../r 1", "drivers[motor: left]\n" * 20) for _ in range(3)] + [box.new_name("ä", "")]
+    assert len(set(names)) == 4
+    assert all(map(is_file_name, names))
+    assert names[0].startswith("r_1_20231114T223000.000Z_drivers_motor_left_")
+    robot.close()
+
+
+def test_a_camera_does_not_exceed_the_memory(tmp_path: Path) -> None:
+    robot = RecordedRobot(tmp_path, memory_mb=4.0, topics=("/camera/image",), before_s=10.0)
+    assert robot.operations.black_box is not None
+    ring = robot.operations.black_box.ring
+    image = {"data": "A" * 300_000}
+    for number in range(60):
+        robot.wait(1.0 / 30.0)
+        robot.publish("/camera/image", image, "sensor_msgs/Image")
+        robot.publish("battery", 15.0 if number > 30 else 50.0)
+        assert ring.used_bytes <= 4e6
+    assert ring.dropped > 30
+    robot.wait(30.0)  # STALE after 5 s
+    (file,) = robot.files()
+    assert len(recorded(file)["/camera/image"]) >= 10
+    robot.close()
+
+
+KILLED = """
+import sys
+sys.path[:0] = [{root!r}, {tests!r}]
+from pathlib import Path
+from harness.black_boxes import RecordedRobot
+robot = RecordedRobot(Path({folder!r}), after_s=3600.0, topics=("/noise",))
+robot.feed(2.0, 50.0)
+robot.feed(2.0, 15.0)
+print("alert", flush=True)
+number = 0
+while True:
+    number += 1
+    robot.wait(0.01)
+    robot.publish("/noise", {{"data": str(number) * 200}}, "std_msgs/String")
+"""
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.3])
+def test_after_a_kill_the_next_start_completes_the_file_or_removes_it(tmp_path: Path, delay_s: float) -> None:
+    program = KILLED.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"alert\n"
+    threading.Event().wait(delay_s)
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    robot = RecordedRobot(tmp_path)
+    wait_for(lambda: not list(tmp_path.glob("*.part")) and (tmp_path / ".lock").exists())
+    for file in robot.files():
+        assert recorded(file)
+    assert faults(robot) == []
+    name = alert(robot)
+    assert name in [file.name for file in robot.files()]
+    robot.close()
+
+
+def test_the_time_that_a_close_may_take_is_below_two_seconds() -> None:
+    assert black_box._CLOSE_TIMEOUT_S + 0.2 < 2.0

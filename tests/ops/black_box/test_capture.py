@@ -1,0 +1,131 @@
+"""Which topics are recorded: those of the signals, those that are named, those that match; images only if named."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Mapping, Sequence
+
+import pytest
+
+from robot_health_monitor.core import load_config
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.local import LocalBus, LocalMiddleware
+from robot_health_monitor.ops.black_box.capture import Capture
+from robot_health_monitor.ops.black_box.ring import Channel
+
+IMAGE = "sensor_msgs/Image"
+FLOAT = "std_msgs/Float32"
+
+
+class Robot:
+    """A robot that publishes once on each of its topics."""
+
+    def __init__(self, topics: Mapping[str, str], named: Sequence[str] = (), use_sim_time: bool = False) -> None:
+        self.bus = LocalBus(5.0)
+        self.found: List[str] = []
+        self.times_s: List[float] = []
+        self.sensor = self.bus.node("sensor")
+        self.types: Dict[str, str] = {}
+        self.add(topics)
+        self.node: LocalMiddleware = self.bus.node("alert_system", use_sim_time=use_sim_time)
+        self.capture = Capture(self.node, named, self.note, ("/diagnostics",))
+        self.capture.found = self.node.topic_types()
+
+    def add(self, topics: Mapping[str, str]) -> None:
+        self.types.update(topics)
+        for topic, type_name in topics.items():
+            self.sensor.advertise(topic, type_name)
+
+    def note(self, time_s: float, channel: Channel, data: bytes) -> None:
+        self.found.append(channel.topic)
+        self.times_s.append(time_s)
+
+    def recorded(self, **signals: Mapping[str, object]) -> List[str]:
+        """Returns the topics that are recorded with a configuration."""
+        config = load_config({"signals": signals or {"none": {"topic": "/none", "type": FLOAT}}})
+        for _ in range(2):  # an image of which the type was not known is recognised by its first message
+            self.capture.follow(config)
+            self.found.clear()
+            for topic in self.types:
+                self.sensor.publish(topic, {})
+        return sorted(self.found)
+
+
+def test_the_topics_of_signals_are_recorded_once_each() -> None:
+    robot = Robot({"/a": FLOAT, "/b": FLOAT})
+    signals = {
+        "one": {"topic": "a"},
+        "two": {"topic": "/a", "type": FLOAT},
+        "three": {"topic": "a", "statistic": "mean"},
+    }
+    assert robot.recorded(**signals) == ["/a"]
+
+
+def test_a_topic_that_is_named_is_recorded_whatever_its_type() -> None:
+    assert Robot({"/a": FLOAT, "/image": IMAGE}, ["/image", "/a"]).recorded() == ["/a", "/image"]
+
+
+def test_patterns_leave_images_and_what_the_node_publishes_itself_out() -> None:
+    topics = {"/arm/a": FLOAT, "/arm/b": FLOAT, "/leg": FLOAT, "/arm/image": IMAGE, "/diagnostics": FLOAT}
+    assert Robot(topics, ["/arm/*"]).recorded() == ["/arm/a", "/arm/b"]
+    assert Robot(topics, ["*"]).recorded() == ["/arm/a", "/arm/b", "/leg"]
+
+
+def test_a_topic_that_appears_later_is_recorded_from_then_on() -> None:
+    robot = Robot({"/a": FLOAT}, ["*"])
+    assert robot.recorded() == ["/a"]
+    robot.add({"/b": FLOAT})
+    robot.capture.found = robot.node.topic_types()
+    assert robot.recorded() == ["/a", "/b"]
+    assert robot.recorded() == ["/a", "/b"]
+
+
+@pytest.mark.parametrize("signal", [{"type": IMAGE, "field": ""}, {"field": ""}], ids=str)
+def test_the_images_of_a_signal_are_not_recorded(signal: Mapping[str, object]) -> None:
+    robot = Robot({"/image": IMAGE, "/a": FLOAT}, ["/a"])
+    assert robot.recorded(camera={"topic": "/image", **signal}) == ["/a"]
+
+
+@pytest.mark.parametrize("signal", [{"type": IMAGE, "field": ""}, {"field": ""}], ids=str)
+def test_the_images_of_a_signal_are_recorded_if_they_are_named(signal: Mapping[str, object]) -> None:
+    robot = Robot({"/image": IMAGE}, ["/image"])
+    assert robot.recorded(camera={"topic": "/image", **signal}) == ["/image"]
+
+
+def test_a_changed_configuration_ends_subscriptions() -> None:
+    robot = Robot({"/a": FLOAT, "/b": FLOAT})
+    assert robot.recorded(one={"topic": "/a"}) == ["/a"]
+    assert robot.recorded(one={"topic": "/b"}) == ["/b"]
+    robot.capture.close()
+    robot.found.clear()
+    robot.sensor.publish("/b", {})
+    assert robot.found == []
+
+
+def test_a_topic_that_cannot_be_recorded_is_one_line_in_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot({"/a": FLOAT, "/b": FLOAT})
+    subscribe_raw = robot.node.subscribe_raw
+
+    def refuse(topic: str, *arguments: Any) -> Any:
+        if topic == "/b":
+            raise ConfigError("expected another type")
+        return subscribe_raw(topic, *arguments)
+
+    monkeypatch.setattr(robot.node, "subscribe_raw", refuse)
+    assert robot.recorded(one={"topic": "/a"}, two={"topic": "/b"}) == ["/a"]
+    assert robot.recorded(one={"topic": "/a"}, two={"topic": "/b", "for_s": 1.0}) == ["/a"]
+    lines = [line.text for line in robot.bus.log_lines]
+    assert lines == ["black box: /b is not recorded: expected another type"]
+
+
+def test_under_simulated_time_messages_have_steady_time_and_the_clock_is_recorded() -> None:
+    robot = Robot({"/a": FLOAT, "/clock": "rosgraph_msgs/Clock"}, use_sim_time=True)
+    robot.sensor.publish("/clock", {"clock": {"secs": 7000, "nsecs": 0}})
+    assert robot.recorded(one={"topic": "/a"}) == ["/a", "/clock"]
+    assert set(robot.times_s) == {5.0}
+    assert robot.capture.is_simulated
+
+
+def test_the_absolute_name_of_each_topic_is_known() -> None:
+    robot = Robot({"/a": FLOAT})
+    robot.recorded(one={"topic": "a"})
+    assert robot.capture.resolved == {"a": "/a"}
