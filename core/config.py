@@ -59,6 +59,12 @@ NODE_PARAMETERS = (
 MONITOR_PARAMETERS = (
     *NODE_PARAMETERS,
     Parameter("publish_rate", float, 1.0, "rate of /diagnostics, in Hz", 0.01, 100.0),
+    Parameter(
+        "show",
+        tuple,
+        (),
+        "signals whose values the page and the live view show beside the robot's name; []: the first three with a unit",
+    ),
 )
 """Parameters of alert_system, apart from its signals."""
 
@@ -84,6 +90,8 @@ _CONDITION_PARAMETERS = tuple(
     for parameter in CONDITION_PARAMETERS
 )
 
+_MAIN_SIGNALS = 3
+
 _DEEPEST_SECTION = 8
 """Deepest namespace above a `ros__parameters`."""
 
@@ -96,6 +104,7 @@ class MonitorConfig:
     """By name, in the order of the configuration."""
     robot_name: str = ""
     publish_rate: float = 1.0
+    show: Tuple[str, ...] = ()
     rosbridge_port: int = 0
     rosbridge_address: str = "127.0.0.1"
     rosbridge_token_file: str = ""
@@ -103,6 +112,12 @@ class MonitorConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+
+    @property
+    def main_signals(self) -> Tuple[str, ...]:
+        """The signals that stand for the robot: `show`, else the first three with a unit."""
+        with_unit = [name for name, signal in self.signals.items() if signal.unit and not signal.is_template]
+        return self.show or tuple(with_unit[:_MAIN_SIGNALS])
 
 
 class Section(NamedTuple):
@@ -227,6 +242,10 @@ def read_monitor(section: Section) -> MonitorConfig:
     if "signals" in tree or not problems.errors:  # a misspelt `signals` is one mistake, not two
         with problems:
             signals = _read_signals(tree, (*path, "signals"))
+    for name in values.get("show", ()) if signals else ():
+        if name not in signals and not (is_element_name(name) and template_name(name) in signals):
+            known = list_text(list(signals), 20)
+            problems.add(ConfigError(f"expected names of signals ({known}), got {describe(name)}", (*path, "show")))
     problems.raise_if_any()
     settings = {field.name: values[field.name] for field in fields(MonitorConfig) if field.name in values}
     return MonitorConfig(signals, **settings)

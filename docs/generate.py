@@ -253,6 +253,7 @@ API: Mapping[str, Mapping[str, str]] = {
         "message": 'message of that signal; `""` if OK',
         "since": "since when that signal has its level; `null` if OK",
         "monitor": "`level` and `message` of the worst fault of the monitor that concerns this robot",
+        "show": "names of the main signals: `show` of the configuration, else the first three with a unit",
         "signals": "by name, in the order of the configuration; `link` is one of them. Elements of arrays (`cells[7]`) "
         "follow their template as they come and go",
     },

@@ -52,7 +52,7 @@ def refuse_changes(old: Mapping[str, object], new: Mapping[str, object], *, exce
 def sections_of(config: MonitorConfig, **own: object) -> Sections:
     """Returns the values of a configuration of alert_system, and further ones of the node itself."""
     signals = {name: vars(signal) for name, signal in config.signals.items()}
-    return {"": {"publish_rate": config.publish_rate, **own}, **signals}
+    return {"": {"publish_rate": config.publish_rate, "show": config.show, **own}, **signals}
 
 
 def describe_changes(old: Sections, new: Sections) -> str:

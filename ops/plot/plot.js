@@ -181,7 +181,8 @@ class Plot extends HealthPlotViews.Gestures {
     this.drawAlerts(bottom);
     this.overlay = add(svg, "g");
     this.drawCursor();
-    this.zoomOut.disabled = this.all.disabled = view.isWhole;
+    this.all.disabled = view.isWhole;
+    this.zoomOut.disabled = view.isWhole && !view.beyond;
     svg.setAttribute("aria-label", this.description());
   }
 

@@ -16,6 +16,8 @@ class View {
     this.utcOffset = utcOffset || 0;
     this.onChange = [];
     this.pending = false;
+    /** Called when the whole is shown and the user zooms out; null: nothing is beyond. */
+    this.beyond = null;
   }
 
   get isWhole() { return this.from <= this.first && this.to >= this.last; }
@@ -44,6 +46,10 @@ class View {
   }
 
   zoom(factor, around) {
+    if (factor > 1 && this.isWhole && this.beyond) {
+      this.beyond();
+      return;
+    }
     const center = around === undefined ? (this.from + this.to) / 2 : around;
     this.show(center - (center - this.from) * factor, center + (this.to - center) * factor);
   }

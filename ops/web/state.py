@@ -169,6 +169,7 @@ class RobotReader:
             "message": signals[cause]["message"] if cause is not None else "",
             "since": signals[cause]["since"] if cause is not None else None,
             "monitor": self._own_state.of_robot(self.alert_system),
+            "show": list(monitor.config.main_signals),
             "signals": signals,
         }
 

@@ -263,6 +263,8 @@ class RobotState(NamedTuple):
     """Number of its signals that are not OK, silent or invalid ones included, unknown ones not."""
     others: Sequence[Status]
     """Statuses of its other alarms, the worst first; as many as could be shown."""
+    main: Sequence[Status]
+    """Statuses of its main signals; none unless it is OK."""
 
 
 class FleetState(NamedTuple):
@@ -296,7 +298,9 @@ def fleet_state(shown: Shown, lines: int) -> FleetState:
         statuses = [status for status in found if status is not None]
         first = statuses.pop(0) if statuses else None
         room -= len(statuses)
-        robots.append(RobotState(systems[index].robot, worst[index], first, alarms, statuses))
+        main = systems[index].monitor.config.main_signals if worst[index] == 0 else ()
+        values = [status for status in map(systems[index].status, main) if status is not None]
+        robots.append(RobotState(systems[index].robot, worst[index], first, alarms, statuses, values))
     silenced = sum(
         rank > 1 and system.silence_of(name) is not None
         for system, of_robot in zip(systems, ranks)
@@ -379,8 +383,18 @@ class _FleetColumns:
         if robot.worst is not None:
             return self.signal(name, robot.worst)
         if robot.rank == 0:
-            return self._lines(name, Text("OK", style="green"), "", "", "")
+            return [self._line(name, Text("OK", style="green"), "", "", self._values(robot.main))]
         return self._lines(name, Text("waiting", style="cyan"), "", "", "no connection yet")
+
+    def _values(self, main: Sequence[Status]) -> str:
+        """Returns the main values of a robot that is OK, as many as fit into its line."""
+        text = ""
+        for status in main if self._beside else ():
+            longer = f"{text}{', ' if text else ''}{self._shown(status.name)} {self._shown(status.message)}"
+            if cell_len(longer) > self._room():
+                break
+            text = longer
+        return text
 
     def signal(self, robot: Text, status: Status) -> List[Text]:
         """Returns the lines of a signal; `robot` is empty in those below the first one of a robot."""

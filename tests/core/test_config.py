@@ -277,3 +277,20 @@ def test_signals_at_the_top_of_a_file_show_the_nesting(tmp_path: Path) -> None:
         load_config(file)
     nesting = "alert_system: {ros__parameters: {signals: ...}}"
     assert str(caught.value) == f"{file}:1: signals: expected below the name of a node: {nesting}"
+
+
+SHOWN: Mapping[str, Any] = {
+    "a": {"unit": "%"}, "b": {}, "c": {"unit": "V"}, "d": {"unit": "A"}, "e": {"unit": "W"},
+    "cells": {"type": "sensor_msgs/BatteryState", "field": "cell_voltage[*]", "unit": "V"},
+}  # fmt: skip
+
+
+def test_the_main_signals_are_the_first_three_with_a_unit_or_those_of_show() -> None:
+    assert load_signals(SHOWN).main_signals == ("a", "c", "d")
+    assert load_config({"signals": SHOWN, "show": ["cells[1]", "b"]}).main_signals == ("cells[1]", "b")
+
+
+@pytest.mark.parametrize("name", ["x", "b[1]x", "motors[1]", ""])
+def test_show_names_signals_of_the_configuration(name: str) -> None:
+    with pytest.raises(ConfigError, match=r"^show: expected names of signals \(a, b, c, d, e, cells\), got "):
+        load_config({"signals": SHOWN, "show": [name]})

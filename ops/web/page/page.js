@@ -15,6 +15,8 @@ const LOGGED_IN = "robot-health-logged-in";
 const RECENT = 5;
 const MOST_ANNOUNCED = 3;
 const ANNOUNCE_MS = 2000;
+/** How often the levels of the last 24 hours are fetched. */
+const DAYS_MS = 60000;
 
 /** Returns a part of an address as text; as it is if it is malformed. */
 function decoded(part) {
@@ -64,6 +66,15 @@ class Page {
     this.setPhase("live");
     this.robots.follow();
     this.loadAlerts();
+    this.loadDays();
+  }
+
+  /** Loads the levels of the last 24 hours; without them, robots have no bar. */
+  async loadDays() {
+    this.daysAt = performance.now() + DAYS_MS;
+    if (!this.fleet.state.history) return;
+    const answer = await request("api/history/levels").catch(() => null);
+    if (answer) this.robots.showDays(answer.robots);
   }
 
   change(change) {
@@ -146,6 +157,7 @@ class Page {
     setText(byId("footer-text"), `robot_health_monitor ${this.fleet.state.version}. Times are local (${zoneText(now)}).`);
     this.robots.tick();
     this.silences.tick();
+    if (performance.now() > this.daysAt) this.loadDays();
   }
 
   showLost() {

@@ -44,13 +44,22 @@ function gapOf(samples) {
 
 /** The live plot of a signal's window. */
 export class WindowPlot {
-  constructor(element, name) {
-    this.element = element;
-    this.name = name;
+  /** `beyond` is called when the whole is shown and the user zooms out. */
+  constructor(element, name, beyond) {
+    Object.assign(this, {element, name, beyond});
     /** Levels that were seen here, as [s since 1970, level]. */
     this.levels = [];
     /** What the history has: levels before that, and alerts. */
     this.past = {levels: [], alerts: []};
+    /** Stored samples that are shown in place of the window; null: none. */
+    this.stored = null;
+  }
+
+  /** Shows stored samples, as `Ranges` gives them, from now on; null: the window. */
+  setStored(stored) {
+    const length = (each) => (each ? each.length : 0);
+    this.isNewRange = length(stored) !== length(this.stored);
+    this.stored = stored;
   }
 
   /** Takes the alerts of the history, newest first, each with the `element` that shows it, and when no monitor ran. */
@@ -70,24 +79,35 @@ export class WindowPlot {
   /** Shows a signal with these samples, up to `now` in s since 1970. */
   show(signal, kind, samples, now) {
     this.noteLevel(signal, kind);
+    const common = {name: this.name, unit: withDegrees(signal.judged_unit ?? signal.unit ?? ""), bounds: signal.bounds || [], alerts: this.past.alerts};
+    const {from, to, ...data} = this.stored ? this.longData(now) : this.windowData(signal, samples, now);
+    const shown = {...common, ...data};
+    if (!this.plot) {
+      this.view = new HealthPlot.View(from, to, utcOffset(now * 1000));
+      this.view.beyond = this.beyond;
+      this.plot = new HealthPlot.Plot(this.element, shown, this.view);
+      return;
+    }
+    this.view.extend(from, to);
+    if (this.isNewRange) [this.view.from, this.view.to, this.isNewRange] = [from, to, false];
+    this.plot.update(shown);
+  }
+
+  windowData(signal, samples, now) {
     const from = samples.length ? samples[0][0] : now - 60;
     const last = samples.length ? samples[samples.length - 1][0] : now;
-    const to = clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
+    const until = clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
     const ahead = samples.length ? lineAhead(signal, last) : null;
     const seen = this.levels.length ? this.levels[0][0] : Infinity;
-    const shown = {
-      name: this.name, unit: withDegrees(signal.judged_unit ?? signal.unit ?? ""), ...columns(samples), bad: [], gap: gapOf(samples),
-      bounds: signal.bounds || [], levels: [...this.past.levels.filter(([t]) => t < seen), ...this.levels], alerts: this.past.alerts,
-      until: to, ahead: ahead ? [ahead] : [],
+    return {
+      from, to: ahead ? Math.max(until, ahead.to[0]) : until, until, ...columns(samples), bad: [], gap: gapOf(samples),
+      levels: [...this.past.levels.filter(([t]) => t < seen), ...this.levels], ahead: ahead ? [ahead] : [],
     };
-    const end = ahead ? Math.max(to, ahead.to[0]) : to;
-    if (this.plot) {
-      this.view.extend(from, end);
-      this.plot.update(shown);
-    } else {
-      this.view = new HealthPlot.View(from, end, utcOffset(to * 1000));
-      this.plot = new HealthPlot.Plot(this.element, shown, this.view);
-    }
+  }
+
+  longData(now) {
+    const {data, levels, from} = this.stored, until = levels.length ? levels[levels.length - 1][0] : now;
+    return {from, to: Math.max(now, from + 1), until: Math.min(until, now), ...data, levels, ahead: []};
   }
 
   /** Keeps the levels as far as they were seen here; the history has what was before. */

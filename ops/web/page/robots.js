@@ -1,7 +1,8 @@
 /* The list of robots. Each event updates only the rows of robots that changed. */
 import {byId, isolated, make, setAttribute, setChildren, setText, shape} from "./elements.js";
-import {countText, showAge} from "./format.js";
-import {Badge, KINDS} from "./levels.js";
+import {countText, showAge, valueText, withDegrees} from "./format.js";
+import {makeDay, showDay} from "./day.js";
+import {Badge, KINDS, LINK} from "./levels.js";
 import {SignalTable} from "./signals.js";
 
 /** Most robots with plots or trends; the API sends the samples of at most ten. */
@@ -17,10 +18,12 @@ class RobotRow {
     this.more = make("span.more");
     this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span"));
     this.since = make("time.since");
+    this.values = make("span.main-values");
+    this.day = makeDay();
     const id = `robot-${++rows}`;
     this.head = make("button.robot-head", {"aria-expanded": "false", "aria-controls": id, onclick: () => this.toggle()},
       shape("open"), this.badge.element, make("bdi.robot-name", {}, robot.name),
-      make("span.cause", {}, this.reason, this.more), this.silenced, this.since);
+      make("span.cause", {}, this.reason, this.more), this.silenced, this.since, this.values, this.day);
     this.body = make("div.robot-body", {id, hidden: true});
     this.element = make("li.robot", {}, make("h3", {}, this.head), this.body);
     this.table = null;
@@ -34,10 +37,24 @@ class RobotRow {
     const text = robot.isEmpty ? "no signal is watched: run `robot-health init`" : countText(robot.kinds.size, "signal");
     setText(this.reason, robot.cause || text);
     setText(this.more, robot.others ? ` and ${robot.others} more` : "");
+    this.showValues();
     this.silenced.hidden = !robot.silenced;
     setText(this.silenced.lastChild, robot.silenced ? `${robot.silenced} silenced` : "");
     this.tick();
     if (this.isOpen) this.updateBody();
+  }
+
+  /** Shows the main values, and the levels of the last 24 hours. */
+  showValues() {
+    const {signals, show} = this.robot.data;
+    const shown = (show || []).filter((name) => name in signals && name !== LINK && !["waiting", "unknown"].includes(this.robot.kinds.get(name)));
+    setChildren(this.values, shown.map((name) => {
+      const {text, value, unit} = signals[name];
+      return make("span", {}, isolated(name), " ", make("b", {}, withDegrees(text ?? valueText(value, unit)) || "–"), " ");
+    }));
+    const cells = this.page.robots && this.page.robots.days[this.robot.name];
+    setAttribute(this.day, "hidden", cells ? null : "");
+    if (cells) showDay(this.day, cells);
   }
 
   updateBody() {
@@ -80,6 +97,8 @@ export class RobotList {
   constructor(page) {
     this.page = page;
     this.rows = new Map();
+    /** The levels of the last 24 hours by robot, a letter per 15 minutes. */
+    this.days = Object.create(null);
     this.kinds = new Set();
     this.list = byId("robot-list");
     this.none = byId("no-robot");
@@ -134,6 +153,12 @@ export class RobotList {
 
   tick() {
     for (const row of this.rows.values()) row.tick();
+  }
+
+  /** Shows the levels of the last 24 hours. */
+  showDays(days) {
+    this.days = Object.assign(Object.create(null), days);
+    for (const row of this.rows.values()) row.showValues();
   }
 
   /** Asks for the samples of open robots, first of those with plots. If these are too many, one is closed, but not `latest`. */

@@ -5,6 +5,7 @@ import {request} from "./connection.js";
 import {patternOf, showAge, valueText, withDegrees, withHint} from "./format.js";
 import {Badge, LINK, rankOf} from "./levels.js";
 import {WindowPlot, drawSpark} from "./plots.js";
+import {Ranges} from "./ranges.js";
 
 /** Most alerts of the history in a plot. */
 const MOST_PAST = 300;
@@ -19,13 +20,17 @@ class SignalDetails {
     this.robotName = robotName;
     this.name = name;
     this.plotBox = make("div.plot");
-    this.plot = new WindowPlot(this.plotBox, name);
+    this.ranges = new Ranges(page, robotName, name, (stored) => {
+      this.plot.setStored(stored);
+      this.draw();
+    });
+    this.plot = new WindowPlot(this.plotBox, name, () => this.ranges.widen());
     this.facts = make("p.facts");
     this.silenced = make("p");
     this.silence = make("button", {onclick: () => page.actions.silence(robotName, name, this.isAlert)}, "Silence…");
     this.only = {robot: patternOf(robotName), signal: patternOf(name)};
     this.alerts = new AlertTable(page, {only: this.only, size: 5, ofSignal: true});
-    this.element = make("div.signal-body", {}, this.plotBox, this.facts, this.silenced, make("div.buttons", {}, this.silence),
+    this.element = make("div.signal-body", {}, this.ranges.element, this.plotBox, this.facts, this.silenced, make("div.buttons", {}, this.silence),
       make("h4", {}, "Alerts"), this.alerts.element);
   }
 
@@ -37,9 +42,17 @@ class SignalDetails {
     }
     this.since = signal.since;
     this.silence.hidden = !this.page.fleet.canSilence;
+    this.ranges.element.hidden = !this.page.fleet.state.history;
     setText(this.facts, factsText(signal));
     this.silenced.hidden = !signal.silenced;
     setText(this.silenced, `Silenced: ${signal.silenced}`);
+  }
+
+  /** Draws the plot: of these samples of the window, or of what was stored. */
+  draw(signal = this.signal, kind = this.kind, samples = this.samples) {
+    Object.assign(this, {signal, kind, samples});
+    this.ranges.refresh();
+    this.plot.show(signal, kind, samples, this.page.fleet.now / 1000);
   }
 
   /** Fetches what the plot shows of the time before the page was opened. Without it the plot shows less. */
@@ -135,7 +148,7 @@ class SignalRow {
     if (!this.element.isConnected) return;
     const samples = this.parent.samples.get(this.name) || [];
     this.spark.replaceChildren(drawSpark(this.signal, samples));
-    if (this.details) this.details.plot.show(this.signal, this.kind, samples, this.page.fleet.now / 1000);
+    if (this.details) this.details.draw(this.signal, this.kind, samples);
   }
 
   tick() {

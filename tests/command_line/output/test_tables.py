@@ -279,7 +279,7 @@ def test_each_robot_has_a_row_with_its_worst_signal_the_worst_robot_first(five: 
         "WARN motor_temperature 93 degC is above 80 degC",
         "warm WARN motor_temperature 93 degC is above 80 degC",
         "silent waiting no connection yet",
-        "calm OK",
+        "calm OK battery_level 77 %, motor_temperature 40 degC",
     ]
 
 
@@ -305,7 +305,12 @@ def test_nine_robots_fit_into_forty_lines() -> None:
         robots.add(f"husky{number}").measure(8.5 if number < 3 else 77.0, 40.0)
     lines = robots.lines(120, 40)
     assert len(lines) == 10
-    assert rows(lines)[-1] == "husky8 OK"
+    assert rows(lines)[-1] == "husky8 OK battery_level 77 %, motor_temperature 40 degC"
+
+
+def test_as_many_values_of_a_healthy_robot_are_shown_as_fit_into_its_line(five: Robots) -> None:
+    assert rows(five.lines(80, 40))[-1] == "calm OK battery_level 77 %"
+    assert rows(five.lines(40, 40))[-1] == "calm OK"
 
 
 def test_robots_for_which_there_is_no_room_are_counted_by_level(five: Robots) -> None:

@@ -31,6 +31,7 @@ EXPECTED = {
     "message": "19 % is below 20 %",
     "since": "2026-11-22T05:06:41.000Z",
     "monitor": {"level": "OK", "message": "no faults"},
+    "show": ["battery_level"],
     "signals": {
         "battery_level": {
             "level": "WARN",

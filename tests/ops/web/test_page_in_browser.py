@@ -13,9 +13,11 @@ import pytest
 from harness.driven_browser import Browser, Keys, ServedRobots, open_browser
 from harness.line_process import LineProcess
 from harness.waiting import wait_for
-from harness.web import BATTERY, Robots
+from harness.web import BATTERY, START_S, Robots
 
 from robot_health_monitor.core.elements import Elements
+from robot_health_monitor.core.model import Level
+from robot_health_monitor.ops.history.samples import StoredSamples, store
 
 TEMPERATURE: Mapping[str, Any] = {"unit": "degC", "warn_above": 80.0, "error_above": 95.0}
 SIGNALS: Mapping[str, Any] = {**BATTERY, "temperature": TEMPERATURE}
@@ -261,6 +263,87 @@ def test_a_plot_begins_where_the_history_begins(browser: Browser, served: Any, t
     browser.wait_for("document.querySelectorAll('.plot .marker').length === 5")
     links = "[...document.querySelectorAll('.plot a')].map((each) => each.getAttribute('href'))"
     browser.wait_for(f"{links}.every((link) => document.querySelector(link))")
+
+
+def stored(site: ServedRobots, robot: str, begin_s: float, end_s: float, low: float, level: Level = Level.OK) -> None:
+    """Stores samples of a battery, `low` to `low` + 10 in each 10 s, from and to so many seconds before the start."""
+    history = site.robots.history
+    assert history is not None
+    starts = range(int(START_S + begin_s), int(START_S + end_s), 10)
+    rows = [
+        StoredSamples(robot, "battery_level", start, 10.0, low, low + 10.0, low, low, 10, 0, level) for start in starts
+    ]
+    history.run(lambda connection: store(connection, rows))
+
+
+def test_a_plot_reaches_back_to_what_was_stored(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    stored(site, "atlas", -7200.0, -6000.0, 10.0, Level.WARN)
+    stored(site, "atlas", -1800.0, -60.0, 70.0)
+    site.observe(50.0)
+    browser.open(site.url)
+    browser.click(".signal-name")
+    buttons = "[...document.querySelectorAll('.ranges button')]"
+    assert browser.run(f"return {buttons}.map((each) => each.textContent)") == [
+        "Live", "10 min", "1 hour", "24 hours", "7 days", "30 days"
+    ]  # fmt: skip
+    label = "document.querySelector('.plot svg').getAttribute('aria-label')"
+    browser.run(f"{buttons}[2].click()")
+    browser.wait_for(f"{label}.startsWith('battery_level: 70 % to 80 %')")
+    plot = "document.querySelector('.plot').plot"
+    assert browser.run(f"return {plot}.view.to - {plot}.view.from") == pytest.approx(3600.0, abs=5.0)
+    browser.run(f"{buttons}[3].click()")
+    browser.wait_for(f"{label}.startsWith('battery_level: 10 % to 80 %')")
+    levels = [level for _, level in browser.run(f"return {plot}.signal.levels")]
+    assert levels[:4] == ["WARN", "", "OK", ""]
+    assert browser.run("return document.querySelectorAll('.plot .strip.warn').length") == 1
+    browser.run(f"{buttons}[0].click()")
+    browser.wait_for(f"{label}.startsWith('battery_level: 50 % to 50 %')")
+
+
+def test_zooming_out_shows_the_next_longer_range(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    stored(site, "atlas", -3000.0, -60.0, 70.0)
+    site.observe(50.0)
+    browser.open(site.url)
+    browser.click(".signal-name")
+    pressed = "document.querySelector('.ranges [aria-pressed=true]').textContent"
+    for name in ("10 min", "1 hour", "24 hours", "7 days", "30 days", "30 days"):
+        browser.click(".plot-bar button:nth-of-type(2)")
+        browser.wait_for(f"{pressed} === '{name}'")
+    browser.wait_for("document.querySelector('.plot svg').getAttribute('aria-label').includes('70 % to 80 %')")
+
+
+def test_a_history_that_cannot_be_read_is_said_beside_the_ranges(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    site.observe(50.0)
+    browser.open(site.url)
+    browser.click(".signal-name")
+    assert site.robots.history is not None
+    site.robots.history.run(lambda connection: connection.execute("DROP TABLE samples") and None)
+    browser.run("document.querySelectorAll('.ranges button')[1].click()")
+    browser.wait_for_text(".ranges .error-text", "The history cannot be read: ")
+
+
+def test_a_robot_shows_its_main_values_and_the_levels_of_the_last_day(
+    browser: Browser, served: Any, tmp_path: Path
+) -> None:
+    site = served("atlas", "boreas", signals=SIGNALS, history_file=str(tmp_path / "history.db"))
+    stored(site, "atlas", -8 * 3600.0, -6 * 3600.0, 50.0)
+    stored(site, "atlas", -6 * 3600.0, -5.5 * 3600.0, 5.0, Level.ERROR)
+    for robot in (0, 1):
+        site.observe(50.0, robot=robot)
+        site.observe(40.0, "temperature", robot=robot)
+    browser.open(site.url)
+    browser.wait_for("document.querySelectorAll('.day .cell').length > 3")
+    assert browser.texts(".main-values")[0].strip() == "battery_level 50 % temperature 40 °C"
+    label = browser.find(".day").get_attribute("aria-label")
+    # The robots start at 05:06:40: the hours before are not whole cells, and one cell has both levels.
+    assert label == "last 24 hours: ERROR 0.75 h, OK 2 h, unknown 21.25 h"
+    heights = browser.run(
+        "return [...document.querySelectorAll('.day')[0].children].map((each) => each.className.baseVal)"
+    )
+    assert heights[:4] == ["cell unknown", "cell ok", "cell error", "cell unknown"]
 
 
 SOON: Mapping[str, Any] = {

@@ -1,0 +1,38 @@
+/* The bar of a robot's last 24 hours: one cell per 15 minutes, as /api/history/levels has them. */
+import {SVG, setAttribute} from "./elements.js";
+import {KINDS, kindOfLevel, rankOf} from "./levels.js";
+
+const LEVELS = {O: "OK", W: "WARN", E: "ERROR", S: "STALE"};
+/** Levels differ in height, not in colour alone. */
+const HEIGHT = {ok: 4, warn: 8, stale: 10, error: 12};
+const FULL = 12;
+
+/** Returns a bar without cells. */
+export function makeDay() {
+  const svg = document.createElementNS(SVG, "svg");
+  for (const [name, value] of Object.entries({class: "day", role: "img", preserveAspectRatio: "none"})) svg.setAttribute(name, value);
+  showDay(svg, "");
+  return svg;
+}
+
+/** Shows cells, one letter each; `-`: nothing was known. */
+export function showDay(svg, cells) {
+  if (svg.cells === cells) return;
+  svg.cells = cells;
+  svg.setAttribute("viewBox", `0 0 ${cells.length || 1} ${FULL}`);
+  svg.replaceChildren();
+  for (const [run] of cells.matchAll(/(.)\1*/g)) {
+    const kind = LEVELS[run[0]] ? kindOfLevel(LEVELS[run[0]]) : "unknown", height = HEIGHT[kind] || FULL;
+    const rect = document.createElementNS(SVG, "rect");
+    const place = {class: `cell ${kind}`, x: svg.at || 0, width: run.length, y: FULL - height, height};
+    for (const [name, value] of Object.entries(place)) rect.setAttribute(name, value);
+    svg.append(rect);
+    svg.at = place.x + run.length;
+  }
+  svg.at = 0;
+  const hours = (letter) => `${[...cells].filter((each) => each === letter).length / 4} h`;
+  const parts = Object.keys(LEVELS).filter((letter) => cells.includes(letter)).map((letter) => [letter, kindOfLevel(LEVELS[letter])])
+    .sort(([, one], [, other]) => rankOf(one) - rankOf(other)).map(([letter, kind]) => `${KINDS.get(kind)} ${hours(letter)}`);
+  if (cells.includes("-")) parts.push(`unknown ${hours("-")}`);
+  setAttribute(svg, "aria-label", `last 24 hours: ${parts.join(", ") || "unknown"}`);
+}

@@ -1,0 +1,77 @@
+/* How far a plot reaches back: the live window, or stored samples of the last 10 minutes to 30 days. */
+import {make, setAttribute} from "./elements.js";
+import {request} from "./connection.js";
+
+/** Name, length and period of the samples, in s; the first is the live window. */
+const RANGES = [["Live", 0, 0], ["10 min", 600, 10], ["1 hour", 3600, 10], ["24 hours", 86400, 120], ["7 days", 604800, 900], ["30 days", 2592000, 3600]];
+
+/** Returns stored samples, as in the API, in the form that the plot takes; `now` in s since 1970. */
+function stored(samples, [, length, width], now) {
+  const start = samples.length ? Date.parse(samples[0].start) / 1000 : 0, places = [], low = [], high = [], bad = [], levels = [];
+  let end = -Infinity;
+  for (const sample of samples) {
+    const t = Date.parse(sample.start) / 1000;
+    if (levels.length && end < t) levels.push([end, ""]);  // nothing is known of the time between
+    if (!levels.length || levels[levels.length - 1][1] !== sample.level) levels.push([t, sample.level]);
+    end = t + width;
+    if (sample.bad) bad.push(t + width / 2);
+    if (sample.min === null) continue;
+    places.push(Math.round((t - start) / width));
+    low.push(sample.min);
+    high.push(sample.max);
+  }
+  if (samples.length) levels.push([end, ""]);
+  const steps = places.map((place, at) => place - (at ? places[at - 1] : -1));
+  const usual = [...steps.slice(1)].sort((one, other) => one - other)[steps.length >> 1] || 1;
+  return {from: now - length, length, data: {start, width, steps, low, high, bad, gap: Math.max(2.5, 5 * (usual - 1)) * width}, levels};
+}
+
+/** The buttons of the ranges, and what they fetch. */
+export class Ranges {
+  /** @param {Function} show - takes what `stored` returns; null for the live window. */
+  constructor(page, robot, signal, show) {
+    Object.assign(this, {page, robot, signal, show, at: 0, loadAt: Infinity});
+    this.buttons = RANGES.map(([name], at) => make("button", {onclick: () => this.choose(at)}, name));
+    this.problem = make("span.error-text", {role: "status"});
+    this.element = make("div.ranges", {role: "group", "aria-label": "Range of the plot"}, ...this.buttons, this.problem);
+    this.mark();
+  }
+
+  mark() {
+    this.buttons.forEach((button, at) => setAttribute(button, "aria-pressed", String(at === this.at)));
+  }
+
+  choose(at) {
+    this.at = at;
+    this.mark();
+    this.loadAt = Infinity;
+    this.problem.replaceChildren();
+    if (at) this.load();
+    else this.show(null);
+  }
+
+  /** Shows the next longer range; returns false at the longest. */
+  widen() {
+    if (this.at + 1 === RANGES.length) return false;
+    this.choose(this.at + 1);
+    return true;
+  }
+
+  async load() {
+    const range = RANGES[this.at], {now} = this.page.fleet;
+    this.loadAt = now + Math.max(range[2], 10) * 1000;
+    const from = new Date(now - range[1] * 1000).toISOString();
+    try {
+      const query = new URLSearchParams({robot: this.robot, signal: this.signal, seconds: range[2], from});
+      const {samples} = await request(`api/history/samples?${query}`);
+      if (range === RANGES[this.at]) this.show(stored(samples, range, now / 1000));
+    } catch (error) {
+      if (range === RANGES[this.at]) this.problem.replaceChildren(`The history cannot be read: ${error.message}`);
+    }
+  }
+
+  /** Fetches again what has become older than a period; called every second. */
+  refresh() {
+    if (this.at && this.page.fleet.now >= this.loadAt) this.load();
+  }
+}
