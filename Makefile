@@ -2,7 +2,7 @@
 # make test    every test that this machine can run
 # make lint    linter, formatter, types, import rules
 # make bench   what it costs, beside bare peers
-# make soak    a thousand kills -9, which must lose nothing; ten minutes of clients: memory and threads must stay flat
+# make soak    two thousand kills -9, which must lose nothing; ten minutes of clients: memory and threads must stay flat
 # make fuzz    random input to everything that takes input, for one minute
 #
 # Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",

@@ -1,8 +1,9 @@
 """The soak test, `make soak`: memory, threads and files must stay flat; kill -9 must lose and repeat nothing; stored
 samples must equal the raw ones.
 
-    make soak                              a thousand kills, a million samples in virtual time, ten minutes of clients,
-                                           ten minutes of a thousand alerts per second, thirty days of stored samples
+    make soak                              two thousand kills, a million samples in virtual time, ten minutes of
+                                           clients, ten minutes of a thousand alerts per second, thirty days of stored
+                                           samples
     make soak ARGS="--minutes 1"           a short run
     make soak ARGS="--samples 0 --kills 0 --storm-minutes 0 --days 0 --seed 7"   only the real time part of another run
 
@@ -20,7 +21,7 @@ from typing import List, Optional
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
-from soak import kill, real_time, samples, storm, virtual_time  # noqa: E402  # found through the line above
+from soak import kill, kill_samples, real_time, samples, storm, virtual_time  # noqa: E402  # found through the line above
 from soak.figures import Figure, table  # noqa: E402
 
 
@@ -29,7 +30,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser = argparse.ArgumentParser(prog="make soak", description="checks that memory, threads and files stay flat")
     parser.add_argument("--minutes", type=float, default=10.0, help="duration of the real time part")
     parser.add_argument("--samples", type=int, default=1_000_000, help="samples of the virtual time part")
-    parser.add_argument("--kills", type=int, default=1_000, help="how often a monitor with a history is killed")
+    parser.add_argument("--kills", type=int, default=1_000, help="how often two monitors are killed")
     parser.add_argument("--storm-minutes", type=float, default=10.0, help="duration of the storm of alerts")
     parser.add_argument("--storm-mb", type=float, default=20.0, help="keep_mb of the history in the storm")
     parser.add_argument(
@@ -41,10 +42,11 @@ def main(arguments: Optional[List[str]] = None) -> int:
     print(f"seed {options.seed}", flush=True)
     figures: List[Figure] = []
     if options.kills:  # first: it forks, which is safe only while there is one thread
-        violations, counts = kill.run(options.kills, options.seed)
-        print("\n".join([", ".join(f"{name}: {count}" for name, count in counts.items()), *violations]), flush=True)
-        if violations:
-            return 1
+        for part in (kill, kill_samples):
+            violations, counts = part.run(options.kills, options.seed)
+            print("\n".join([", ".join(f"{name}: {count}" for name, count in counts.items()), *violations]), flush=True)
+            if violations:
+                return 1
     if options.samples:
         figures += virtual_time.run(options.samples, options.seed)
         print(table(figures), flush=True)

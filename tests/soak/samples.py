@@ -107,15 +107,15 @@ class _Run:
         continuity.restore(self._now_s, at_first_call=False)
         retention: List[Retention] = []
 
-        def keep_up(connection: sqlite3.Connection) -> bool:
+        def keep_up(connection: sqlite3.Connection) -> None:
             retention.extend([] if retention else [Retention(connection, 1e12)])
-            return retention[0].delete_old(0, START_S + self._now_s, KEEP_S)
+            while retention[0].delete_old(0, START_S + self._now_s, KEEP_S):
+                pass
 
         for hour in range(begin, end):
             raw = self._observe_hour(hour, monitor, continuity)
             self._expected.update({(name, hour): _hour_of(values) for name, values in raw.items()})
-            while history.run(keep_up, 600.0):
-                pass
+            history.run(keep_up, 600.0)
         continuity.save(self._now_s)
         continuity.record_samples(self._now_s)
         history.close()
