@@ -65,6 +65,8 @@ class FieldReader:
         _require_type(self._topic, self._expected, type_name)
         get = messages.field_getter(self._topic, type_name, self._field)
         cls, decode = messages.message_class(type_name), self._decoder.decode
+        if checksum not in ("", rospy.AnyMsg._md5sum, cls._md5sum):
+            raise ConfigError(f"{self._topic}: the publisher has another definition of {type_name} than this machine")
         direct = messages.serialized_getter(cls, self._field) if checksum == cls._md5sum else None
         return direct or (lambda data: get(decode(data, cls)))
 

@@ -12,9 +12,10 @@ from typing import Any, Dict, List, Mapping, Tuple
 
 import pytest
 
-from harness.port_conformance import DIAGNOSTICS, FLOAT32, JOINTS, STATUS, Harness, Recorder
+from harness.port_conformance import DIAGNOSTICS, FLOAT32, JOINTS, START_S, STATUS, Harness, Recorder, levels_to
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.middleware import RawFormat, canonical_type
+from robot_health_monitor.core.nodes import AlertSystem
 
 IMAGE = "sensor_msgs/Image"
 PIXELS = bytes(range(256)) * 4096
@@ -178,6 +179,41 @@ class RawConformance:
         assert field is None or counted(heard.values) == expected[field]
         assert field is not None or set(heard.values) == {1.0}
         assert capture.values() == numbers
+
+    def test_a_flood_is_the_same_for_judging_and_capture(self, harness: Harness) -> None:
+        """A queue may lose messages, but the same ones for both."""
+        node, heard, capture = harness.node("recorder"), Recorder(), Capture()
+        node.subscribe("/in", FLOAT32, heard, field="data")
+        node.subscribe_raw("/in", FLOAT32, capture)
+        begin(harness, capture, "/in")
+        for number in range(1000):
+            harness.publish("/in", FLOAT32, {"data": float(number)})
+
+        def has_ended() -> bool:
+            harness.publish("/in", FLOAT32, {"data": 1000.0})
+            return 1000.0 in heard.values and 1000.0 in capture.values()
+
+        harness.wait_until(has_ended)
+        seen = [values[: values.index(1000.0)] for values in (counted(heard.values), capture.values())]
+        assert seen[0] == seen[1]
+        assert len(seen[0]) > 0
+
+    def test_alerts_are_those_without_capture(self, harness: Harness) -> None:
+        levels: List[Tuple[str, str]] = []
+        signal = {"topic": "in", "type": FLOAT32, "field": "data", "warn_below": 20.0, "error_below": 10.0}
+        node, capture = harness.node("alert_system", parameters={"signals": {"charge": signal}}), Capture()
+        AlertSystem(node, {"test": levels_to(levels)})
+        node.subscribe_raw("in", "", capture)
+        expected: List[Tuple[str, str]] = []
+        for step, (value, level) in enumerate(((25.0, ""), (15.0, "WARN"), (5.0, "ERROR"), (25.5, "OK"))):
+            harness.set_time(START_S + 1.0 + step)
+            expected += [("charge", level)] if level else []
+
+            def is_judged(value: float = value, expected: Any = tuple(expected)) -> bool:
+                harness.publish("/in", FLOAT32, {"data": value})
+                return tuple(levels) == expected and value in capture.values()
+
+            harness.wait_until(is_judged)
 
     @pytest.mark.parametrize("order", [("judge", "capture"), ("capture", "judge")])
     def test_fields_that_need_the_message_are_judged_as_before(self, harness: Harness, order: Any) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Dict, Iterator, List, Optional
 
 import pytest
 from harness.port_conformance import FLOAT32, TRIGGER, Recorder, RefusingNode
+from harness.raw_conformance import Capture
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.middleware import Severity
@@ -135,6 +136,48 @@ def test_numbers_are_read_from_bytes_beside_fields_that_are_not(ros: Any) -> Non
     assert [recorder.values for recorder in recorders.values()] == [[0.5], [3.75], ["base"], [24.0]]
     with pytest.raises(ConfigError, match=r"/battery.*BatteryState"):
         node.subscribe("battery", FLOAT32, Recorder(), field="data")
+
+
+def test_capture_follows_the_type_of_each_publisher_with_one_connection(ros: Any) -> None:
+    """The type need not be installed here; judging and capture share one subscription of rospy."""
+    import rospy
+    from std_msgs.msg import Float32, Int32
+
+    node, heard, capture = ros.node("alert_system"), Recorder(), Capture()
+    node.subscribe("in", "", heard, field="data")
+    node.subscribe_raw("in", "", capture)
+    assert len(rospy.topics.get_topic_manager().get_subscriber_impl("/in").callbacks) == 2
+    for cls, value in ((Float32, 2.5), (Int32, 3)):
+        publisher = rospy.Publisher("/in", cls, queue_size=1)
+        ros.wait_until(lambda publisher=publisher: publisher.get_num_connections() > 0)
+        publisher.publish(cls(value))
+        ros.wait_until(lambda value=value: value in heard.values and value in capture.values())
+        publisher.unregister()
+    assert capture.values() == heard.values == [2.5, 3]
+    assert [each.schema_name for _, _, each in capture.items] == ["std_msgs/Float32", "std_msgs/Int32"]
+    with pytest.raises(ConfigError, match="no_such_msgs/Float32"):
+        node.subscribe("other", "no_such_msgs/Float32", Recorder(), field="data")
+    node.subscribe_raw("other", "no_such_msgs/Float32", capture)
+
+
+def test_capture_with_another_type_than_the_one_judged_is_refused(ros: Any) -> None:
+    node = ros.node("alert_system")
+    node.subscribe("in", FLOAT32, Recorder(), field="data")
+    with pytest.raises(ConfigError, match=r"/in: expected std_msgs/Float32.*got std_msgs/Int32"):
+        node.subscribe_raw("in", "std_msgs/msg/Int32", Capture())
+
+
+def test_messages_that_rospy_reads_itself_are_captured(ros: Any) -> None:
+    import rospy
+    from std_msgs.msg import Float32
+
+    node, heard, capture = ros.node("alert_system"), Recorder(), Capture()
+    other = rospy.Subscriber("/in", Float32, lambda message: None)
+    node.subscribe_raw("/in", "", capture)
+    node.subscribe("/in", FLOAT32, heard, field="data")
+    ros.publish("/in", FLOAT32, {"data": 2.5})
+    ros.wait_until(lambda: capture.values() == heard.values == [2.5])
+    other.unregister()
 
 
 @pytest.mark.parametrize("type_name", ["", FLOAT32])

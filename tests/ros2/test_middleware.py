@@ -7,6 +7,7 @@ from typing import Any, List, Optional, Sequence
 
 import pytest
 from harness.port_conformance import FLOAT32, Recorder, RefusingNode
+from harness.raw_conformance import Capture
 
 from robot_health_monitor.core.errors import ConfigError
 
@@ -91,6 +92,83 @@ def test_one_subscription_serves_the_fields_that_need_the_message_and_those_that
     ros.wait_until(lambda: len(heard) >= 3)
     assert heard == ["percentage", "cell_voltage[*]", "charge"]
     assert ros._witness.count_subscribers("/battery") == 1
+
+
+@pytest.mark.parametrize("is_captured_first", [True, False])
+def test_judging_and_capture_share_one_subscription_as_bytes(ros: Any, is_captured_first: bool) -> None:
+    """What arrives is what rclpy itself deserializes."""
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import BatteryState
+
+    node, charge, cells, capture = ros.node("alert_system"), Recorder(), Recorder(), Capture()
+    if is_captured_first:
+        node.subscribe_raw("battery", "", capture)
+    node.subscribe("battery", "sensor_msgs/BatteryState", charge, field="charge")
+    node.subscribe("battery", "sensor_msgs/BatteryState", cells, field="cell_voltage[1]")
+    if not is_captured_first:
+        node.subscribe_raw("battery", "sensor_msgs/msg/BatteryState", capture)
+
+    def is_captured() -> bool:
+        ros.publish("/battery", "sensor_msgs/BatteryState", {"charge": 1.0, "cell_voltage": [3.5, 3.75]})
+        return bool(capture.items and charge.values and cells.values)
+
+    ros.wait_until(is_captured)
+    assert (charge.values[0], cells.values[0]) == (1.0, 3.75)
+    found = deserialize_message(capture.items[0][0], BatteryState)
+    assert (found.charge, list(found.cell_voltage)) == (1.0, [3.5, 3.75])
+    ros.wait_until(lambda: ros._witness.count_subscribers("/battery") == 1)
+
+
+@pytest.mark.parametrize("is_early", [True, False])
+def test_best_effort_publishers_are_captured(ros: Any, is_early: bool) -> None:
+    from std_msgs.msg import Float32
+
+    capture, topic = Capture(), f"/sensor_{is_early}"
+    publisher = best_effort_publisher(ros, topic) if is_early else None
+    node = ros.node("alert_system")
+    node.subscribe_raw(topic, FLOAT32, capture)
+    publisher = publisher or best_effort_publisher(ros, topic)
+
+    def arrived() -> bool:
+        publisher.publish(Float32(data=2.0))
+        return bool(capture.items)
+
+    ros.wait_until(arrived)
+    assert capture.values()[0] == 2.0
+
+
+def test_a_message_that_is_not_of_its_type_is_an_error_line_and_captured(ros: Any) -> None:
+    from std_msgs.msg import Float32
+
+    whole, capture = Recorder(), Capture()
+    node = ros.node("alert_system")
+    node.subscribe("/in_bytes", FLOAT32, whole)
+    node.subscribe_raw("/in_bytes", FLOAT32, capture)
+    publisher = ros._me.create_publisher(Float32, "/in_bytes", 10)
+
+    def arrived() -> bool:
+        publisher.publish(b"\x00\x01\x00\x00\x00")
+        return bool(capture.items)
+
+    ros.wait_until(arrived)
+    ros.wait_until(lambda: any("in a callback" in line.text for line in ros.log_lines()))
+    assert capture.items[0][0][:5] == b"\x00\x01\x00\x00\x00"
+    assert whole.values == []
+
+
+def test_a_latched_topic_that_is_captured_is_still_latched_for_the_judging(ros: Any) -> None:
+    sensor, heard, capture = ros.node("battery_sensor"), Recorder(), Capture()
+    sensor.advertise("listed", "std_msgs/String", latched=True)
+    sensor.publish("listed", {"data": "/battery_level"})
+    node = ros.node("alert_system")
+    node.subscribe_raw("listed", "std_msgs/String", capture)
+    node.subscribe("listed", "std_msgs/String", heard, field="data", latched=True)
+    ros.wait_until(lambda: heard.values == ["/battery_level"])
+
+
+def test_a_type_that_is_not_installed_cannot_be_captured(ros: Any) -> None:
+    with pytest.raises(ConfigError, match="no_such_msgs/Float32"):
+        ros.node("alert_system").subscribe_raw("/in", "no_such_msgs/Float32", Capture())
 
 
 def test_a_refusing_node_keeps_rclpys_own_parameters_out_of_the_tree(ros: Any) -> None:
