@@ -26,11 +26,8 @@ _STEP_S = 3600.0
 _MOST_ROWS = 200  # per step of the upkeep
 _PAGE = 2_000
 _COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
-_CHECKS = (
-    is_text, is_text, is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level,
-)  # fmt: skip
+_CHECKS = (is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level)
 _LEVELS = tuple(Level)  # by their numbers
-_START = 2  # index of the column
 _OF_SIGNAL = "robot = ? AND signal = ?"
 _REPLACE = f"INSERT OR REPLACE INTO samples (robot, signal, {_COLUMNS}) VALUES ({', '.join('?' * 11)})"
 
@@ -39,7 +36,7 @@ MOST_COARSE = 2_000
 
 # Levels by severity: OK, WARN, STALE, ERROR; `last` is that of the latest period.
 _COARSE = """
-    SELECT :robot, :signal, number * :seconds, :seconds, least, most, mean,
+    SELECT number * :seconds, :seconds, least, most, mean,
         (SELECT last FROM samples WHERE robot = :robot AND signal = :signal AND start_s = newest_s), good, bad,
         CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END
     FROM (
@@ -122,7 +119,7 @@ def store(connection: sqlite3.Connection, samples: Iterable[StoredSamples]) -> N
 
 
 def _join(connection: sqlite3.Connection, samples: StoredSamples) -> None:
-    stored = _checked(connection, _rows(connection, f"{_OF_SIGNAL} AND start_s = ?", samples[:3], 1))
+    stored = _checked(connection, samples[:2], _rows(connection, samples[:2], "start_s = ?", (samples.start_s,), 1))
     connection.execute(_REPLACE, stored[0].joined(samples) if stored else samples)
 
 
@@ -149,19 +146,18 @@ def read(
         until_s: only periods that begin before this time.
     """
     for series in _chosen_series(connection, robot, signal):
-        where = f"{_OF_SIGNAL} AND start_s > ? AND start_s < ?"
         after_s, before_s = (
             -LATEST_S if since_s is None else since_s - MERGED_S,
             LATEST_S if until_s is None else until_s,
         )
         while True:  # page by page: an open query would keep the writer's log from being shortened
-            rows = _rows(connection, where, (*series, after_s, before_s), _PAGE)
-            for each in _checked(connection, rows):
+            rows = _rows(connection, series, "start_s > ? AND start_s < ?", (after_s, before_s), _PAGE)
+            for each in _checked(connection, series, rows):
                 if since_s is None or each.start_s + each.seconds > since_s:
                     yield each
             if len(rows) < _PAGE:
                 break
-            after_s = rows[-1][_START]
+            after_s = rows[-1][0]
 
 
 def read_coarse(
@@ -182,7 +178,7 @@ def read_coarse(
     values = {"robot": robot, "signal": signal, "since": since_s - seconds, "until": until_s, "seconds": seconds,
               "most": MOST_COARSE}  # fmt: skip
     rows = connection.execute(_COARSE, values).fetchall()
-    return _checked(connection, rows[::-1])
+    return _checked(connection, (robot, signal), rows[::-1])
 
 
 def read_levels(connection: sqlite3.Connection, since_s: float) -> Iterator[Tuple[str, float, Level]]:
@@ -254,19 +250,19 @@ class SampleUpkeep:
     def _merge(self, series: _Series, before_s: float) -> int:
         """Merges the oldest hour that is fine and before a time; returns how many rows that was."""
         before_s -= before_s % MERGED_S
-        where = f"{_OF_SIGNAL} AND start_s >= ? AND start_s < ? AND seconds < {MERGED_S}"
-        values = (*series, self._merged_until_s.get(series, -LATEST_S), before_s)
-        rows = _rows(self._connection, where, values, int(_STEP_S / PERIOD_S))
+        where = f"start_s >= ? AND start_s < ? AND seconds < {MERGED_S}"
+        after_s = self._merged_until_s.get(series, -LATEST_S)
+        rows = _rows(self._connection, series, where, (after_s, before_s), int(_STEP_S / PERIOD_S))
         if not rows:
             return 0
-        begin_s = rows[0][_START] // MERGED_S * MERGED_S
+        begin_s = rows[0][0] // MERGED_S * MERGED_S
         end_s = min(begin_s + _STEP_S, before_s)
         merged: Dict[float, StoredSamples] = {}
-        for each in _checked(self._connection, [row for row in rows if row[_START] < end_s]):
+        for each in _checked(self._connection, series, [row for row in rows if row[0] < end_s]):
             start_s = each.start_s - each.start_s % MERGED_S
             known = merged.get(start_s)
             merged[start_s] = each._replace(start_s=start_s, seconds=MERGED_S) if known is None else known.joined(each)
-        self._connection.execute(f"DELETE FROM samples WHERE {where}", (*series, begin_s, end_s))
+        self._connection.execute(f"DELETE FROM samples WHERE {_OF_SIGNAL} AND {where}", (*series, begin_s, end_s))
         for each in merged.values():
             _join(self._connection, each)
         self._merged_until_s[series] = end_s
@@ -292,11 +288,13 @@ def _series(connection: sqlite3.Connection) -> Iterator[_Series]:
         found = connection.execute(query.format("WHERE (robot, signal) > (?, ?)"), found).fetchone()
 
 
-def _rows(connection: sqlite3.Connection, where: str, values: Iterable[object], limit: int) -> List[Tuple[Any, ...]]:
-    query = f"SELECT robot, signal, {_COLUMNS} FROM samples WHERE {where} ORDER BY start_s LIMIT {limit}"
-    return connection.execute(query, [*values]).fetchall()
+def _rows(
+    connection: sqlite3.Connection, series: _Series, where: str, values: Iterable[object], limit: int
+) -> List[Tuple[Any, ...]]:
+    query = f"SELECT {_COLUMNS} FROM samples WHERE {_OF_SIGNAL} AND {where} ORDER BY start_s LIMIT {limit}"
+    return connection.execute(query, (*series, *values)).fetchall()
 
 
-def _checked(connection: sqlite3.Connection, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
+def _checked(connection: sqlite3.Connection, series: _Series, rows: List[Tuple[Any, ...]]) -> List[StoredSamples]:
     found = checked(connection, "samples", rows, _CHECKS)
-    return [StoredSamples._make((*values, _LEVELS[level])) for *values, level in found]
+    return [StoredSamples._make((*series, *values, _LEVELS[level])) for *values, level in found]
