@@ -31,8 +31,7 @@ from ..protocol.operations import Publish
 from .cause import Cause
 from .connection import LARGEST_MESSAGE_BYTES, ServerConnection
 from .receivers import CaptureReceiver, ClockReceiver, FieldReceiver, Receiver
-from .services import Call, PublisherLookup
-from .topics import list_topics
+from .services import Call, PublisherLookup, find_types
 
 _LOG_NAME = "rosbridge"
 _WAKE_PERIOD_S = 0.02
@@ -259,7 +258,7 @@ class RosbridgeMiddleware(MappingNode):
         return self._connection.subscriptions.formats.get(topic)
 
     def topic_types(self) -> Mapping[str, str]:
-        return {each.topic: each.type_name for each in self._client.run_and_wait(list_topics)}
+        return self._client.run_and_wait(find_types)
 
     def look_up_silence(self, topic: str, type_name: str, answer: Answer) -> None:
         own = {*self._advertised, *(subscription.topic for subscription in tuple(self._subscriptions))}

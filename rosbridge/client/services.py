@@ -69,6 +69,11 @@ class ServiceCalls:
                 future.set_exception(LinkError(cause))
 
 
+async def find_types(call: Call) -> Mapping[str, str]:
+    """Returns the type of each topic that the server knows. Raises as `ServiceCalls.call`."""
+    return _types_by_topic(await call("/rosapi/topics", {}, _TIMEOUT_S))
+
+
 class PublisherLookup:
     """Finds why a topic brings no samples, as far as the server's rosapi knows: without rosapi there is no reason.
 
@@ -93,7 +98,7 @@ class PublisherLookup:
             waiting = list(self._questions.items())
             self._questions.clear()
             try:
-                topics = _types_by_topic(await self._call("/rosapi/topics", {}, _TIMEOUT_S))
+                topics = await find_types(self._call)
                 while waiting:
                     (topic, type_name), (own_topics, answer) = waiting[0]
                     answer(await self._explain(topic, type_name, topics, own_topics))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import json
 import platform
@@ -11,7 +12,10 @@ import time
 from pathlib import Path
 from typing import Any, List, Mapping, Tuple
 
+from harness.port_conformance import Recorder
+from harness.raw_conformance import Capture
 from harness.rosbridge_peer import Peer
+from robot_health_monitor.rosbridge.client import RosbridgeClient
 
 _SETTINGS = (
     "alert_system:\n  ros__parameters:\n    rosbridge_port: {port}\n    rosbridge_token_file: {token_file}\n"
@@ -49,7 +53,32 @@ async def look_at(port: int, token: str) -> List[Any]:
             answers["api/reset"] = response.status, await response.text()
     async with aiohttp.ClientSession() as session, session.get(f"{url}api/state") as response:
         answers["without a token"] = response.status, await response.text()
-    return [level["msg"]["data"], reset["values"], refused["values"], parameters, answers]
+    captured = await _capture(url.replace("http", "ws", 1), token)
+    return [level["msg"]["data"], reset["values"], refused["values"], parameters, answers, captured]
+
+
+async def _capture(url: str, token: str) -> Tuple[Capture, List[float]]:
+    """Returns what a node of the client captures of a topic, and what it judges meanwhile."""
+    client = RosbridgeClient(url, token=token, on_link=lambda up, cause: None)
+    node, capture, judged = client.node("watcher"), Capture(), Recorder()
+    node.subscribe("/battery_level", "", judged, field="data")
+    node.subscribe_raw("/battery_level", "", capture)
+    running = asyncio.ensure_future(client.run())
+    while len(capture.items) < 2:
+        await asyncio.sleep(0.05)
+    client.close()
+    running.cancel()
+    await asyncio.wait({running})
+    return capture, judged.values
+
+
+def _check_captured(capture: Capture, judged: List[float]) -> None:
+    """Checks that the bytes are those of ROS, with the definition that reads them, and are judged as such."""
+    (profile,) = {raw_format.profile for _, _, raw_format in capture.items}
+    assert profile == ("ros2" if importlib.util.find_spec("rclpy") else "ros1")
+    values = capture.values()
+    assert all(0.0 <= value <= 100.0 for value in values)
+    assert judged[-len(values) :] == values
 
 
 def check_web(answers: Mapping[str, Tuple[int, str]]) -> None:
@@ -72,7 +101,8 @@ def check_web(answers: Mapping[str, Tuple[int, str]]) -> None:
 
 def check_served(process: Any, seen: List[Any]) -> None:
     """Checks what `look_at` saw of `health_monitor`, and that the process ends as it should."""
-    level, reset, refused, parameters, answers = seen
+    level, reset, refused, parameters, answers, captured = seen
+    _check_captured(*captured)
     assert 0.0 <= level <= 100.0
     assert reset == {"success": True, "message": "reset: nothing was latched"}
     assert refused == "clients may not call /alert_system/set_logger_level"
