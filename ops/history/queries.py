@@ -148,6 +148,15 @@ def black_boxes_of_open_alerts(connection: sqlite3.Connection, robot: str) -> Di
     return {signal: name for signal, name in rows if is_text(signal) and is_text(name)}
 
 
+def not_ok_at(connection: sqlite3.Connection, alert: StoredTransition, limit: int) -> List[StoredTransition]:
+    """Returns the alerts of other signals of the robot that were open at an alert: the newest of each, newest first."""
+    newest = "SELECT max(id) FROM transitions WHERE robot = ? AND id <= ? AND repeated = 0 GROUP BY signal"
+    where = f"id IN ({newest}) AND to_level != 0 AND signal != ? ORDER BY id DESC LIMIT ?"
+    query = f"SELECT id, {TRANSITION_COLUMNS} FROM transitions WHERE {where}"
+    rows = connection.execute(query, (alert.robot, alert.id, alert.signal, limit)).fetchall()
+    return [stored_transition(row) for row in checked(connection, "transitions", rows, TRANSITION_CHECKS)]
+
+
 def evidence(connection: sqlite3.Connection, transition_id: int) -> Sequence[Tuple[float, float]]:
     """Returns the samples of the window at a transition: wall time in s since 1970, value (NaN: not a number).
 

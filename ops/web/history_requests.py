@@ -8,7 +8,9 @@ from itertools import islice
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
 
 from robot_health_monitor.core.errors import ConfigError, ServiceError
+from robot_health_monitor.core.kept_settings import read_kept, settings_of
 from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.signal_config import template_name
 from robot_health_monitor.runtime.times import iso_time
 
 from ..active_silences import Silences
@@ -18,19 +20,34 @@ from ..history.notes import MOST_TEXT, Note, add_note, notes_of
 from ..history.rows import StoredTransition
 from ..history.samples import samples_fields
 from ..matchers import Matcher, matchers_text
-from ..silences import Silence
+from ..silences import Silence, read_silences
 from .requests import LARGEST_ID, ApiError, read_id, read_text
 
 _MOST = 1000
 _USUAL = 100
 _MOST_SAMPLES = 20_000
+_MOST_OTHERS = 50
 _CELLS = 96
 """Cells of 15 minutes: 24 hours."""
 
 Result = TypeVar("Result")
 Json = Dict[str, Any]
-PastAlert = Tuple[Json, List[Tuple[float, Optional[float]]], Optional[float]]
-"""An alert, its samples (time in s since 1970 and value, None if that is not finite), and its forecast's trend."""
+
+
+class PastAlert(NamedTuple):
+    """One alert, and what else was known at that moment."""
+
+    alert: Json
+    samples: List[Tuple[float, Optional[float]]]
+    """Of its window: time in s since 1970 and value, None if that is not finite."""
+    trend_per_min: Optional[float]
+    """That of its forecast."""
+    others: List[Json]
+    """The alerts of the robot's other signals that were open."""
+    silences: List[Json]
+    """Silences of the alert that were in force."""
+    thresholds: Json
+    """The settings of its signal that differed from the defaults."""
 
 
 class Query(NamedTuple):
@@ -88,9 +105,34 @@ def past_alert(history: History, number: int) -> Optional[PastAlert]:
             return None
         samples = queries.evidence(connection, number)
         shown = [(round(t, 3), value if value - value == 0.0 else None) for t, value in samples]
-        return _alert(connection, transition), shown, transition.statistics.get("trend_per_min")
+        others = queries.not_ok_at(connection, transition, _MOST_OTHERS)
+        return PastAlert(
+            _alert(connection, transition),
+            shown,
+            transition.statistics.get("trend_per_min"),
+            [_alert(connection, other) for other in others],
+            _silences_at(connection, transition, history.wall_s()),
+            _thresholds_at(connection, transition),
+        )
 
     return _read(history, read)
+
+
+def _silences_at(connection: sqlite3.Connection, alert: StoredTransition, now_s: float) -> List[Json]:
+    return [
+        silence_json(silence)
+        for silence in read_silences(connection)
+        if silence.created_s <= alert.wall_s < silence.end_s(now_s) and silence.matches(alert.robot, alert.signal)
+    ]
+
+
+def _thresholds_at(connection: sqlite3.Connection, alert: StoredTransition) -> Json:
+    kept = queries.configuration(connection, alert.robot, alert.wall_s) or {}
+    name = alert.signal if alert.signal in kept else template_name(alert.signal)
+    try:
+        return settings_of(read_kept({name: kept.get(name, {})})[name])
+    except ConfigError:  # of another version, or changed by another program
+        return {}
 
 
 def past_samples(history: History, parameters: Mapping[str, str]) -> Json:

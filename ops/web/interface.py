@@ -295,11 +295,10 @@ class WebInterface:
         history, text = _required(self._history, _NO_HISTORY), request.match_info["id"]
         number = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
         found = await self._worker.run(partial(past_alert, history, number))
-        alert, samples, trend_per_min = _required(found, f"there is no alert {text}")
-        reader = self._reader(alert["robot"])
-        unit, bounds, forecast_s = ("", [], None) if reader is None else reader.plot_of(alert["signal"])
-        facts = {"unit": unit, "bounds": bounds, "forecast_s": forecast_s, "trend_per_min": trend_per_min}
-        return json_response({"alert": alert, **facts, "samples": samples})
+        past = _required(found, f"there is no alert {text}")
+        reader = self._reader(past.alert["robot"])
+        unit, bounds, forecast_s = ("", [], None) if reader is None else reader.plot_of(past.alert["signal"])
+        return json_response({"unit": unit, "bounds": bounds, "forecast_s": forecast_s, **past._asdict()})
 
     # Changes
 

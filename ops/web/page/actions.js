@@ -3,7 +3,8 @@ import {request} from "./connection.js";
 import {byId, setText} from "./elements.js";
 import {patternOf} from "./format.js";
 
-const AUTHOR = "robot-health-author";
+/** Where this browser keeps the name of its user. */
+export const AUTHOR = "robot-health-author";
 
 /** A dialog with a form, which closes once its action has succeeded. */
 class ActionDialog {

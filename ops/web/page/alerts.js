@@ -126,7 +126,7 @@ class AlertRow {
     }, "Acknowledge…");
     this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
     this.row = makeRow("alert",
-      makeCell("time", make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now))),
+      makeCell("time", make("a", {href: `#alerts/${alert.id}`}, make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now)))),
       makeCell("level", new Badge(kindOfLevel(alert.to_level)).element),
       table.ofSignal ? null : makeCell("robot-cell", this.robotLink(alert.robot)),
       makeCell("text", this.button), table.ofSignal ? null : makeCell("action", make("span", {}, this.acknowledge, this.silenced)));

@@ -1,5 +1,6 @@
 /* The web page: connects the monitor's events with the views. */
 import {Actions, remember, remembered} from "./actions.js";
+import {AlertPage} from "./alert.js";
 import {AlertTable, AlertView} from "./alerts.js";
 import {Connection, request} from "./connection.js";
 import {byId, isolated, make, setAttribute, setChildren, setShape, setText} from "./elements.js";
@@ -40,6 +41,7 @@ class Page {
     this.robots = new RobotList(this);
     this.silences = new SilenceList(this);
     this.alerts = new AlertView(this).table;
+    this.alert = new AlertPage(this);
     this.recent = new AlertTable(this, {size: RECENT, pages: false});
     byId("recent-alerts").append(this.recent.element);
     this.connection = new Connection(this);
@@ -169,7 +171,7 @@ class Page {
     setText(byId("lost-text"), parts.join(" "));
   }
 
-  /** Shows the view that the address names: #robots, #robots/NAME, #alerts, #silences. */
+  /** Shows the view that the address names: #robots, #robots/NAME, #alerts, #alerts/ID, #silences. */
   showView() {
     const [view, name] = location.hash.slice(1).split("/").map(decoded);
     // Other addresses lead to an element of the view, for example from a marker in a plot to its alert.
@@ -183,6 +185,10 @@ class Page {
     this.shown = location.hash;
     this.loadAlerts();
     if (view === "robots" && name) this.robots.open(name);
+    if (view !== "alerts") return;
+    byId("all-alerts").hidden = !name;
+    for (const id of ["alert-filter", "alert-history"]) byId(id).hidden = Boolean(name);
+    this.alert.show(name || "");
   }
 
   // For screen readers

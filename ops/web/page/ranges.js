@@ -6,7 +6,7 @@ import {request} from "./connection.js";
 const RANGES = [["Live", 0, 0], ["10 min", 600, 10], ["1 hour", 3600, 10], ["24 hours", 86400, 120], ["7 days", 604800, 900], ["30 days", 2592000, 3600]];
 
 /** Returns stored samples, as in the API, in the form that the plot takes; `now` in s since 1970. */
-function stored(samples, [, length, width], now) {
+export function stored(samples, [, length, width], now) {
   const start = samples.length ? Date.parse(samples[0].start) / 1000 : 0, places = [], low = [], high = [], bad = [], levels = [];
   let end = -Infinity;
   for (const sample of samples) {

@@ -20,6 +20,7 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.ops.active_silences import Silences
 from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.ops.matchers import parse_matchers
 from robot_health_monitor.ops.web.requests import WITHOUT_TOKEN, BodyLimit
 from robot_health_monitor.rosbridge.server.access import SESSION_S
 
@@ -692,6 +693,9 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
             "forecast_s": None,
             "trend_per_min": None,
             "samples": [[1_795_324_000.0, 50.0], [1_795_324_001.0, 19.0]],
+            "others": [],
+            "silences": [],
+            "thresholds": {"unit": "%", "warn_below": 20.0, "hysteresis": 2.0, "latch": True},
         }
         for path in (
             "/api/history/999",
@@ -712,6 +716,33 @@ def test_past_alerts_come_with_their_evidence(tmp_path: Path) -> None:
         for query in ("level=BAD", "since=yesterday", "since=%ff", "limit=0", "limit=1001", "before=x", "limit=%F9"):
             assert (await site.get(f"/api/history?{query}"))[0] == 400, query
         assert (await site.get("/api/state"))[1]["history"] is True
+
+    with_site(use, robots)
+
+
+def test_an_alert_comes_with_what_else_was_wrong_silenced_and_in_force(tmp_path: Path) -> None:
+    signals = {"battery_level": {"warn_below": 20.0}, "load": {"warn_above": 90.0}, "heat": {"warn_above": 80.0}}
+    robots = Robots("atlas", "boreas", signals=signals, history_file=str(tmp_path / "history.db"))
+    assert robots.silences is not None and robots.history is not None
+    for matchers, author in (("robot=atlas", "ana"), ("robot=boreas", "bo"), ("robot=atlas,signal=load", "cy")):
+        robots.silences.add(parse_matchers(matchers), for_s=3600.0, reason="maintenance", author=author)
+    robots.observe(99.0, "load")
+    robots.observe(99.0, "heat")
+    robots.observe(99.0, "load", robot=1)
+    robots.at(101.0)
+    robots.observe(50.0, "heat")
+    robots.observe(10.0)
+    robots.at(102.0)
+    robots.observe(99.0, "heat")
+    robots.observe(50.0)
+    robots.silences.add(parse_matchers("robot=atlas"), for_s=3600.0, reason="too late", author="ana")
+
+    async def use(site: Site) -> None:
+        (alert,) = (await site.get("/api/history?signal=battery_level&level=WARN"))[1]["alerts"]
+        past = (await site.get(f"/api/history/{alert['id']}"))[1]
+        assert [(each["signal"], each["to_level"]) for each in past["others"]] == [("load", "WARN")]
+        assert [each["author"] for each in past["silences"]] == ["ana"]
+        assert past["thresholds"] == {"warn_below": 20.0}
 
     with_site(use, robots)
 

@@ -557,6 +557,46 @@ def test_past_alerts_have_their_evidence(browser: Browser, served: Any, tmp_path
     browser.wait_for("document.querySelector('.robot-head').getAttribute('aria-expanded') === 'true'")
 
 
+def test_an_alert_has_its_own_page(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", signals=SIGNALS, history_file=str(tmp_path / "history.db"))
+    stored(site, "atlas", -600.0, -60.0, 70.0)
+    site.observe(99.0, "temperature")
+    for value in (50.0, 19.0):
+        site.observe(value)
+    browser.open(site.url)
+    browser.click("#recent-alerts .time a")
+    browser.wait_for_text(".alert-title", "battery_level WARN: 19 % is below 20 % (was OK for 1 s)")
+    assert browser.run("return location.hash").startswith("#alerts/")
+    address = browser.run("return location.href")
+    browser.wait_for("document.querySelectorAll('#alert-page .plot svg').length === 2")
+    around = browser.run("return document.querySelectorAll('#alert-page .plot svg')[1].getAttribute('aria-label')")
+    assert around.startswith("battery_level, half an hour before and after: 70 % to 80 %, 1 alert")
+    parts = "[...document.querySelectorAll('#alert-page section')]"
+    assert browser.run(f"return {parts}.map((each) => each.firstChild.textContent)") == [
+        "Also not OK then", "Thresholds in force", "Notes"
+    ]  # fmt: skip
+    assert "temperature ERROR: 99 °C is above 95 °C" in browser.texts("#alert-page section")[0]
+    assert "warn_below: 20" in browser.texts("#alert-page pre")[0]
+    assert not browser.find("#alert-filter").is_displayed()
+    browser.type(".note-form input", f"wheel was blocked {HOSTILE}")
+    browser.type(".note-form input:nth-of-type(2)", "ana")
+    browser.click(".note-form button")
+    browser.wait_for_text(".notes li", f"wheel was blocked {HOSTILE}")
+    browser.open(address)  # a colleague
+    browser.wait_for_text(".notes li", "ana, ")
+    browser.click("#all-alerts a")
+    browser.wait_for("!document.querySelector('#alert-page').childElementCount")
+    assert browser.find("#alert-filter").is_displayed()
+    assert browser.console() == []
+
+
+def test_an_alert_that_is_no_longer_stored_is_said(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    site.observe(50.0)
+    browser.open(f"{site.url.rstrip('/')}/#alerts/777")
+    browser.wait_for_text("#alert-page", "The alert cannot be shown: there is no alert 777")
+
+
 def test_the_start_page_has_the_recent_alerts(browser: Browser, served: Any, tmp_path: Path) -> None:
     site = served("atlas", signals={"battery_level": BOUND}, history_file=str(tmp_path / "history.db"))
     site.observe(19.0)

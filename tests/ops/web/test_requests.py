@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Mapping
+from typing import Mapping, Optional
 
 import pytest
 
@@ -76,6 +76,18 @@ def test_a_file_that_has_not_changed_is_not_sent_again() -> None:
             assert (response.status, await response.read()) == (304, b"")
             assert response.headers["ETag"] == etag
         assert (await site.get("/", headers={"If-None-Match": '"other"'}))[0] == 200
+
+    with_site(use)
+
+
+@pytest.mark.parametrize(("accepted", "encoding"), [("gzip, deflate", "gzip"), ("identity", None)])
+def test_files_are_sent_compressed_to_clients_that_accept_it(accepted: str, encoding: Optional[str]) -> None:
+    async def use(site: Site) -> None:
+        async with site.session.get(f"{site.url}/plot.js", headers={"Accept-Encoding": accepted}) as response:
+            assert response.headers.get("Content-Encoding") == encoding
+            assert response.headers["Vary"] == "Accept-Encoding"
+            assert await response.text() == plot_script()
+            assert (int(response.headers["Content-Length"]) < len(plot_script()) / 2) is (encoding == "gzip")
 
     with_site(use)
 
