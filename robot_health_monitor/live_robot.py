@@ -54,11 +54,18 @@ _BY_URL = "without ROS, give the URL of the robot's rosbridge server: robot-heal
 def listen_to_ros(
     ros: str, proposal: Proposal, seconds: float, interrupts: Interrupts, on_progress: OnProgress
 ) -> Tuple[float, bool]:
-    """Listens over ROS 1 or ROS 2 (`ros1`, `ros2`); returns for how long, in s, and whether it was not interrupted."""
+    """Listens over ROS 1 or ROS 2 (`ros1`, `ros2`); returns for how long, in s, and whether it was not interrupted.
+
+    Raises LinkError if no ROS master answers.
+    """
     process: Any
     if ros == "ros1":
+        from robot_health_monitor.ros1.master import Master
         from robot_health_monitor.ros1.process import Ros1Process
 
+        master = Master(f"/{_NAME}")
+        if not master.is_online():  # a node would wait for it
+            raise LinkError(f"no ROS master at {master.uri} (ROS_MASTER_URI)")
         process = Ros1Process(f"{_NAME}_{os.getpid()}", interrupts)
     else:
         from robot_health_monitor.ros2.process import Ros2Process

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Collection, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from ..definitions import NUMBERS, SEQUENCE, TEXTS, Definitions, Field
 from ..elements import NAME_ARRAYS, TIME_TYPES
@@ -19,6 +19,8 @@ MOST_FIELDS = 100
 _LONGEST_NAME = 200
 """Letters of a signal's name; YAML allows 1,024 in a key."""
 _MOST_WALKED = 2_000
+_NUMBER = 2
+"""Lowest priority of signals."""
 _DEEPEST = 16
 _OF_MIDDLEWARE = ("/clock", "/rosout", "/rosout_agg", "/parameter_events", "/client_count", "/connected_clients")
 _ENDINGS_OF_MIDDLEWARE = ("/_action/status", "/_action/feedback", "/_executor_probe")
@@ -145,12 +147,18 @@ class Listing(NamedTuple):
 
 
 def list_candidates(
-    topics: Iterable[Topic], namespace: str = "", names: Optional[Names] = None, *, ages_of_bulk: bool = True
+    topics: Iterable[Topic],
+    namespace: str = "",
+    names: Optional[Names] = None,
+    *,
+    ages_of_bulk: bool = True,
+    before: Collection[Candidate] = (),
 ) -> Listing:
     """Returns the signals that topics can have, at most `MOST_SIGNALS`.
 
     Topics in the namespace (without slashes at its ends) are relative to it. `ages_of_bulk`: stamps of images and
-    clouds can be read without decoding the message.
+    clouds can be read without decoding the message. `before` are those of topics that were listed before: they count,
+    but their numbers take no place from arrivals.
     """
     names = names or Names()
     left_out: Dict[str, str] = {}
@@ -160,7 +168,7 @@ def list_candidates(
         if each.topic in _OF_MIDDLEWARE or each.topic.endswith(_ENDINGS_OF_MIDDLEWARE):
             left_out[each.topic] = "a topic of the middleware"
         elif not _NAME.match(each.topic):
-            problems.append(f"{each.topic}: left out, its name is not valid in ROS")
+            left_out[each.topic] = "its name is not valid in ROS"
         elif each.topic in known:
             first = known[each.topic].type_name
             if first != each.type_name:
@@ -176,7 +184,10 @@ def list_candidates(
             of_topic = [each for each in of_topic if each.kind != "number"] + numbers[:MOST_FIELDS]
         found += [(_priority(each), at, each) for each in of_topic]
     found.sort(key=lambda each: each[:2])
-    kept, rest = found[:MOST_SIGNALS], found[MOST_SIGNALS:]
+    arrivals = sum(priority < _NUMBER for priority, _, _ in found)
+    room = MOST_SIGNALS - sum(_priority(each) < _NUMBER for each in before)
+    most = max(0, min(room, max(arrivals, MOST_SIGNALS - len(before))))
+    kept, rest = found[:most], found[most:]
     looked_at = {each.topic for _, _, each in kept}
     for _, _, candidate in rest:
         if candidate.topic not in looked_at:
@@ -189,7 +200,7 @@ def list_candidates(
 
 
 def _priority(candidate: Candidate) -> int:
-    return 0 if candidate.kind in ("rate", "statuses") else 1 if candidate.rules else 2
+    return 0 if candidate.kind in ("rate", "statuses") else 1 if candidate.rules else _NUMBER
 
 
 def _of_topic(topic: Topic, namespace: str, names: Names, *, ages_of_bulk: bool) -> Iterator[Candidate]:

@@ -8,7 +8,7 @@ from typing import Any, Container, Dict, Iterable, List, Mapping, Optional
 
 from ..errors import ConfigError
 from ..field_path import element_path
-from ..formatting import count_text, duration_text
+from ..formatting import duration_text
 from ..middleware import Middleware
 from ..signal_config import BOUNDS, read_signal
 from .candidates import FRACTIONS, Candidate, Names, Topic, list_candidates
@@ -87,7 +87,8 @@ class Proposal:
     def take(self, topics: Iterable[Topic]) -> None:
         """Adds topics, for `listen`; those that were added before are ignored."""
         new = [each for each in topics if each.topic not in self.topics]
-        listing = list_candidates(new, self._namespace, self._names, ages_of_bulk=self._ages_of_bulk)
+        before = self._candidates.values()
+        listing = list_candidates(new, self._namespace, self._names, ages_of_bulk=self._ages_of_bulk, before=before)
         self.problems += listing.problems
         self._left_out.update(listing.left_out)
         self.topics.update((each.topic, each.type_name) for each in reversed(new))
@@ -184,8 +185,8 @@ class Proposal:
         for each in elements.values():
             setting = suggest(each).settings.get("stale_after_s", Setting(0.0, ""))
             stale_s = max(stale_s, setting.value)
-        why = f"{count_text(len(elements), 'status')} seen, each with its own level and message"
-        settings = {"stale_after_s": Setting(stale_s, why.replace("statuss", "statuses"))}
+        seen = "1 status" if len(elements) == 1 else f"{len(elements):,} statuses"
+        settings = {"stale_after_s": Setting(stale_s, f"{seen} seen, each with its own level and message")}
         return Signal(candidate.name, candidate.topic, given, Suggestion(settings, {}, []), measured)
 
 

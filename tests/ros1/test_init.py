@@ -64,3 +64,12 @@ def test_without_a_robot_there_is_one_line(start: Any) -> None:
     assert process.wait() == 3, process.text
     assert [line.stream for line in process.lines] == ["err"]
     assert process.lines[0].text.startswith("robot-health: nothing to watch on ROS 1: ")
+
+
+def test_without_a_master_there_is_one_line_at_once(start: Any, master: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(master.environment, "ROS_MASTER_URI", "http://127.0.0.1:9")
+    process = start("-m", "robot_health_monitor", "init", "--ros1")
+    assert process.wait() == 3, process.text
+    assert [line.text for line in process.lines] == [
+        "robot-health: no ROS master at http://127.0.0.1:9 (ROS_MASTER_URI)"
+    ]

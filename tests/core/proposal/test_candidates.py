@@ -102,7 +102,7 @@ def test_a_topic_with_two_types_is_a_problem() -> None:
 @pytest.mark.parametrize("name", ["/", "/2d", "//a", "/a//b", "/a b", "/ä", "/\x1b[31m", "/a\n", "/<b>"])
 def test_a_topic_with_a_name_that_ros_does_not_allow_is_left_out(name: str) -> None:
     found = list_candidates([topic(name, "std_msgs/Float32")])
-    assert found == ([], {}, [f"{name}: left out, its name is not valid in ROS"])
+    assert found == ([], {name: "its name is not valid in ROS"}, [])
 
 
 def test_numbers_of_a_topic_are_limited() -> None:
@@ -118,3 +118,15 @@ def test_a_robot_with_2000_topics_is_watched_by_the_arrivals_of_the_first_ones()
     assert {each.kind for each in found.candidates} == {"rate"}
     assert len(found.left_out) == 1700
     assert found.left_out["/t1999"] == "more than 300 signals"
+
+
+def test_topics_that_appear_later_count_and_their_arrivals_come_before_numbers_of_earlier_ones() -> None:
+    text = "\n".join(f"float64 x{number}" for number in range(6))
+    wide = [topic(f"/a{number:03}", "own_msgs/Wide", text) for number in range(100)]
+    first = list_candidates(wide).candidates
+    assert len(first) == 300  # 100 arrivals, 200 of 600 numbers
+    later = [topic(f"/b{number:03}", "own_msgs/Wide", text) for number in range(250)]
+    second = list_candidates(later, before=first).candidates
+    assert [each.kind for each in second] == ["rate"] * 200
+    third = list_candidates([topic("/c", "std_msgs/Float32")], before=[*first, *second])
+    assert third == ([], {"/c": "more than 300 signals"}, [])
