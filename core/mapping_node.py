@@ -8,21 +8,20 @@ from __future__ import annotations
 
 import abc
 import collections
-import math
 import threading
-from functools import cached_property
 from typing import Any, Callable, Deque, Dict, Mapping, Optional, Protocol, Sequence, Tuple
 
-from .elements import STAMP_LIMIT, Elements
+from .elements import STAMP_LIMIT
 from .errors import ConfigError, MessageError, ServiceError
 from .faults import Faults
-from .field_path import ABSENT, mapping_getter, parse_field_path
+from .field_path import ABSENT
 from .formatting import printable
 from .hints import Answer, Hints
+from .mapping_field import MISSING, MappingField
 from .middleware import Callback, Message, OnChange, RawCallback, RawFormat, Result, Severity, resolve_name
 from .parameters import Parameter
 from .raw_messages import json_bytes, json_format
-from .standard_messages import check_field, check_type, complete, definition, is_stamped
+from .standard_messages import check_type, complete, definition, is_stamped
 from .timers import ClockTimer, ClockTimers
 
 CLOCK = "/clock"
@@ -43,33 +42,23 @@ class Delivery(Protocol):
     callback: Callback
 
 
-class MappingSubscription:
+class MappingSubscription(MappingField):
     """A subscription that reads one field from messages that are mappings. Implements `middleware.Subscription`."""
-
-    null_is_nan = False
-    """Whether a None is a NaN, which JSON has no number for. Not with an index in the field: the array is too short."""
 
     def __init__(self, node: MappingNode, topic: str, type_name: str, field: Optional[str], callback: Callback) -> None:
         """Binds the field, with arguments, and errors, as of `Middleware.subscribe`, and the resolved topic."""
-        if type_name:
-            check_field(topic, type_name, field or "")
-        self.topic = topic
+        super().__init__(topic, type_name, field)
         self.active = True
         """False once it has ended."""
         self.callback = callback
         self._node = node
-        self._type_name = type_name
-        self._field = field
-        self._get: Callable[[Any], Any] = (lambda message: 1.0) if field is None else mapping_getter(field)
-        steps = parse_field_path(field or "")
-        self._null_is_nan = self.null_is_nan and bool(steps) and not any(isinstance(step, int) for step in steps)
         self._has_failed = False
 
     def deliver(self, message: Message) -> None:
         """Passes a message's value to the node, with the time."""
         try:
             value = self._get(message)
-        except (KeyError, TypeError, AttributeError):
+        except MISSING:
             self._log_missing(message)
             return
         if type(value) is not float:
@@ -77,29 +66,13 @@ class MappingSubscription:
         if value is not ABSENT:
             self._node.call_back(self, value)
 
-    def _as_elsewhere(self, value: Any) -> Any:
-        """Returns a value as the native message of a middleware brings it: JSON has no types and no NaN."""
-        if isinstance(value, bool) and self._is_numeric:
-            return "true" if value else "false"
-        if not self._null_is_nan:
-            return value
-        if type(value) is Elements:
-            return Elements((name, math.nan if each is None else each) for name, each in value)
-        return math.nan if value is None else value
-
-    @cached_property
-    def _is_numeric(self) -> bool:
-        """Whether the field is known to be a number."""
-        try:
-            default = self._get(complete(self._type_name or self._node.type_of(self.topic), {}))
-        except (ConfigError, MessageError, KeyError, TypeError, AttributeError):
-            return False
-        return isinstance(default, (int, float)) and not isinstance(default, bool)
+    def known_type(self) -> str:
+        return self._type_name or self._node.type_of(self.topic)
 
     def _log_missing(self, message: Message) -> None:
         if not self._has_failed:
             self._has_failed = True
-            type_name = self._type_name or self._node.type_of(self.topic)
+            type_name = self.known_type()
             shown = f"{self.topic} ({type_name})" if type_name else self.topic
             available = ", ".join(list(message)[:_MAX_FIELDS_SHOWN])[:_MAX_TEXT]
             text = f"{shown} has no field {self._field}; available: {available}"

@@ -57,8 +57,11 @@ def read_yaml(file: PathLike, problems: Optional[Problems] = None) -> YamlFile:
     Raises ConfigError if it cannot be read, is not YAML in UTF-8, is too large, or contains something else.
     """
     name = os.fspath(file)
-    text = _read_text(name)
+    return parse_yaml(_read_text(name), name, problems)
 
+
+def parse_yaml(text: str, name: str, problems: Optional[Problems] = None) -> YamlFile:
+    """Reads the text of a file, whose `name` is that in errors; as `read_yaml`."""
     from .yaml_loader import load  # here, so that configuration by mapping does not need PyYAML
 
     found = Problems()

@@ -14,6 +14,7 @@ from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Opti
 
 import numpy as np
 
+from robot_health_monitor.core.attachments import SavedMonitor
 from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, read_monitor
 from robot_health_monitor.core.element_signals import element_config, element_signal_name, own_config
 from robot_health_monitor.core.elements import Elements
@@ -25,6 +26,7 @@ from robot_health_monitor.core.quality import as_float
 from robot_health_monitor.core.signal_config import SignalConfig, template_name
 
 from .middleware import Player, RecordedMiddleware, Subscription
+from .saved_states import SavedStates, announced_level
 
 CHUNK = 4096  # samples that are collected before they are processed together
 _LARGEST = sys.float_info.max
@@ -144,9 +146,10 @@ class Judge:
         self._systems: Dict[str, AlertSystem] = {}
         player.on_gap.append(self._skip)
 
-    def add(self, file: str, parameters: Mapping[str, Any]) -> None:
+    def add(self, file: str, parameters: Mapping[str, Any], saved: Optional[SavedMonitor] = None) -> None:
         """Adds a configuration: its name, and the mapping under `ros__parameters` of alert_system.
 
+        It continues from the `saved` states of its signals, which are those at the beginning.
         Raises ConfigError, with a path below that: it cannot be used, or a field is not in the recorded type.
         """
         tree = parameters if "signals" in parameters else {**parameters, "signals": DEFAULT_SIGNALS}
@@ -162,13 +165,17 @@ class Judge:
             for name, signal in tree["signals"].items()
         }
         node = self._player.node("alert_system", {**tree, "signals": signals})
-        system = AlertSystem(node, {"replay": lambda event: self._note(file, event)}, log_alerts=False)
+        history = None if saved is None else SavedStates(saved, lambda: self._player.wall_s)
+        outlets = {"replay": lambda event: self._note(file, event)}
+        system = AlertSystem(node, outlets, log_alerts=False, history=history)
         self._systems[file] = system
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():
             reason, own = missing[name], own_config(signal)
             summary = SignalSummary(file, own, node.resolve(signal.topic), not reason, reason, SignalStatistics(own))
-            self._signals[file, name] = _JudgedSignal(summary, self._player.wall_s)
+            judged = self._signals[file, name] = _JudgedSignal(summary, self._player.wall_s)
+            if saved is not None:
+                judged.begin(announced_level(saved, name))
             if signal.is_template:
                 self._templates[file, name] = signal
             if not reason:
@@ -331,6 +338,11 @@ class _JudgedSignal:
         self._lasted_s = dict.fromkeys(Level, 0.0)
         self._alerted_s = math.inf  # time of the first alert
         self._sampled_s = math.inf  # time of the first sample
+
+    def begin(self, level: Level) -> None:
+        """Begins with a level that was announced before."""
+        if level is not Level.OK:
+            self._level, self._since_s = level, self._begin_s
 
     def beside(self, summary: SignalSummary) -> _JudgedSignal:
         """Returns another signal that is measured from the same time on."""

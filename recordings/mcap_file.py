@@ -17,14 +17,18 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.records import Attachment as McapAttachment
+from mcap.records import AttachmentIndex, ChunkIndex, Schema, Statistics
 from mcap.records import Channel as McapChannel
-from mcap.records import ChunkIndex, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
-from .recording import LARGEST, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
+from robot_health_monitor.core.attachments import STATE, THRESHOLDS
 
-_ENCODINGS = ("ros1", "cdr")
-_FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl"}
+from .recording import LARGEST, Attachment, ChunkedFile, Damaged, Messages, Record, Wanted, check_size, unpack_lz4
+
+_ENCODINGS = ("ros1", "cdr", "json")
+_FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "jsonschema": "jsonschema"}
+_LARGEST_ATTACHMENT = 16 << 20
 _OPCODE_OF_MESSAGE = int(Opcode.MESSAGE)
 _PREFIX_SIZE = 9
 _prefix = struct.Struct("<BQ").unpack_from
@@ -79,6 +83,7 @@ class McapFile(ChunkedFile):
             elif isinstance(record, ChunkIndex):
                 channels = frozenset(record.message_index_offsets)
                 places.append((record.chunk_start_offset, channels_of.setdefault(channels, channels)))
+        self._read_attachments(file, summary)
         expected = statistics and (statistics.channel_count, statistics.chunk_count)
         if statistics is None or expected != (len(numbers), len(places)):
             return ""
@@ -87,6 +92,18 @@ class McapFile(ChunkedFile):
             self.span_ns = statistics.message_start_time, statistics.message_end_time
         self._places = sorted(places, key=itemgetter(0))
         return None
+
+    def _read_attachments(self, file: BinaryIO, summary: bytes) -> None:
+        """Reads what a black box has attached; raises one of `DAMAGE`."""
+        for index in StreamReader(io.BytesIO(summary), skip_magic=True).records:
+            if not isinstance(index, AttachmentIndex) or index.name not in (THRESHOLDS, STATE):
+                continue
+            if index.length > _LARGEST_ATTACHMENT:
+                raise Damaged(f"an attachment of {index.length} bytes")
+            file.seek(index.offset + _PREFIX_SIZE)
+            found = McapAttachment.read(ReadDataStream(io.BytesIO(file.read(index.length - _PREFIX_SIZE))))
+            text = found.data.decode("utf-8", "replace")
+            self.attachments = {**self.attachments, found.name: Attachment(found.log_time, text)}
 
     def _chunks(self, file: BinaryIO, wanted: Wanted) -> Iterator[Messages]:
         if not self._places or wanted is None:

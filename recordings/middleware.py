@@ -24,6 +24,7 @@ from robot_health_monitor.core.standard_messages import check_type
 from robot_health_monitor.core.timers import ClockTimer
 
 from .decoding import types_of
+from .json_messages import json_getter
 from .reading import Recordings
 from .recording import Channel, RecordingError, raw_format_of
 
@@ -151,9 +152,12 @@ class Player:
         from_s: float = 0.0,
         to_s: float = math.inf,
         use_sim_time: bool = False,
+        begin_ns: Optional[int] = None,
         on_log: Optional[Callable[[LogLine], None]] = None,
     ) -> None:
         """Prepares to play, from one time to another, in s since the start of the recordings; time stands at the first.
+
+        `begin_ns` is a time before the first message with which to begin instead, in ns since 1970.
 
         The nodes will be in `namespace`, and log to `on_log`. With `use_sim_time` their time is that of the recorded
         topic /clock. Raises ConfigError: it is not recorded.
@@ -161,7 +165,7 @@ class Player:
         self._recordings = recordings
         self._namespace = namespace.strip("/")
         span = recordings.span_ns or (0, 0)
-        self._start_ns = span[0] + round(from_s * 1e9)
+        self._start_ns = min(begin_ns or span[0], span[0]) + round(from_s * 1e9)
         self._end_ns = min(span[1], span[0] + round(to_s * 1e9)) if to_s < math.inf else span[1]
         self.end_s = self._end_ns / 1e9  # log time at which playing ends, since 1970
         self._use_sim_time = use_sim_time
@@ -383,7 +387,7 @@ def _getter(channel: Channel, field: _Field) -> Callable[[bytes], Any]:
     if field is None:
         return _arrival
     if isinstance(field, str):
-        return types_of(channel).field_getter(field)
+        return json_getter(channel, field) if channel.encoding == "json" else types_of(channel).field_getter(field)
     raw_format = raw_format_of(channel)
     return lambda data: (data, raw_format)
 

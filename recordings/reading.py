@@ -14,7 +14,7 @@ from robot_health_monitor.core.errors import ConfigError, Problems
 from robot_health_monitor.core.yaml_loader import load
 from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
-from .recording import LARGEST, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
+from .recording import LARGEST, Attachment, Channel, RawMessage, RecordedFile, RecordingError, Span, Target, log_time
 from .ros1_bag import Ros1Bag
 from .sqlite_file import SqliteFile
 
@@ -67,6 +67,12 @@ class Recordings:
     def span_ns(self) -> Span:
         """Log times of the first and the last message of all files; None without messages."""
         return _span(self._files)
+
+    @property
+    def attachments(self) -> Mapping[str, Attachment]:
+        """What a black box has attached, by name; empty for several files."""
+        files = self._files
+        return files[0].attachments if len(files) == 1 else {}
 
     @property
     def gaps_ns(self) -> List[Tuple[int, int]]:

@@ -45,16 +45,25 @@ class Channel(NamedTuple):
 
     topic: str  # the absolute name
     type_name: str  # `package/Type`
-    encoding: str  # `ros1` or `cdr`
+    encoding: str  # `ros1`, `cdr` or `json`
     definition: str  # text of the type's definition with those of the types in it; empty if the file has none
-    definition_format: str  # `msg` or `idl`; empty if the file has no definition
+    definition_format: str  # `msg`, `idl` or `jsonschema`; empty if the file has no definition
 
 
 def raw_format_of(channel: Channel) -> RawFormat:
     """Returns the format of a channel's messages."""
+    if channel.encoding == "json":
+        return RawFormat("json", channel.type_name, "jsonschema", channel.definition, "")
     make = ros1_format if channel.encoding == "ros1" else ros2_format
     found = make(channel.type_name, channel.definition)
     return found._replace(schema_encoding="ros2idl") if channel.definition_format == "idl" else found
+
+
+class Attachment(NamedTuple):
+    """A file within a recording."""
+
+    time_ns: int  # in ns since 1970
+    text: str
 
 
 Target = TypeVar("Target")
@@ -91,6 +100,8 @@ class RecordedFile(abc.ABC):
         """One line that says what could not be read; empty if everything could so far."""
         self.span_ns: Span = None
         """When reading stops at damage, the end becomes the last message that was read."""
+        self.attachments: Mapping[str, Attachment] = {}
+        """Those that a black box attaches, by name."""
         self._path = path
         self._is_packed = False
         self._channels: Dict[int, Channel] = {}

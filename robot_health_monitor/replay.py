@@ -8,14 +8,15 @@ import os
 import time
 from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from robot_health_monitor.core.errors import ConfigError, Path
+from robot_health_monitor.core.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
+from robot_health_monitor.core.errors import ConfigError, MessageError, Path
 from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig, template_name
 from robot_health_monitor.core.version import package_version
-from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
+from robot_health_monitor.core.yaml_file import YamlFile, parse_yaml, read_yaml
 from robot_health_monitor.ops.plotted_signal import PlottedSignal
 from robot_health_monitor.ops.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
 from robot_health_monitor.recordings.judging import Differences, Judge, JudgedEvent, SignalSummary
@@ -42,7 +43,11 @@ def replay(arguments: argparse.Namespace) -> bool:
         inputs = [*arguments.recordings, *(each.file.file for each in configurations if each.file is not None)]
         report = ReportFile(arguments.report, inputs, arguments.force)
     with Recordings(arguments.recordings) as recordings:
-        return _Replay(arguments, configurations, recordings, report).run()
+        saved = None
+        if THRESHOLDS in recordings.attachments and not arguments.thresholds:
+            configurations[0] = _attached(arguments.recordings[0], recordings.attachments[THRESHOLDS].text)
+            saved = _saved(arguments, recordings)
+        return _Replay(arguments, configurations, recordings, report, saved).run()
 
 
 class _Configuration(NamedTuple):
@@ -65,6 +70,7 @@ class _Replay:
         configurations: List[_Configuration],
         recordings: Recordings,
         report_file: Optional[ReportFile],
+        saved: Optional[SavedMonitor],
     ) -> None:
         self._arguments = arguments
         self._report_file = report_file
@@ -79,6 +85,7 @@ class _Replay:
             from_s=arguments.from_s,
             to_s=arguments.to_s,
             use_sim_time=arguments.use_sim_time or configurations[0].parameters.get("use_sim_time") is True,
+            begin_ns=None if saved is None else round(saved.time_s * 1e9),
             on_log=self._on_log,
         )
         self._start_s = self._player.wall_s
@@ -92,7 +99,7 @@ class _Replay:
         self._player.on_gap.append(self._on_gap)
         for configuration in configurations:
             try:
-                self._judge.add(configuration.name, configuration.parameters)
+                self._judge.add(configuration.name, configuration.parameters, saved)
             except ConfigError as error:
                 raise configuration.locate(error) from None
         self._require_recorded()
@@ -283,6 +290,23 @@ def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
         second = _read(arguments, arguments.against)
         found.append(second._replace(name=f"{second.name} (2)") if second.name == found[0].name else second)
     return found
+
+
+def _attached(recording: str, text: str) -> _Configuration:
+    """Returns the configuration that a black box has attached."""
+    file = parse_yaml(text, os.path.join(recording, THRESHOLDS))
+    section = sections_of_nodes(file)["alert_system"]
+    return _Configuration(f"{THRESHOLDS} in {os.path.basename(recording)}", file, section.path, section.tree)
+
+
+def _saved(arguments: argparse.Namespace, recordings: Recordings) -> Optional[SavedMonitor]:
+    """Returns the states at the beginning of a black box; None: it has none, or the replay begins later."""
+    if STATE not in recordings.attachments or arguments.from_s > 0.0:
+        return None
+    try:
+        return read_saved_monitor(recordings.attachments[STATE].text)
+    except MessageError as error:
+        raise ConfigError(str(error), file=arguments.recordings[0]) from None
 
 
 def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:

@@ -97,3 +97,24 @@ def attachments(file: Path) -> Dict[str, str]:
 
     with file.open("rb") as stream:
         return {each.name: each.data.decode("utf-8") for each in make_reader(stream).iter_attachments()}
+
+
+KILLED = (
+    f"ROOT = {str(Path(__file__).resolve().parents[2])!r}"
+    + """
+import sys
+sys.path[:0] = [ROOT, ROOT + "/tests"]
+from pathlib import Path
+from harness.black_boxes import RecordedRobot
+robot = RecordedRobot(Path({folder!r}), after_s=3600.0, topics=("/noise",))
+robot.feed(2.0, 50.0)
+robot.feed(2.0, 15.0)
+print("alert", flush=True)
+number = 0
+while True:
+    number += 1
+    robot.wait(0.01)
+    robot.publish("/noise", {{"data": str(number) * 200}}, "std_msgs/String")
+"""
+)
+"""A program that records into `folder` until it is killed; it prints a line when the alert has come."""

@@ -21,7 +21,15 @@ from typing import List, Optional
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
-from soak import kill, kill_samples, real_time, samples, storm, virtual_time  # noqa: E402  # found through the line above
+from soak import (  # noqa: E402  # found through the line above
+    black_boxes,
+    kill,
+    kill_samples,
+    real_time,
+    samples,
+    storm,
+    virtual_time,
+)
 from soak.figures import Figure, table  # noqa: E402
 
 
@@ -37,6 +45,8 @@ def main(arguments: Optional[List[str]] = None) -> int:
         "--days", type=float, default=30.0, help="days of samples that a history stores in virtual time"
     )
     parser.add_argument("--sample-period", type=float, default=2.0, help="time between these samples, in s")
+    parser.add_argument("--black-boxes", type=int, default=50, help="random black boxes that are replayed")
+    parser.add_argument("--black-box-kills", type=int, default=42, help="how often a black box is killed as it writes")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**9))
     options = parser.parse_args(arguments)
     print(f"seed {options.seed}", flush=True)
@@ -47,6 +57,11 @@ def main(arguments: Optional[List[str]] = None) -> int:
             print("\n".join([", ".join(f"{name}: {count}" for name, count in counts.items()), *violations]), flush=True)
             if violations:
                 return 1
+    if options.black_boxes or options.black_box_kills:
+        violations = black_boxes.run(options.black_boxes, options.black_box_kills, options.seed)
+        print("\n".join(violations), flush=True)
+        if violations:
+            return 1
     if options.samples:
         figures += virtual_time.run(options.samples, options.seed)
         print(table(figures), flush=True)

@@ -15,6 +15,7 @@ SOAK = Path(__file__).parent
 def run_soak(*options: str) -> subprocess.CompletedProcess[str]:
     """Runs the parts of the soak test for which there is an option."""
     off = {"--minutes": "0", "--samples": "0", "--kills": "0", "--storm-minutes": "0", "--days": "0"}
+    off.update({"--black-boxes": "0", "--black-box-kills": "0"})
     command = [sys.executable, str(SOAK), *(word for pair in off.items() for word in pair), *options]
     return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=600)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Iterator, List
 
 import pytest
-from harness.black_boxes import BATTERY, RecordedRobot, recorded
+from harness.black_boxes import BATTERY, KILLED, RecordedRobot, recorded
 from harness.waiting import wait_for
 
 pytest.importorskip("mcap")
@@ -21,8 +21,6 @@ from robot_health_monitor.core import Level
 from robot_health_monitor.ops.black_box import black_box
 from robot_health_monitor.ops.black_box.folder import is_file_name
 from robot_health_monitor.ops.black_box.recording_file import RecordingFile
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def faults(robot: RecordedRobot) -> List[str]:
@@ -177,26 +175,9 @@ def test_a_camera_does_not_exceed_the_memory(tmp_path: Path) -> None:
     robot.close()
 
 
-KILLED = """
-import sys
-sys.path[:0] = [{root!r}, {tests!r}]
-from pathlib import Path
-from harness.black_boxes import RecordedRobot
-robot = RecordedRobot(Path({folder!r}), after_s=3600.0, topics=("/noise",))
-robot.feed(2.0, 50.0)
-robot.feed(2.0, 15.0)
-print("alert", flush=True)
-number = 0
-while True:
-    number += 1
-    robot.wait(0.01)
-    robot.publish("/noise", {{"data": str(number) * 200}}, "std_msgs/String")
-"""
-
-
 @pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.3])
 def test_after_a_kill_the_next_start_completes_the_file_or_removes_it(tmp_path: Path, delay_s: float) -> None:
-    program = KILLED.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
+    program = KILLED.format(folder=str(tmp_path))
     process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stdout.readline() == b"alert\n"
