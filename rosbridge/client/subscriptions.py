@@ -12,7 +12,7 @@ import threading
 from typing import Any, Callable, Dict, Mapping, Optional, Protocol, Set, Tuple
 
 from robot_health_monitor.core.errors import LinkError, ServiceError
-from robot_health_monitor.core.middleware import RawFormat, canonical_type
+from robot_health_monitor.core.middleware import RawFormat, canonical_type, split_type_name
 from robot_health_monitor.core.raw_messages import json_format, ros1_format, ros2_format
 
 from ..protocol import Operation, operations
@@ -111,8 +111,7 @@ class Subscriptions:
             self._sent.clear()
             self.has_bytes = False
             self._definitions.clear()
-            if compression == _OWN:
-                self.formats.clear()
+            self.formats = {topic: found for topic, found in self.formats.items() if not found.profile}
             for topic, receivers in self._receivers.items():
                 self._send_subscribe(topic)
                 if any(receiver.needs_format for receiver in receivers):
@@ -163,10 +162,8 @@ class Subscriptions:
             self._untyped.add(topic)
             return
         self._untyped.discard(topic)
-        raw_format = self.formats.get(topic)
-        is_raw = topic in self._definitions and raw_format is not None and bool(raw_format.profile)
-        self.has_bytes = self.has_bytes or is_raw
-        compression = self._sent[topic] = _SERIALIZED if is_raw else self._compression
+        compression = self._sent[topic] = self._compression_of(topic)
+        self.has_bytes = self.has_bytes or compression == _SERIALIZED
         self._send(operations.Subscribe(topic, type_name, _subscription_id(topic), compression=compression))
 
     def _choose_format(self, topic: str) -> None:
@@ -176,17 +173,20 @@ class Subscriptions:
         of them receives bytes, the others receive nothing (RobotWebTools/rosbridge_suite#610).
         """
         receivers = self._receivers[topic]
-        if topic not in self._definitions or not any(receiver.needs_format for receiver in receivers):
-            return
-        type_name, definition = self._definitions[topic]
-        found = json_format(type_name, definition)
-        if definition and self._compression == _OWN:
+        if not any(receiver.needs_format for receiver in receivers):
+            self.formats.pop(topic, None)
+        elif topic in self._definitions:
+            type_name, definition = self._definitions[topic]
             raw = (ros2_format if "/msg/" in type_name else ros1_format)(type_name, definition)
-            if all(receiver.takes_bytes(raw) for receiver in receivers):
-                found = raw
-        self.formats[topic] = found
-        if (_SERIALIZED if found.profile else self._compression) != self._sent.get(topic):
+            has_raw = self._compression == _OWN and bool(definition)
+            is_raw = has_raw and all(receiver.takes_bytes(raw) for receiver in receivers)
+            self.formats[topic] = raw if is_raw else json_format(type_name, definition)
+        if topic in self._sent and self._sent[topic] != self._compression_of(topic):
             self._send_subscribe(topic)
+
+    def _compression_of(self, topic: str) -> str:
+        raw_format = self.formats.get(topic)
+        return _SERIALIZED if raw_format is not None and raw_format.profile else self._compression
 
     async def _find_type(self, topic: str) -> None:
         found: Optional[object] = None
@@ -204,26 +204,26 @@ class Subscriptions:
 
     async def _find_format(self, topic: str) -> None:
         type_name = self._types.get(topic, "")
-        definition = ""
+        definition: Optional[str] = None
         try:
-            answer = await self._call("/rosapi/topic_type", {"topic": topic}, _TYPE_TIMEOUT_S)
-            type_name = str(answer.get("type") or "") or type_name
+            found = (await self._call("/rosapi/topic_type", {"topic": topic}, _TYPE_TIMEOUT_S)).get("type")
+            type_name = found if isinstance(found, str) and split_type_name(found) else type_name
             if type_name:
                 definition = await find_definition(self._call, type_name)
         except LinkError:
             return
         except ServiceError:
-            pass  # a server without rosapi, or one that does not know the type
+            definition = ""  # a server without rosapi, or one that does not know the type
         with self._lock:
             if topic not in self._undefined:
                 return  # no longer needed
             del self._undefined[topic]
-            if type_name:
+            if definition is None:
+                self._undefined[topic] = None
+            else:
                 self._definitions[topic] = type_name, definition
                 self._types[topic] = self._types[topic] or canonical_type(type_name)
                 self._choose_format(topic)
-            else:
-                self._undefined[topic] = None
 
 
 def _set_threadsafe(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:

@@ -12,6 +12,8 @@ from .services import Call
 _TIMEOUT_S = 10.0
 _MOST_TOPICS = 10_000
 _MOST_TYPES = 200
+_LONGEST_DEFINITION = 200_000
+"""Characters; the largest ones of ROS have about 50,000."""
 _IDL_KINDS = {"boolean": "bool", "float": "float32", "double": "float64", "octet": "byte"}
 _SLOT_OF_RCLPY = "check_fields"
 
@@ -52,7 +54,8 @@ async def find_definition(call: Call, type_name: str) -> str:
         if isinstance(typedef, dict) and isinstance(typedef.get("type"), str):
             parts.setdefault(canonical_type(typedef["type"]), "".join(_lines(typedef)))
     own = parts.pop(canonical_type(type_name), "")
-    return own + "".join(f"{'=' * 80}\nMSG: {name}\n{text}" for name, text in parts.items()) if own else ""
+    text = own + "".join(f"{'=' * 80}\nMSG: {name}\n{part}" for name, part in parts.items())
+    return text if own and len(text) <= _LONGEST_DEFINITION else ""
 
 
 def _lines(typedef: Mapping[str, Any]) -> Iterator[str]:

@@ -147,3 +147,66 @@ async def test_a_subscription_that_needs_whole_messages_makes_the_capture_json_u
     await until(arrives_as("ros1"))
     assert set(capture.values()) == {1.0}
     await watched.close()
+
+
+@with_robot()
+async def test_judging_goes_on_as_before_when_the_capture_ends(robot: Robot) -> None:
+    """Also that of a subscription that needs the whole message and begins later."""
+    watched, capture = Watched(robot.url), Capture()
+    watched.node.subscribe("/battery_level", FLOAT32, watched.hear, field="data")
+    captured = watched.node.subscribe_raw("/battery_level", FLOAT32, capture)
+
+    def is_captured() -> bool:
+        robot.publish(1.0)
+        return bool(capture.items)
+
+    await until(is_captured)
+    assert capture.items[-1][2].profile == "ros1"
+    watched.node.unsubscribe(captured)
+    whole: List[Any] = []
+    watched.node.subscribe("/battery_level", FLOAT32, lambda message, now_s: whole.append(message))
+    await watched.settle()
+    robot.publish(2.0)
+    await until(lambda: watched.heard[-1] == 2.0 and whole == [{"data": 2.0}])
+    await watched.close()
+
+
+@with_robot()
+async def test_bytes_are_captured_again_after_a_reconnection(robot: Robot) -> None:
+    watched, capture = Watched(robot.url), Capture()
+    watched.node.subscribe("/battery_level", FLOAT32, watched.hear, field="data")
+    watched.node.subscribe_raw("/battery_level", FLOAT32, capture)
+
+    def is_captured() -> bool:
+        robot.publish(1.0)
+        return bool(capture.items)
+
+    for _ in range(3):
+        await until(is_captured)
+        assert {each.profile for _, _, each in capture.items} == {"ros1"}
+        connection = watched.client.connection
+        before = connection._queue
+        connection.move(robot.url.replace("http", "ws", 1), token="", ssl_context=None)
+        await until(lambda connection=connection, before=before: connection._queue not in (None, before))
+        capture.items.clear()
+        watched.heard.clear()
+    await until(is_captured)
+    assert set(watched.heard) == {1.0}
+    await watched.close()
+
+
+@scenario
+async def test_a_server_that_answers_nonsense_is_captured_all_the_same() -> None:
+    foreign = ForeignServer()
+    foreign.types["/arm"] = "no type \n" * 1000
+    foreign.details["acme_msgs/Arm"] = [{**ARM, "fieldnames": [f"field{n}" for n in range(50_000)]}, 3]
+    watched, capture = Watched(await foreign.start()), Capture()
+    try:
+        watched.node.subscribe_raw("/arm", "acme_msgs/Arm", capture)
+        await until(lambda: watched.node.raw_format_of("/arm", "") is not None)
+        await foreign.publish("/arm", {"torque": 1})
+        await until(lambda: len(capture.items) == 1)
+        assert capture.items[0][2].schema_name == "acme_msgs/Arm"
+    finally:
+        await watched.close()
+        await foreign.close()
