@@ -23,7 +23,9 @@ FINE_S = 2.0 * 86_400.0
 """Age at which they are merged, in s."""
 
 _STEP_S = 3600.0
-_MOST_ROWS = 200  # per step of the upkeep
+_MOST_ROWS = 1_000  # per step of the upkeep: 200 robots of ten signals store 200 per second
+_LEAST_BYTES = 200e3  # that a step frees: as much as a transaction of the writer adds
+_ROW_BYTES = 50
 _PAGE = 2_000
 _COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
 _CHECKS = (is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level)
@@ -222,19 +224,19 @@ class SampleUpkeep:
         return bool(self._due)
 
     def delete_oldest(self) -> bool:
-        """Deletes the oldest hour of the signal that has the oldest period; returns False if there are no samples."""
+        """Deletes hours, each of the signal that has the oldest period; returns False if there are no samples."""
         if self._oldest is None:
             self._oldest = []
             for series in _series(self._connection):
                 self._note_oldest(series)
-        while self._oldest:
+        deleted = 0
+        while self._oldest and deleted * _ROW_BYTES < _LEAST_BYTES:
             start_s, series = heapq.heappop(self._oldest)
-            deleted = self._delete(series, start_s + _STEP_S)
+            deleted += self._delete(series, start_s + _STEP_S)
             self._note_oldest(series)
-            if deleted:
-                return True
-        self._oldest = None
-        return False
+        if not self._oldest:
+            self._oldest = None
+        return deleted > 0
 
     def _note_oldest(self, series: _Series) -> None:
         query = f"SELECT min(start_s) FROM samples WHERE {_OF_SIGNAL}"

@@ -16,10 +16,13 @@ from robot_health_monitor.core.faults import Faults
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.model import Transition
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.core.sample_summary import SampleSummary
 from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history import history as history_module
 from robot_health_monitor.ops.history import queries
 from robot_health_monitor.ops.history.database_file import reading
 from robot_health_monitor.ops.history.history import MAX_WAITING, History, Job, Writer
+from robot_health_monitor.ops.history.samples import read
 from robot_health_monitor.ops.history.storage import Storage
 
 
@@ -75,6 +78,28 @@ def test_a_restarted_monitor_finds_the_latest_state_of_each_signal(tmp_path: Pat
     assert second.of_robot("r1").restore() == {"battery_level": {"level": 1}, "temperature": {"level": 2}}
     assert second.of_robot("r2").restore() == {}
     second.close()
+
+
+@pytest.mark.parametrize("with_samples", [True, False])
+def test_a_clean_stop_stores_all_samples_unless_they_are_switched_off(with_samples: bool, tmp_path: Path) -> None:
+    bus = LocalBus(on_log=lambda line: None)
+    settings = HistorySettings(str(tmp_path / "history.db"), samples=with_samples)
+    for _ in range(2):  # the second run goes on in the period in which the first one stopped
+        node = bus.node("alert_system", parameters={"robot_name": "r1", "signals": {"load": {"warn_above": 80.0}}})
+        history = History(settings, lambda: 1_000_000.0 + bus.now_s)
+        system = AlertSystem(node, history=history.of_robot("r1"))
+        robot = bus.node("robot")
+        robot.advertise("load", "std_msgs/Float32")
+        for number in range(12):
+            robot.publish("load", {"data": 50.0 + number})
+            bus.run_until(bus.now_s + 1.0)
+        system.close()
+        history.close()
+        robot.close()
+    with reading(settings.file) as connection:
+        stored = [(each.start_s - 1e6, each.least, each.most, each.good) for each in read(connection, signal="load")]
+    expected = [(0.0, 50.0, 59.0, 10), (10.0, 50.0, 61.0, 10), (20.0, 58.0, 61.0, 4)]
+    assert stored == (expected if with_samples else [])
 
 
 def test_states_in_any_form_do_not_prevent_the_start(history: History) -> None:
@@ -154,6 +179,33 @@ def hang(writer: Writer) -> Iterator[threading.Event]:
     has_begun.wait(60.0)
     yield proceed
     proceed.set()
+
+
+def test_samples_of_all_robots_wait_in_one_job_and_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history_module, "MAX_WAITING_SAMPLES", 30)
+    history = History(None)
+    robots = [history.of_robot(name) for name in ("r1", "r2")]
+    proceed, has_begun = threading.Event(), threading.Event()
+
+    def hang(connection: sqlite3.Connection) -> None:
+        has_begun.set()
+        proceed.wait(60.0)
+
+    history.put(hang)
+    has_begun.wait(60.0)
+    # More jobs than may wait: transitions that do not fit are lost, but samples take no more room.
+    while history.writer.put(Job(lambda connection: None)):
+        pass
+    for number in range(20):
+        for robot in robots:
+            robot.record_samples({"a": [SampleSummary(10.0 * number, 1.0, 1.0, 1.0, 1.0, 1, 0, Level.OK)]})
+    assert len(history.writer._jobs) == MAX_WAITING + 1
+    proceed.set()
+    job = Job(lambda connection: [(each.robot, each.start_s) for each in read(connection)])
+    assert history.writer.put(job, is_urgent=True)
+    assert job.done.wait(60.0)
+    assert job.result == [(robot, 10.0 * number) for robot in ("r1", "r2") for number in range(5, 20)]
+    history.close()
 
 
 def test_a_function_runs_in_a_transaction(writer: Writer) -> None:

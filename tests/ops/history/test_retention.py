@@ -13,6 +13,7 @@ from robot_health_monitor.ops.history import schema
 from robot_health_monitor.ops.history.notes import add_note, notes_of
 from robot_health_monitor.ops.history.retention import AgeClock, Retention, used_bytes
 from robot_health_monitor.ops.history.rows import INSERT_TRANSITION, transition_row
+from robot_health_monitor.ops.history.samples import StoredSamples, read, store
 
 RUN = 3
 WARN, OK = Level.WARN, Level.OK
@@ -127,6 +128,21 @@ def test_the_oldest_are_deleted_until_the_size_is_met_and_the_space_is_given_bac
     assert left == [float(number) for number in range(2000 - len(left), 2000)]
     [(pages,)] = connection.execute("PRAGMA page_count")
     assert pages * 4096 <= 500_000 + 256_000
+
+
+def test_samples_go_before_transitions(connection: sqlite3.Connection) -> None:
+    for number in range(300):
+        add(connection, float(number), OK)
+    samples = [StoredSamples("r1", "a", 10.0 * n, 10.0, 1.0, 2.0, 1.5, 2.0, 2, 0, OK) for n in range(20_000)]
+    store(connection, samples)
+    delete_all(connection, before_s=0.0, max_bytes=1_000_000)
+    left = list(read(connection))
+    assert 0 < len(left) < 20_000
+    assert left == samples[-len(left) :]
+    assert len(times(connection)) == 300
+    delete_all(connection, before_s=0.0, max_bytes=300_000)
+    assert list(read(connection)) == []
+    assert 0 < len(times(connection)) < 300
 
 
 def test_what_is_too_much_is_taken_from_the_signal_that_has_most(connection: sqlite3.Connection) -> None:

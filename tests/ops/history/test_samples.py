@@ -115,21 +115,24 @@ def test_what_is_too_old_is_deleted(connection: sqlite3.Connection) -> None:
 
 
 def test_each_step_is_short(connection: sqlite3.Connection) -> None:
-    store(connection, [part(10.0 * number, signal=f"s{signal}") for number in range(400) for signal in range(5)])
+    store(connection, [part(10.0 * number, signal=f"s{signal}") for number in range(400) for signal in range(15)])
     upkeep = SampleUpkeep(connection)
     before = connection.total_changes
     assert upkeep.merge_old(-1.0, 4_000.0)
-    assert connection.total_changes - before < 700
+    assert connection.total_changes - before < 1_500
+    before = connection.total_changes
+    assert upkeep.delete_oldest()
+    assert 4_000 <= connection.total_changes - before < 5_000
 
 
 def test_the_oldest_go_first_when_space_is_short(connection: sqlite3.Connection) -> None:
-    store(connection, [part(10.0 * number, signal="old") for number in range(360)])
-    store(connection, [part(7_200.0 + 10.0 * number, signal="new") for number in range(360)])
+    store(connection, [part(10.0 * number, signal="old") for number in range(4_200)])
+    store(connection, [part(50_000.0 + 10.0 * number, signal="new") for number in range(4_200)])
     upkeep = SampleUpkeep(connection)
     signals = []
     while upkeep.delete_oldest():
         signals.append(sorted({each.signal for each in read(connection)}))
-    assert signals.index(["new"]) < signals.index([])
+    assert signals == [["new"], []]
     assert not upkeep.delete_oldest()
 
 

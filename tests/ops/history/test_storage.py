@@ -13,9 +13,11 @@ from harness.waiting import wait_for
 
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.faults import Faults
+from robot_health_monitor.core.sample_summary import SampleSummary
 from robot_health_monitor.ops.configuration import HistorySettings
 from robot_health_monitor.ops.history import history as history_module
-from robot_health_monitor.ops.history import storage
+from robot_health_monitor.ops.history import samples, storage
+from robot_health_monitor.ops.history.database_file import reading
 from robot_health_monitor.ops.history.history import History
 
 
@@ -72,6 +74,31 @@ def test_a_full_disk_loses_nothing_once_there_is_space_again(tmp_path: Path) -> 
     assert numbers(stored_texts(file)) == list(range(50))
     history.close()
     assert restored(file) == {"battery_level": {"number": 49}}
+
+
+def test_a_full_disk_loses_no_samples_and_the_period_goes_on(tmp_path: Path) -> None:
+    file, faults = tmp_path / "history.db", NotedFaults()
+    history = opened(file, faults)
+    robot = history.of_robot("r1")
+
+    def collect(number: int, value: float) -> None:
+        start_s = 4e9 + 10.0 * number  # in the future: not merged
+        robot.record_samples({"fan": [SampleSummary(start_s, value, value, value, value, 1, 0, Level.OK)]})
+        history.run(lambda connection: None, 60.0)
+
+    collect(0, 5.0)
+    limit = history.run(lambda connection: connection.execute("PRAGMA page_count").fetchone()[0])
+    history.run(lambda connection: connection.execute(f"PRAGMA max_page_count = {limit}").fetchone())
+    collect(0, 7.0)
+    for number in range(1, 300):
+        collect(number, 1.0)
+    assert [part for part, _ in faults.reported] == ["history"]
+    wait_for(lambda: not faults.current())
+    history.close()
+    with reading(str(file)) as connection:
+        stored = list(samples.read(connection))
+    assert [(each.start_s - 4e9, each.good) for each in stored] == [(0.0, 2), *((10.0 * n, 1) for n in range(1, 300))]
+    assert (stored[0].least, stored[0].most) == (5.0, 7.0)
 
 
 def test_what_is_queued_in_the_database_survives_a_full_disk(tmp_path: Path) -> None:
