@@ -8,8 +8,9 @@ from typing import Any, Container, Dict, Iterable, List, Mapping, Optional
 
 from ..errors import ConfigError
 from ..field_path import element_path
-from ..formatting import duration_text
+from ..formatting import duration_text, list_text
 from ..middleware import Middleware
+from ..model import Level
 from ..signal_config import BOUNDS, read_signal
 from .candidates import FRACTIONS, Candidate, Names, Topic, list_candidates
 from .measured import Measured
@@ -187,7 +188,9 @@ class Proposal:
             stale_s = max(stale_s, setting.value)
         seen = "1 status" if len(elements) == 1 else f"{len(elements):,} statuses"
         settings = {"stale_after_s": Setting(stale_s, f"{seen} seen, each with its own level and message")}
-        return Signal(candidate.name, candidate.topic, given, Suggestion(settings, {}, []), measured)
+        alerting = [name for name, each in sorted(elements.items()) if each.values.count and each.values.max > Level.OK]
+        note = f"these were not always OK, and raise alerts: {list_text(alerting, most=5)}" if alerting else ""
+        return Signal(candidate.name, candidate.topic, given, Suggestion(settings, {}, []), measured, note)
 
 
 def checked(name: str, given: Mapping[str, Any], found: Suggestion) -> Suggestion:

@@ -107,8 +107,15 @@ def test_all_statuses_are_watched_by_one_signal() -> None:
     (signal,) = found.signals
     assert signal.settings["field"] == 'status["*"]'
     assert signal.suggestion.settings["stale_after_s"].evidence.startswith("2 statuses seen")
+    assert signal.note == ""
     empty = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: {})])
     assert (empty.signals, empty.not_watched) == ([], {"/diagnostics": "no status"})
+
+
+def test_drivers_that_are_not_ok_while_the_robot_is_listened_to_are_named() -> None:
+    message = {"status": [{"level": 2, "name": "motor"}, {"level": 0, "name": "laser"}, {"level": 1, "name": "lamp"}]}
+    (signal,) = propose([("/diagnostics", "diagnostic_msgs/DiagnosticArray", 1.0, lambda now_s: message)]).signals
+    assert signal.note == "these were not always OK, and raise alerts: lamp, motor"
 
 
 def test_the_gap_of_a_fast_topic_is_watched_once_it_was_seen_for_10_minutes() -> None:
