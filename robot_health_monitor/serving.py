@@ -116,6 +116,7 @@ def _make_server(
         threads=threads,
         history=operations.history,
         silences=operations.silences,
+        black_boxes=None if operations.black_box is None else operations.black_box.settings.folder,
         notifications_waiting=int if notifier is None else lambda: notifier.waiting,
         process_faults=process_faults,
     )

@@ -9,7 +9,7 @@ import fcntl
 import os
 import re
 import time
-from typing import IO, Callable, Collection, List, NamedTuple
+from typing import IO, Callable, Collection, List, NamedTuple, Optional
 
 from robot_health_monitor.core.errors import ServiceError
 
@@ -37,6 +37,13 @@ class _File(NamedTuple):
 def is_file_name(name: str) -> bool:
     """Whether a text can be the name of a file of a black box: no path, no hidden file."""
     return _NAME.fullmatch(name) is not None and ".." not in name
+
+
+def find_file(folder: str, name: str) -> Optional[str]:
+    """Returns the path of a complete file, whatever a client sent as its name; None: there is none."""
+    path = os.path.join(folder, name)
+    is_there = is_file_name(name) and os.path.isfile(path) and not os.path.islink(path)
+    return path if is_there else None
 
 
 class Folder:

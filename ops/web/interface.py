@@ -20,6 +20,7 @@ from robot_health_monitor.runtime.event_loops import ThreadPool
 from robot_health_monitor.runtime.times import iso_time
 
 from ..active_silences import Silences
+from ..black_box.folder import find_file
 from ..history.history import History
 from ..metrics import METRICS_LIBRARY, PROFILES, Metrics
 from .history_requests import (
@@ -56,6 +57,8 @@ _ROBOTS_AT_ONCE = 10  # are read without a pause for others in the same loop
 _KEPT_S = 0.2  # how long an answer of `/api/state` serves further requests
 
 _NO_HISTORY = "there is no history; ops.yaml configures one"
+_NO_BLACK_BOX = "nothing is recorded; ops.yaml configures a black box"
+_MOST_SHOWN = 200
 _NO_SILENCES = "there are no silences; ops.yaml configures a history for them"
 
 Item = TypeVar("Item")
@@ -74,6 +77,7 @@ class WebInterface:
         threads: bool = False,
         history: Optional[History] = None,
         silences: Optional[Silences] = None,
+        black_boxes: Optional[str] = None,
         notifications_waiting: Callable[[], int] = int,
         process_faults: Callable[[], Mapping[str, Fault]] = dict,
         wall_time_s: Callable[[], float] = time.time,
@@ -85,6 +89,7 @@ class WebInterface:
             threads: whether robots are judged in other threads than the server's loop (ROS).
             history: None: there are no past alerts.
             silences: None: none can be added.
+            black_boxes: folder with the recordings of alerts; None: nothing is recorded.
             notifications_waiting: returns how many are not delivered yet.
             process_faults: returns the faults of the monitor that belong to no robot, by part.
             wall_time_s: seconds since 1970.
@@ -92,6 +97,7 @@ class WebInterface:
         self._robots = robots
         self._history = history
         self._silences = silences
+        self._black_boxes = black_boxes
         self._wall_time_s = wall_time_s
         # Reading a robot waits for its callbacks, and a history for a disk.
         self._reading = ThreadPool("web", 4, _MOST_PENDING, _READ_TIMEOUT_S) if threads else None
@@ -125,6 +131,7 @@ class WebInterface:
             get("/api/history/samples", self._reading_route(self._get_past_samples)),
             get("/api/history/levels", self._reading_route(self._get_past_levels)),
             get("/api/history/{id}", self._reading_route(self._get_past_alert)),
+            get("/api/black_box/{name}", self._reading_route(self._get_black_box)),
             post("/api/login", self._route(self._login)),
             post("/api/logout", self._route(self._logout)),
             post("/api/silence", self._changing_route(self._add_silence)),
@@ -299,6 +306,13 @@ class WebInterface:
         reader = self._reader(past.alert["robot"])
         unit, bounds, forecast_s = ("", [], None) if reader is None else reader.plot_of(past.alert["signal"])
         return json_response({"unit": unit, "bounds": bounds, "forecast_s": forecast_s, **past._asdict()})
+
+    async def _get_black_box(self, request: web.Request) -> web.StreamResponse:
+        folder, name = _required(self._black_boxes, _NO_BLACK_BOX), request.match_info["name"]
+        problem = f"there is no {name[:_MOST_SHOWN]!r}: it is being written, was deleted, or could not be written"
+        path = _required(await self._worker.run(partial(find_file, folder, name)), problem)
+        headers = {"Content-Type": "application/octet-stream", "Content-Disposition": f'attachment; filename="{name}"'}
+        return web.FileResponse(path, headers={**API_HEADERS, **headers})
 
     # Changes
 

@@ -14,6 +14,7 @@ pytest.importorskip("aiohttp", reason="aiohttp, which serves the page, is not in
 
 import aiohttp
 from harness.web import Robots, Site, open_page, with_site
+from yarl import URL
 
 from robot_health_monitor.core.errors import ServiceError
 from robot_health_monitor.core.faults import Faults
@@ -970,5 +971,54 @@ def test_without_the_library_only_the_metrics_are_missing(monkeypatch: pytest.Mo
         assert site.web.missing() == missing
         assert await site.get("/metrics") == (501, {"error": missing})
         assert (await site.get("/api/state"))[0] == 200
+
+    with_site(use)
+
+
+# --- black boxes ------------------------------------------------------------------------------------------------------
+
+
+def test_a_black_box_is_downloaded(tmp_path: Path) -> None:
+    content = bytes(range(256)) * 1000
+    (tmp_path / "atlas_1.mcap").write_bytes(content)
+
+    async def use(site: Site) -> None:
+        address = f"{site.url}/api/black_box/atlas_1.mcap"
+        async with site.session.get(address) as response:
+            assert response.status == 401
+        async with site.session.get(address, headers=BEARER) as response:
+            assert (response.status, await response.read()) == (200, content)
+            assert response.headers["Content-Disposition"] == 'attachment; filename="atlas_1.mcap"'
+            assert response.headers["Content-Type"] == "application/octet-stream"
+            assert response.headers["Cache-Control"] == "no-store"
+
+    with_site(use, token="s3cret", black_boxes=str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["b.mcap", "..%2Fsecret.mcap", "%2Fetc%2Fpasswd", ".lock", "a.mcap.part", "link.mcap", "folder.mcap", "%00.mcap"],
+)
+def test_nothing_but_black_boxes_is_downloaded(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "black_boxes"
+    (folder / "folder.mcap").mkdir(parents=True)
+    (tmp_path / "secret.mcap").write_text("secret")
+    (folder / ".lock").write_text("")
+    (folder / "a.mcap.part").write_text("")
+    (folder / "link.mcap").symlink_to(tmp_path / "secret.mcap")
+
+    async def use(site: Site) -> None:
+        address = URL(f"{site.url}/api/black_box/{name}", encoded=True)
+        async with site.session.get(address) as response:
+            assert response.status == 404
+            assert "secret" not in (await response.text()).replace("secret.mcap", "")
+
+    with_site(use, black_boxes=str(folder))
+
+
+def test_without_a_black_box_the_answer_says_so() -> None:
+    async def use(site: Site) -> None:
+        problem = "nothing is recorded; ops.yaml configures a black box"
+        assert await site.get("/api/black_box/a.mcap") == (404, {"error": problem})
 
     with_site(use)
