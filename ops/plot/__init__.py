@@ -13,7 +13,7 @@ __all__ = ["plot_bounds", "plot_script", "plot_style", "read_text"]
 
 def plot_script() -> str:
     """Returns the script, which defines `HealthPlot`; plot.js describes it."""
-    return "".join(read_text(__name__, name) for name in ("view.js", "ahead.js", "plot.js"))
+    return "".join(read_text(__name__, name) for name in ("view.js", "ahead.js", "values.js", "plot.js"))
 
 
 def plot_style() -> str:

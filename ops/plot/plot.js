@@ -10,6 +10,7 @@
      start, width,  // begin of the first bucket and width of a bucket, in s
      steps: [1, 1, 5, ...],  // distance of each bucket from the one before it, in buckets; first: from -1
      low: [...], high: [...],  // smallest and largest value of each bucket
+     mean: [...],  // mean of each bucket, the line within buckets that are wider than a line; may be left out
      bad: [t, ...],  // times of bad samples
      gap,  // the line breaks where there is no bucket for this long, in s
      bounds: [{level: "WARN", side: "below", value: 20, clears: 22}, ...],
@@ -174,7 +175,7 @@ class Plot extends HealthPlotViews.Gestures {
     }
     const inside = add(svg, "g", {"clip-path": `url(#${this.id}-clip)`});
     this.drawBounds(inside);
-    this.drawValue(inside, bottom);
+    HealthPlotValues.draw(this, inside, bottom, add);
     HealthPlotAhead.draw(this, inside, add);
     this.drawBoundNames();
     this.drawStrip(bottom + HEIGHT.gap);
@@ -284,46 +285,6 @@ class Plot extends HealthPlotViews.Gestures {
       });
       if (lines.join(" ") !== text) add(name, "title", {}, text);
     });
-  }
-
-  /** Draws one minimum and one maximum per column of pixels, so that no extreme is lost. */
-  drawValue(parent, bottom) {
-    const {signal} = this;
-    let path = "", column = null, before = -Infinity, lastY = 0, drawing = false;
-    const flush = () => {
-      if (!column) return;
-      const x = pixel(column.x), ends = [this.y(column.low), this.y(column.high)];
-      if (drawing && Math.abs(ends[1] - lastY) < Math.abs(ends[0] - lastY)) ends.reverse();
-      path += drawing ? `L${x} ${pixel(ends[0])}` : `M${x} ${pixel(ends[0])}h0`;
-      if (ends[0] !== ends[1]) path += `L${x} ${pixel(ends[1])}`;
-      lastY = ends[1];
-      drawing = true;
-      column = null;
-    };
-    for (let at = this.first; at < this.end; at++) {
-      const t = this.times[at], x = this.x(t);
-      const breaks = signal.gap > 0 && t - before > Math.max(signal.gap, 2.5 * signal.width);
-      if (column && (breaks || x - column.x >= 1)) flush();
-      if (breaks) drawing = false;
-      if (column) {
-        column.low = Math.min(column.low, signal.low[at]);
-        column.high = Math.max(column.high, signal.high[at]);
-      } else {
-        column = {x, low: signal.low[at], high: signal.high[at]};
-      }
-      before = t;
-    }
-    flush();
-    add(parent, "path", {class: "value", d: path || "M0 0"});
-    if (!path) add(parent, "text", {x: (LEFT + this.right) / 2, y: bottom / 2 + 9, "text-anchor": "middle"}, "no samples");
-    let lastX = -Infinity, crosses = "";
-    for (const t of signal.bad) {
-      const x = this.x(t);
-      if (x < LEFT || x > this.right || x - lastX < 4) continue;
-      lastX = x;
-      crosses += `M${pixel(x - 3)} ${bottom - 9}l6 6m0 -6l-6 6`;
-    }
-    if (crosses) add(add(parent, "path", {class: "bad", d: crosses}), "title", {}, "bad samples");
   }
 
   drawStrip(top) {

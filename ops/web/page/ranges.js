@@ -7,7 +7,7 @@ const RANGES = [["Live", 0, 0], ["10 min", 600, 10], ["1 hour", 3600, 10], ["24 
 
 /** Returns stored samples, as in the API, in the form that the plot takes; `now` in s since 1970. */
 export function stored(samples, [, length, width], now) {
-  const start = samples.length ? Date.parse(samples[0].start) / 1000 : 0, places = [], low = [], high = [], bad = [], levels = [];
+  const start = samples.length ? Date.parse(samples[0].start) / 1000 : 0, places = [], low = [], high = [], mean = [], bad = [], levels = [];
   let end = -Infinity;
   for (const sample of samples) {
     const t = Date.parse(sample.start) / 1000;
@@ -19,11 +19,12 @@ export function stored(samples, [, length, width], now) {
     places.push(Math.round((t - start) / width));
     low.push(sample.min);
     high.push(sample.max);
+    mean.push(sample.mean);
   }
   if (samples.length) levels.push([end, ""]);
   const steps = places.map((place, at) => place - (at ? places[at - 1] : -1));
   const usual = [...steps.slice(1)].sort((one, other) => one - other)[steps.length >> 1] || 1;
-  return {from: now - length, length, data: {start, width, steps, low, high, bad, gap: Math.max(2.5, 5 * (usual - 1)) * width}, levels};
+  return {from: now - length, length, data: {start, width, steps, low, high, mean, bad, gap: Math.max(2.5, 5 * (usual - 1)) * width}, levels};
 }
 
 /** The buttons of the ranges, and what they fetch. */
