@@ -56,7 +56,7 @@ def listen_to_ros(
 ) -> Tuple[float, bool]:
     """Listens over ROS 1 or ROS 2 (`ros1`, `ros2`); returns for how long, in s, and whether it was not interrupted.
 
-    Raises LinkError if no ROS master answers.
+    LinkError: no ROS master answers. ServiceError: there is no ROS time, so nothing could be measured.
     """
     process: Any
     if ros == "ros1":
@@ -85,6 +85,8 @@ def listen_to_ros(
                 node.exclusively(partial(_take, proposal, node, topics))
                 listened_s = time.monotonic() - start_s
                 if listened_s >= seconds:
+                    if node.now_s() == 0.0:
+                        raise ServiceError("use_sim_time is set, and there is no message on /clock: no ROS time")
                     return seconds, True
                 on_progress(listened_s)
                 next_s = start_s + min(seconds, listened_s + _LIST_PERIOD_S)

@@ -73,3 +73,12 @@ def test_without_a_master_there_is_one_line_at_once(start: Any, master: Any, mon
     assert [line.text for line in process.lines] == [
         "robot-health: no ROS master at http://127.0.0.1:9 (ROS_MASTER_URI)"
     ]
+
+
+def test_simulated_time_without_a_clock_is_one_line(start: Any, parameters: Any) -> None:
+    parameters("/use_sim_time", True)
+    process = start("-m", "robot_health_monitor", "init", "--ros1", "--seconds", "1")
+    assert process.wait() == 3, process.text
+    assert [line.text for line in process.lines] == [
+        "robot-health: use_sim_time is set, and there is no message on /clock: no ROS time"
+    ]
