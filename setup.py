@@ -31,7 +31,7 @@ data_files = [
     ("share/" + NAME, ["package.xml"]),
     ("share/" + NAME + "/launch", sorted(glob("launch/*.launch") + glob("launch/*.launch.py"))),
     ("share/" + NAME + "/config", sorted(glob("config/*.yaml"))),
-    ("share/" + NAME + "/systemd", ["resource/robot-health.service"]),
+    ("share/" + NAME + "/systemd", ["resource/robot-health.service", "resource/robot-health@.service"]),
 ]
 # colcon runs this file itself; pip runs it through the build backend and installs all commands into bin/.
 # For colcon they go where `ros2 run` looks for them, and bin/ gets a script that forwards to `robot-health`.

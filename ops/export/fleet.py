@@ -292,6 +292,7 @@ def _vmalert_unit(settings: FleetSettings) -> str:
         [
             f"/usr/bin/vmalert -rule={CENTRE_FOLDER}/rules.vm.yaml",
             *ends,
+            "-remoteWrite.flushInterval=1s",
             f"-evaluationInterval={duration(settings.interval_s)} -notifier.url=http://127.0.0.1:9093",
             "-httpListenAddr=127.0.0.1:8880",
         ],

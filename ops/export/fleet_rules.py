@@ -23,7 +23,7 @@ EXPECTED_S = 86_400.0
 """How long a robot is expected after it last reported, without a fleet.yaml."""
 _MEMORY = "1h"
 """How long the centre may have been stopped and still knows which robots were silent."""
-_LEAST_SHARE = 0.8
+_LEAST_SHARE = 0.6
 """Share of `silent_after_s` during which the centre must have run."""
 
 _HEADER = """\

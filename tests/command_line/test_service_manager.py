@@ -142,14 +142,19 @@ def test_a_command_reports_its_start_its_life_and_its_end(systemd: Systemd, comm
 UNIT = Path(__file__).resolve().parents[2] / "resource" / "robot-health.service"
 
 
-@pytest.fixture
-def unit(tmp_path: Path) -> Path:
-    """The unit, with a command that exists here."""
+TEMPLATE = UNIT.with_name("robot-health@.service")
+
+
+@pytest.fixture(params=[UNIT, TEMPLATE], ids=["unit", "template"])
+def unit(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """A unit, with a command that exists here; of the template, an instance."""
     if shutil.which("systemd-analyze") is None:
         pytest.skip("systemd-analyze is not installed")
-    text, replaced = re.subn(r"(?m)^ExecStart=\S+", f"ExecStart={sys.executable}", UNIT.read_text(encoding="utf-8"))
+    text, replaced = re.subn(
+        r"(?m)^ExecStart=\S+", f"ExecStart={sys.executable}", request.param.read_text(encoding="utf-8")
+    )
     assert replaced == 1
-    file = tmp_path / UNIT.name
+    file = tmp_path / request.param.name.replace("@", "@north")
     file.write_text(text, encoding="utf-8")
     return file
 
@@ -168,6 +173,23 @@ def test_the_unit_is_hardened(unit: Path) -> None:
     if "unrecognized option" in run.stderr:
         pytest.skip("systemd-analyze before 250 cannot judge a file")
     assert run.returncode == 0, run.stdout[-500:]
+
+
+def test_an_instance_of_the_template_has_its_own_files_and_the_restrictions_of_the_unit() -> None:
+    unit, template = (file.read_text(encoding="utf-8").splitlines() for file in (UNIT, TEMPLATE))
+
+    assert set(
+        unit[unit.index("# Hardening. A notification target of type command runs under the same restrictions.") :]
+    ) <= {*template}
+    own = [
+        line.replace("%i", "north") for line in template if line.startswith(("ExecStart=", "StateDirectory=", "Env"))
+    ]
+    assert own == [
+        "ExecStart=/opt/robot-health/bin/robot-health connect --fleet /etc/robot-health/north/fleet.yaml "
+        "--ops /etc/robot-health/north/ops.yaml --port ${PORT}",
+        "EnvironmentFile=/etc/robot-health/north/port.env",
+        "StateDirectory=robot-health-north",
+    ]
 
 
 def test_the_unit_asks_for_what_the_monitor_reports() -> None:

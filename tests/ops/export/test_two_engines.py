@@ -1,0 +1,118 @@
+"""Prometheus, and vmalert over VictoriaMetrics, judge the same timelines at the same time: the same alerts."""
+
+from __future__ import annotations
+
+import json
+import time
+import urllib.parse
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import pytest
+from harness.alertmanager import needs_alertmanager
+from harness.prometheus_server import needs_prometheus
+from harness.reserved import free_port
+from harness.victoria_metrics import needs_victoria_metrics
+
+from benchmarks.pushing_fleet import PushingFleet, Scraped, get, pushing_fleet, until
+from robot_health_monitor.core import load_config
+
+pytestmark = [needs_prometheus, needs_alertmanager, needs_victoria_metrics, pytest.mark.newest_python]
+STEP_S = 14.0
+"""Length of each value: longer than what the engines differ by, and every duration, together."""
+LAG_S = 12.0
+SIGNALS = {
+    "plain": {"warn_below": 20.0, "error_below": 10.0},
+    "slow": {"warn_above": 20.0, "for_s": 20.0},
+    "kept": {"warn_above": 20.0, "keep_firing_for_s": 20.0},
+    "hysteresis": {"warn_above": 20.0, "hysteresis": 5.0},
+    "invalid": {"error_above": 20.0},
+    "condition": {"warn_above": 20.0, "only_if": {"signal": "plain", "below": 50.0}},
+    "stale": {"stale_after_s": 5.0},
+}
+BAD, STALE = "bad", "stale"
+TIMELINES: Dict[str, Sequence[Any]] = {
+    "plain": (80.0, 15.0, 5.0, 80.0, 80.0),
+    "slow": (0.0, 30.0, 0.0, 30.0, 30.0),  # 14 s are too short, 28 s are not
+    "kept": (0.0, 30.0, 0.0, 30.0, 0.0),  # 14 s of OK do not end it
+    "hysteresis": (0.0, 30.0, 17.0, 0.0, 17.0),
+    "invalid": (0.0, BAD, 0.0, 30.0, 0.0),
+    "condition": (0.0, 30.0, 30.0, 30.0, 0.0),  # `plain` is below 50 in the second and third
+    "stale": (0.0, 0.0, STALE, 0.0, 0.0),
+}
+EXPECTED = {
+    ("plain", "WARN"): [(1, 3)],
+    ("plain", "ERROR"): [(2, 3)],
+    ("slow", "WARN"): [(3 + 20.0 / STEP_S, 5)],
+    ("kept", "WARN"): [(1, 5)],
+    ("hysteresis", "WARN"): [(1, 3)],
+    ("invalid", "ERROR"): [(1, 2), (3, 4)],
+    ("condition", "WARN"): [(1, 3)],
+    ("stale", "STALE"): [(2, 3)],
+}
+"""By hand: when alerts begin and end, in steps."""
+
+
+def exposition(step: int) -> bytes:
+    """Returns the metrics of a monitor, as /metrics?profile=fleet words them."""
+    lines = ["# TYPE robot_health_samples_total counter"]
+    for signal, values in TIMELINES.items():
+        value, labels = values[min(step, len(values) - 1)], f'{{robot="r1",signal="{signal}"'
+        if isinstance(value, float):
+            lines.append(f"robot_health_value{labels}}} {value}")
+        lines.append(f"robot_health_level{labels}}} {3 if value == STALE else 0}")
+        lines.append(f"robot_health_data_valid{labels}}} {0 if value == BAD else 1}")
+        lines.append(f'robot_health_samples_total{labels},quality="good"}} 5')
+    lines.append(f'robot_health_last_tick_timestamp_seconds{{robot="r1"}} {time.time()}')
+    return "\n".join(lines).encode() + b"\n"
+
+
+def episodes(fleet: PushingFleet, begin_s: float, end_s: float) -> Dict[Tuple[str, str], List[Tuple[float, float]]]:
+    """Returns when each alert fired, in s after the begin."""
+    query = {"query": 'ALERTS{alertstate="firing"}', "start": begin_s, "end": end_s, "step": 1, "nocache": 1}
+    answer = json.loads(get(f"http://127.0.0.1:{fleet.port}/api/v1/query_range?{urllib.parse.urlencode(query)}"))
+    found: Dict[Tuple[str, str], List[Tuple[float, float]]] = {}
+    for series in answer["data"]["result"]:
+        key = (series["metric"]["signal"], series["metric"]["level"])
+        times = [time_s - begin_s for time_s, _ in series["values"]]
+        for time_s in times:
+            last: Optional[Tuple[float, float]] = found[key][-1] if found.get(key) else None
+            if last is not None and time_s - last[1] <= 5.0:
+                found[key][-1] = (last[0], time_s)
+            else:
+                found.setdefault(key, []).append((time_s, time_s))
+    return found
+
+
+def test_prometheus_and_vmalert_raise_the_same_alerts_at_the_same_times(tmp_path: Path) -> None:
+    config = load_config({"signals": {name: {"stale_after_s": 0.0, **keys} for name, keys in SIGNALS.items()}})
+    began_s: List[float] = []
+    robot = Scraped(lambda: exposition(int((time.monotonic() - began_s[0]) / STEP_S) if began_s else 0))
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+    with pushing_fleet(tmp_path / "one", config, free_port) as one, pushing_fleet(
+        tmp_path / "other", config, free_port
+    ) as other:
+        for fleet, units, agent in (
+            (one, ["prometheus"], "agent"),
+            (other, ["victoria-metrics", "vmalert"], "vmagent"),
+        ):
+            for unit in ("alertmanager", *units):
+                fleet.start(unit)
+            fleet.start_agent("agent", [robot.address], unit=agent)
+        for fleet in (one, other):
+            until(lambda fleet=fleet: fleet.by_label("robot_health_value", "signal"))  # type: ignore[misc]
+        began_s.append(time.monotonic())
+        wall_s = time.time()
+        until(lambda: time.monotonic() - began_s[0] > 5 * STEP_S, limit_s=6 * STEP_S)
+        found = {fleet: episodes(fleet, wall_s, wall_s + 5 * STEP_S - 1.0) for fleet in (one, other)}
+    robot.end()
+
+    for fleet, seen in found.items():
+        name = "Prometheus" if fleet is one else "VictoriaMetrics"
+        assert set(seen) == set(EXPECTED), (name, seen)
+        for key, expected in EXPECTED.items():
+            assert len(seen[key]) == len(expected), (name, key, seen[key])
+            for (begin, end), (begin_s, end_s) in zip(expected, seen[key]):
+                assert begin * STEP_S - 1.0 <= begin_s <= begin * STEP_S + LAG_S, (name, key, seen[key])
+                assert end * STEP_S - 3.0 <= end_s <= end * STEP_S + LAG_S, (name, key, seen[key])
