@@ -128,8 +128,9 @@ class RobotBlackBox:
 
     def _profile(self) -> str:
         """Returns the profile of the file: that of its messages if they agree."""
-        formats = {channel.format.profile for channel in (*self._channels.values(), *self._capture.channels)}
-        return formats.pop() if len(formats) == 1 else ""
+        _, own = self._middleware.serialize(STATUS_TYPE, {})
+        profiles = {own.profile, *(channel.format.profile for channel in self._capture.channels)}
+        return own.profile if len(profiles) == 1 else ""
 
     def _check(self, now_s: float) -> None:
         """Runs once a second."""

@@ -12,7 +12,7 @@ from harness.black_boxes import BOOT_S, RecordedRobot
 from robot_health_monitor.core import Level
 
 
-def judged(file: Path) -> List[Tuple[float, Level, str]]:
+def judged(file: Path, *, sim_time: bool = False) -> List[Tuple[float, Level, str]]:
     """Returns the transitions of a replay in this process: virtual time, level, and the line without `(was ...)`."""
     from robot_health_monitor.core.attachments import STATE, THRESHOLDS, read_saved_monitor
     from robot_health_monitor.core.config import find_section
@@ -31,7 +31,7 @@ def judged(file: Path) -> List[Tuple[float, Level, str]]:
     with Recordings([str(file)]) as recordings:
         saved = read_saved_monitor(recordings.attachments[STATE].text)
         section = find_section(parse_yaml(recordings.attachments[THRESHOLDS].text, "x").tree, "alert_system")
-        judge = Judge(Player(recordings, begin_ns=round(saved.time_s * 1e9)), note)
+        judge = Judge(Player(recordings, use_sim_time=sim_time, begin_ns=round(saved.time_s * 1e9)), note)
         judge.add("x", section.tree, saved)
         judge.run()
     return found

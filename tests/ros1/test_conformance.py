@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from harness.black_box_conformance import BlackBoxConformance
 from harness.port_conformance import PortConformance
 from harness.raw_conformance import RawConformance
 
 
-class TestRos1(RawConformance, PortConformance):
+class TestRos1(BlackBoxConformance, RawConformance, PortConformance):
     @pytest.fixture
     def harness(self, ros_process: Any) -> Any:
         from harness.ros1 import Ros1Harness

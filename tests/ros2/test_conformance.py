@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from harness.black_box_conformance import BlackBoxConformance
 from harness.port_conformance import PortConformance
 from harness.raw_conformance import RawConformance
 
 
-class TestRos2(RawConformance, PortConformance):
+class TestRos2(BlackBoxConformance, RawConformance, PortConformance):
     @pytest.fixture
     def harness(self, inside: Any, outside: Any) -> Any:
         from harness.ros2 import Ros2Harness
@@ -18,7 +19,7 @@ class TestRos2(RawConformance, PortConformance):
         return Ros2Harness(participant, outside, spinner)
 
 
-class TestRos2Events(RawConformance, PortConformance):
+class TestRos2Events(BlackBoxConformance, RawConformance, PortConformance):
     @pytest.fixture
     def harness(self, inside_events: Any, outside: Any) -> Any:
         from harness.ros2 import Ros2Harness

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from harness.black_box_conformance import BlackBoxConformance
 from harness.port_conformance import PortConformance
 from harness.raw_conformance import RawConformance
 
 
-class TestRosbridge(RawConformance, PortConformance):
+class TestRosbridge(BlackBoxConformance, RawConformance, PortConformance):
     @pytest.fixture
     def harness(self) -> Any:
         from harness.rosbridge import RosbridgeHarness
