@@ -1,7 +1,7 @@
 """Deletes entries of a history, a few at a time, so that a transition never waits for it.
 
 Entries that are too old go first. While the database is too large, the oldest transitions of the robot and signal that
-have most of them go: one noisy signal does not displace the alerts of all others. Samples go before transitions.
+have most of them go: one noisy signal does not displace the alerts of all others. Samples make room before transitions.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Dict, List, Optional, Tuple
 
-from .samples import FINE_S, SampleUpkeep
+from .samples import SampleUpkeep
 from .schema import INDEX_STEP, INDEXED
 
 _MAX_ROWS = 200  # per call and table
@@ -124,15 +124,15 @@ class Retention:
             self._chosen = []
         for table, is_old, is_past, _ in _OTHERS:
             deleted += self._delete_others(table, f"{is_old} AND {is_past}", run_id, before_s)
-        return self._samples.merge_old(before_s, now_s - FINE_S) or deleted > 0
+        return self._samples.merge_old(before_s, now_s) or deleted > 0
 
-    def delete_surplus(self, run_id: int) -> bool:
+    def delete_surplus(self, run_id: int, now_s: float) -> bool:
         """Deletes some entries if the database is too large, else gives unused space back to the file system.
 
-        The present run stays. Returns whether anything was done.
+        The present run stays. `now_s` is in s since 1970. Returns whether anything was done.
         """
         if used_bytes(self._connection)[0] > self._max_bytes:
-            return self._samples.delete_oldest() or self._delete_most_frequent(run_id)
+            return self._samples.make_room(now_s) or self._delete_most_frequent(run_id)
         self._connection.execute(f"PRAGMA incremental_vacuum({_MAX_PAGES})").fetchall()
         return True
 

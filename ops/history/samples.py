@@ -26,6 +26,7 @@ _STEP_S = 3600.0
 _MOST_ROWS = 1_000  # per step of the upkeep: 200 robots of ten signals store 200 per second
 _LEAST_BYTES = 200e3  # that a step frees: as much as a transaction of the writer adds
 _ROW_BYTES = 50
+_LEAST_FINE_S = 3600.0
 _PAGE = 2_000
 _COLUMNS = "start_s, seconds, least, most, mean, last, good, bad, level"
 _CHECKS = (is_time, is_number, *[optional(is_number)] * 4, is_count, is_count, is_level)
@@ -201,18 +202,21 @@ class SampleUpkeep:
     def __init__(self, connection: sqlite3.Connection) -> None:
         """Reads nothing yet."""
         self._connection = connection
+        self._fine_s = FINE_S
+        self._is_shortening = False
         self._due: List[_Series] = []
         self._merged_until_s: Dict[_Series, float] = {}
         self._oldest: Optional[List[Tuple[float, _Series]]] = None
 
-    def merge_old(self, before_s: float, fine_before_s: float) -> bool:
+    def merge_old(self, before_s: float, now_s: float) -> bool:
         """Deletes some periods before a time, and merges some of those that are fine; returns whether to call again.
 
         Both times are in s since 1970. A round goes through all signals.
         """
+        fine_before_s = now_s - self._fine_s
         if not self._due:
             self._due = [*_series(self._connection)]
-            self._connection.execute("DELETE FROM robot_levels WHERE start_s < ?", (fine_before_s,))
+            self._connection.execute("DELETE FROM robot_levels WHERE start_s < ?", (now_s - FINE_S,))
         rows = 0
         while self._due and rows < _MOST_ROWS:
             series = self._due[-1]
@@ -223,7 +227,20 @@ class SampleUpkeep:
                 self._due.pop()
         return bool(self._due)
 
-    def delete_oldest(self) -> bool:
+    def make_room(self, now_s: float) -> bool:
+        """Merges periods that are younger than two days, until an hour is fine; then deletes the oldest ones.
+
+        `now_s` is in s since 1970. Returns False if there are no samples.
+        """
+        if not self._is_shortening:
+            if self._fine_s <= _LEAST_FINE_S:
+                return self._delete_oldest()
+            self._fine_s = max(0.5 * self._fine_s, _LEAST_FINE_S)
+            self._due = []
+        self._is_shortening = self.merge_old(-LATEST_S, now_s)
+        return True
+
+    def _delete_oldest(self) -> bool:
         """Deletes hours, each of the signal that has the oldest period; returns False if there are no samples."""
         if self._oldest is None:
             self._oldest = []

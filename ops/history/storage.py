@@ -210,8 +210,9 @@ class Storage:
         now_s = time.monotonic()
         if now_s < self._surplus_at_s or not self._used_retention.is_due():
             return False
+        age_s = self._age_clock.now_s(self._wall_s(), _boot_s())
         with schema.transaction(self.connection):
-            is_done = not self._used_retention.delete_surplus(self._run[0])
+            is_done = not self._used_retention.delete_surplus(self._run[0], age_s)
         if is_done:
             self._surplus_at_s = now_s + _ALIVE_PERIOD_S  # everything that is left has to stay
             return False

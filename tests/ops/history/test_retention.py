@@ -51,7 +51,9 @@ def delete_all(connection: sqlite3.Connection, before_s: float, max_bytes: float
     """Deletes until nothing is left to delete; returns how many steps that took."""
     retention = Retention(connection, max_bytes)
     steps = 0
-    while retention.delete_old(run_id, before_s, 0.0) or (retention.is_due() and retention.delete_surplus(run_id)):
+    while retention.delete_old(run_id, before_s, 0.0) or (
+        retention.is_due() and retention.delete_surplus(run_id, before_s)
+    ):
         steps += 1
         assert steps < 1000
     return steps
@@ -181,7 +183,7 @@ def test_transitions_that_are_stored_meanwhile_are_counted(connection: sqlite3.C
         signal = "quiet" if number % 100 == 0 else "noisy"
         add(connection, float(number), OK, signal=signal)
         retention.note_transition(number + 1, "r1", signal, OK, False)
-        while retention.is_due() and retention.delete_surplus(RUN):
+        while retention.is_due() and retention.delete_surplus(RUN, 0.0):
             pass
         assert used_bytes(connection)[0] <= 500_000
     quiet = "(SELECT * FROM transitions WHERE signal = 'quiet')"

@@ -42,7 +42,7 @@ def merge(connection: sqlite3.Connection, before_s: float, fine_before_s: float)
     """Does all that is due."""
     upkeep = SampleUpkeep(connection)
     steps = 0
-    while upkeep.merge_old(before_s, fine_before_s):
+    while upkeep.merge_old(before_s, fine_before_s + 2.0 * DAY_S):
         steps += 1
         assert steps < 10_000
 
@@ -118,22 +118,28 @@ def test_each_step_is_short(connection: sqlite3.Connection) -> None:
     store(connection, [part(10.0 * number, signal=f"s{signal}") for number in range(400) for signal in range(15)])
     upkeep = SampleUpkeep(connection)
     before = connection.total_changes
-    assert upkeep.merge_old(-1.0, 4_000.0)
+    assert upkeep.merge_old(-1.0, 4_000.0 + 2.0 * DAY_S)
     assert connection.total_changes - before < 1_500
-    before = connection.total_changes
-    assert upkeep.delete_oldest()
-    assert 4_000 <= connection.total_changes - before < 5_000
-
-
-def test_the_oldest_go_first_when_space_is_short(connection: sqlite3.Connection) -> None:
-    store(connection, [part(10.0 * number, signal="old") for number in range(4_200)])
-    store(connection, [part(50_000.0 + 10.0 * number, signal="new") for number in range(4_200)])
+    steps = []
     upkeep = SampleUpkeep(connection)
-    signals = []
-    while upkeep.delete_oldest():
-        signals.append(sorted({each.signal for each in read(connection)}))
-    assert signals == [["new"], []]
-    assert not upkeep.delete_oldest()
+    while upkeep.make_room(4_000.0):
+        steps.append(connection.total_changes - before - sum(steps))
+    assert max(steps) < 6_000
+
+
+def test_when_space_is_short_periods_are_merged_earlier_and_then_the_oldest_go(connection: sqlite3.Connection) -> None:
+    store(connection, [part(10.0 * number, number % 7, signal=signal) for number in range(9_000) for signal in "ab"])
+    upkeep, fine, oldest = SampleUpkeep(connection), [], []
+    while upkeep.make_room(90_000.0):
+        stored = list(read(connection, signal="b"))
+        fine.append(sum(each.seconds == 10.0 for each in stored))
+        if stored:
+            oldest.append(stored[0].start_s)
+    ages_h = (24.0, 12.0, 6.0, 3.0, 1.5, 1.0)
+    assert {hours * 360 for hours in ages_h} <= set(fine)
+    assert oldest == sorted(oldest)
+    assert all(start_s == 0.0 for start_s, count in zip(oldest, fine) if count > 360)
+    assert list(read(connection)) == []
 
 
 def test_odd_rows_are_skipped_and_noted(connection: sqlite3.Connection) -> None:
