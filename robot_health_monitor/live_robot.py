@@ -74,11 +74,16 @@ def listen_to_ros(
     byte = "int8" if ros == "ros1" else "uint8"
     with closing(process):
         process.start()
-        node = process.create_listener(f"{_NAME}_{os.getpid()}")
+        name = f"{_NAME}_{os.getpid()}"
+        node = process.create_listener(name)
         start_s = time.monotonic()
         try:
             while True:
-                types = {topic: canonical_type(found) for topic, found in node.graph().topics.items()}
+                types = {
+                    topic: canonical_type(found)
+                    for topic, found in node.graph().topics.items()
+                    if not topic.startswith(f"/{name}/")  # its own
+                }
                 new = {topic: found for topic, found in types.items() if topic not in proposal.topics}
                 texts = {found: _definition(node, found) for found in set(new.values())}
                 topics = [Topic(topic, found, _parsed(found, texts[found], byte)) for topic, found in new.items()]

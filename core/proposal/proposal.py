@@ -66,8 +66,8 @@ class Proposed:
     """Sorted by topic."""
     not_watched: Dict[str, str] = field(default_factory=dict)
     """Why topics are not watched, by their absolute names."""
-    fields: Dict[str, List[str]] = field(default_factory=dict)
-    """Numbers that are not watched, with the reason, by the topics."""
+    fields: Dict[str, Dict[str, List[str]]] = field(default_factory=dict)
+    """Numbers that are not watched, by the topics and the reasons."""
 
 
 class Proposal:
@@ -149,7 +149,7 @@ class Proposal:
             proposed.signals.append(signal)
             return
         reason = (signal.suggestion.left_out or ["no bounds"])[0]
-        proposed.fields.setdefault(signal.topic, []).append(f"{signal.given['field']}: {reason}")
+        proposed.fields.setdefault(signal.topic, {}).setdefault(reason, []).append(signal.given["field"])
 
     def _signals(self, candidate: Candidate, measured: Measured, longest_s: Mapping[str, float]) -> Iterable[Signal]:
         given = dict(candidate.settings)

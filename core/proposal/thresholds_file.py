@@ -7,7 +7,7 @@ import re
 from itertools import groupby
 from typing import Any, Callable, Iterable, List, Mapping
 
-from ..formatting import count_text, duration_text, number_text, printable
+from ..formatting import count_text, duration_text, list_text, number_text, printable
 from .proposal import ORDER, Proposed, Signal
 
 MOST_NOT_WATCHED = 60
@@ -51,7 +51,10 @@ def thresholds_text(
             else:
                 lines += _signal(signal, alerts)
         lines += _at_most(comments, topic, "more of them")
-        reasons = [f"      # {topic}, {reason}" for reason in proposed.fields.get(topic, ())]
+        reasons = [
+            f"      # {topic}, {list_text(fields, most=_MOST_FIELDS)}: {reason}"
+            for reason, fields in proposed.fields.get(topic, {}).items()
+        ]
         lines += _at_most(reasons, topic, "more without bounds")
     for name, settings in unchanged.items():
         lines += [f"      {name}:", "        # not recorded: unchanged"]

@@ -54,11 +54,20 @@ def test_a_range_that_was_not_seen_for_long_is_a_comment_that_can_become_a_line(
     assert list(load_config(file).signals) == ["a", "b"]
 
 
+def test_numbers_without_bounds_for_the_same_reason_are_one_line() -> None:
+    fields = {"/a": {"constant": ["x", "y"], "a counter": ["n"], "a code": [f"c{number}" for number in range(20)]}}
+    assert text(signal("a", "/a", WATCHED), fields=fields)[-3:] == [
+        "      # /a, x, y: constant",
+        "      # /a, n: a counter",
+        "      # /a, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10, c11, ...: a code",
+    ]
+
+
 def test_lists_are_bounded() -> None:
     lines = text(
         signal("a", "/a", WATCHED),
         *(signal(f"b{number}", "/a", SHOWN) for number in range(50)),
-        fields={"/a": [f"x{number}: constant" for number in range(50)]},
+        fields={"/a": {f"always {number}": ["x"] for number in range(50)}},
         not_watched={f"/t{number:04}": "no message" for number in range(2000)},
     )
     assert len(lines) < 110
@@ -68,7 +77,7 @@ def test_lists_are_bounded() -> None:
 
 
 def test_names_from_a_robot_cannot_break_out_of_a_comment() -> None:
-    lines = text(signal("a", "/a", WATCHED), fields={"/a": ['effort["x\n  evil: 1"]: constant']})
+    lines = text(signal("a", "/a", WATCHED), fields={"/a": {"constant": ['effort["x\n  evil: 1"]']}})
     assert not any(line.strip().startswith("evil") for line in lines)
 
 
