@@ -10,7 +10,7 @@ from harness.line_process import LineProcess
 
 from robot_health_monitor.core import load_config
 from robot_health_monitor.core.signal_config import template_name
-from robot_health_monitor.test_command import read_tests
+from robot_health_monitor.threshold_tests import read_tests
 
 ROOT = Path(__file__).resolve().parents[2]
 TESTS = sorted((ROOT / "tests" / "thresholds").glob("*.test.yaml"))

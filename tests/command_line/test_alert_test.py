@@ -1,0 +1,275 @@
+"""`robot-health test --from-alert`: what it writes passes `robot-health test`, for alerts of the real alert_system."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import pytest
+
+from robot_health_monitor.__main__ import main
+from robot_health_monitor.alert_test import series_text
+from robot_health_monitor.core import Level, Sample, load_config
+from robot_health_monitor.core.continuity import Continuity
+from robot_health_monitor.core.elements import DriverStatus
+from robot_health_monitor.core.monitor import Monitor
+from robot_health_monitor.core.nodes.node import sections_of
+from robot_health_monitor.history_file import change_history
+from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history.history import History
+from robot_health_monitor.threshold_tests import parse_series, read_tests
+
+pytestmark = pytest.mark.usefixtures("utc")
+
+START_S = 1_700_000_000.0
+Timeline = Sequence[Tuple[float, Any]]
+"""Time in s and datum; None is a tick."""
+
+
+def watched(file: Path, signals: Mapping[str, Any], name: str, timeline: Timeline) -> Path:
+    """Stores what a monitor with a history announces."""
+    now_s = [0.0]
+    history = History(HistorySettings(str(file)), lambda: START_S + now_s[0])
+    config = load_config({"signals": signals})
+    monitor = Monitor(config, "r3")
+    continuity = Continuity(monitor, history.of_robot("r3"))
+    continuity.record_configuration(sections_of(config))
+    continuity.restore(0.0, at_first_call=False)
+    monitor.tick(0.0)
+    for now_s[0], datum in timeline:
+        changes = monitor.tick(now_s[0]) if datum is None else monitor.observe(Sample(name, datum, now_s[0]))
+        for each in changes:
+            continuity.record(each)
+    history.run(lambda connection: None, 30.0)
+    history.close()
+    return file
+
+
+def every_second(values: Sequence[Any]) -> List[Tuple[float, Any]]:
+    """Returns a sample each second, `...` for none, with a tick half a second after each."""
+    found: List[Tuple[float, Any]] = []
+    for number, value in enumerate(values):
+        found += [(float(number), value)] if value is not ... else []
+        found.append((number + 0.5, None))
+    return found
+
+
+def written(capsys: pytest.CaptureFixture[str], file: Path, number: int, *options: str) -> str:
+    """Returns what the command writes."""
+    assert main(["test", "--from-alert", str(number), "--history", str(file), *options]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return captured.out
+
+
+def passes(capsys: pytest.CaptureFixture[str], folder: Path, text: str) -> None:
+    """Requires that the tests in a text pass."""
+    path = folder / "alert.test.yaml"
+    path.write_text(text, encoding="utf-8")
+    code = main(["test", str(path)])
+    captured = capsys.readouterr()
+    assert (code, captured.out, captured.err) == (0, f"{path}: OK: 1 test\n", ""), text
+
+
+BATTERY = {"battery": {"unit": "%", "warn_below": 20.0, "for_s": 3.0}}
+
+
+def test_the_test_of_an_alert_is_its_series_and_the_thresholds_in_force(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Below 20 from 5 s on: the tick at 8.5 s is the first one after 3 s. It comes at a whole second of the test.
+    file = watched(tmp_path / "history.db", BATTERY, "battery", every_second([25.0] * 5 + [19.5] * 5))
+    text = written(capsys, file, 1)
+    assert text.splitlines() == [
+        "# Alert 1 of r3, 2023-11-14 22:13:28 +0000: battery WARN: 19.5 % is below 20 % (was OK for 8 s)",
+        "thresholds:  # in force then",
+        "  signals:",
+        '    "battery": {"unit": "%", "warn_below": 20.0, "for_s": 3.0}',
+        "tests:",
+        '  - name: "alert 1 of r3: battery WARN"',
+        "    interval_s: 1",
+        "    input:",
+        '      "battery": "25x4 19.5x3"',
+        "    alerts:",
+        '      - {at_s: 8, signal: "battery", level: WARN}',
+    ]
+    passes(capsys, tmp_path, text)
+
+
+def test_a_false_alarm_becomes_a_failing_test_then_a_better_threshold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = watched(tmp_path / "history.db", BATTERY, "battery", every_second([25.0] * 5 + [19.5] * 5))
+    (tmp_path / "thresholds.yaml").write_text(
+        json.dumps({"alert_system": {"ros__parameters": {"signals": BATTERY}}}), encoding="utf-8"
+    )
+    text = written(capsys, file, 1, "--thresholds", "thresholds.yaml")
+    assert 'thresholds: "thresholds.yaml"' in text
+    passes(capsys, tmp_path, text)
+    path = tmp_path / "alert.test.yaml"
+    path.write_text(text[: text.index("    alerts:")] + "    alerts: []\n", encoding="utf-8")
+    assert main(["test", str(path)]) == 1
+    assert "+ at_s: 8, signal: battery, level: WARN" in capsys.readouterr().out
+    better = {"battery": {**BATTERY["battery"], "warn_below": 19.0}}
+    (tmp_path / "thresholds.yaml").write_text(
+        json.dumps({"alert_system": {"ros__parameters": {"signals": better}}}), encoding="utf-8"
+    )
+    assert main(["test", str(path)]) == 0
+
+
+STATUS = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray", "field": 'status["*"]'}
+CASES: Dict[str, Tuple[Dict[str, Any], str, Timeline]] = {
+    "two levels": (
+        {"b": {"warn_below": 20.0, "error_below": 10.0}}, "b", every_second([25.0, 24.0, 19.0, 18.0, 9.0, 8.0]),
+    ),
+    "recovery": ({"b": {"warn_below": 20.0, "keep_firing_for_s": 3.0}}, "b", every_second([19.0, 25.0] + [26.0] * 6)),
+    "stale": ({"b": {"warn_below": 20.0, "stale_after_s": 2.5}}, "b", every_second([25.0] * 4 + [...] * 5)),
+    "never a sample": ({"b": {"warn_below": 20.0, "startup_grace_s": 4.0}}, "b", every_second([...] * 8)),
+    "samples again": (
+        {"b": {"warn_below": 20.0, "stale_after_s": 2.5}}, "b", every_second([25.0] * 4 + [...] * 5 + [25.0] * 3),
+    ),
+    "invalid": ({"b": {"warn_below": 20.0, "invalid_for_s": 2.0}}, "b", every_second([25.0] * 4 + [float("nan")] * 5)),
+    "a text where a number belongs": ({"b": {"warn_below": 20.0}}, "b", every_second([25.0] * 4 + ["hot", "hot"])),
+    "out of range": ({"b": {"warn_below": 20.0, "valid_max": 100.0}}, "b", every_second([25.0] * 4 + [150.0])),
+    "mean": (
+        {"b": {"statistic": "mean", "window_s": 6.0, "warn_above": 80.0}}, "b", every_second([70.0] * 5 + [90.0] * 6),
+    ),
+    "rate": ({"b": {"statistic": "rate", "window_s": 5.0, "warn_below": -1.0}}, "b",
+             every_second([50.0] * 6 + [48.0, 46.0, 44.0, 42.0, 40.0])),
+    "forecast": (
+        {"b": {"statistic": "forecast", "window_s": 40.0, "forecast_s": 40.0, "warn_below": 20.0, "for_s": 5.0}}, "b",
+        every_second([80.0 - 0.4 * number for number in range(120)]),
+    ),
+    "arrivals": (
+        {"b": {"field": "", "statistic": "frequency_hz", "window_s": 5.0, "warn_below": 1.5, "stale_after_s": 9.0}},
+        "b", sorted([(0.5 * n, 1.0) for n in range(30)] + [(15.0 + n, 1.0) for n in range(10)]
+                    + [(n + 0.3, None) for n in range(26)], key=lambda each: each[0]),
+    ),
+    "a scale": ({"b": {"scale": 0.1, "warn_below": 20.0}}, "b", every_second([250.0] * 3 + [193.0])),
+    "an element": (
+        {"cells": {"type": "sensor_msgs/BatteryState", "field": "cell_voltage[*]", "warn_below": 3.2}}, "cells[7]",
+        every_second([3.9] * 4 + [3.1]),
+    ),
+    "a driver": (
+        {"drivers": {**STATUS, "for_s": 2.0}}, 'drivers[motor: "left", *]',
+        every_second([DriverStatus(0, "fine")] * 4 + [DriverStatus(2, "no returns")] * 5),
+    ),
+    "a condition": (
+        {"b": {"warn_below": 20.0, "only_if": {"signal": "c", "is": 1.0}}, "c": {"warn_above": 5.0}}, "b",
+        every_second([25.0] * 3 + [19.0]),
+    ),
+    "times that are not even": (
+        {"b": {"warn_below": 20.0, "for_s": 1.2}}, "b",
+        [(0.013, 25.0), (0.771, 24.5), (1.0, None), (1.402, 19.25), (2.0, None), (2.117, 19.0), (2.733, 18.0)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_test_of_every_transition_passes(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    signals, name, timeline = CASES[case]
+    file = watched(tmp_path / "history.db", signals, name, timeline)
+    levels = change_history(
+        str(file),
+        lambda connection: connection.execute("SELECT id, to_level FROM transitions ORDER BY id").fetchall(),
+    )
+    assert levels
+    for number, level in levels:
+        text = written(capsys, file, number)
+        assert "It does not occur" not in text
+        passes(capsys, tmp_path, text)
+        _, (test,) = read_tests(str(tmp_path / "alert.test.yaml"))
+        assert test.expected[-1].level is Level(level)
+
+
+def test_what_is_assumed_is_one_comment_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The window of 10 s does not reach back to where the value fell below its bound, 30 s before."""
+    signals = {"b": {"warn_below": 20.0, "for_s": 30.0, "window_s": 10.0}}
+    file = watched(tmp_path / "history.db", signals, "b", every_second([25.0] * 5 + [19.5] * 40))
+    text = written(capsys, file, 1)
+    (comment,) = [line for line in text.splitlines()[1:] if line.startswith("#")]
+    assert comment.startswith("# Assumed: recorded are the 10 s before it; the first value is repeated for ")
+    passes(capsys, tmp_path, text)
+
+
+def test_what_cannot_occur_again_is_one_comment_line_and_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ends because another signal changes, whose samples are not stored with it."""
+    signals = {
+        "b": {"warn_below": 20.0, "only_if": {"signal": "c", "above": 1.0}, "window_s": 5.0},
+        "c": {"warn_above": 5.0},
+    }
+    file = tmp_path / "history.db"
+    watched(file, signals, "b", every_second([25.0] * 3 + [19.0] * 9))
+    change_history(str(file), lambda connection: connection.execute("UPDATE transitions SET to_level = 0, value = 1"))
+    text = written(capsys, file, 1)
+    (comment,) = [line for line in text.splitlines()[1:] if line.startswith("#")]
+    assert comment.startswith(
+        "# It does not occur in this test: it depends on the samples of c, too; these samples give"
+    )
+    path = tmp_path / "alert.test.yaml"
+    path.write_text(text, encoding="utf-8")
+    assert main(["test", str(path)]) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ("DELETE FROM transitions", "there is no alert 1 in this history"),
+        (
+            "UPDATE transitions SET repeated = 1",
+            "--from-alert: 1 repeats an earlier alert; expected the id of that one",
+        ),
+        ("DELETE FROM configuration_changes", "--from-alert: this history has no configuration of r3"),
+        ("UPDATE transitions SET signal = 'old\x1b'", "--from-alert: old? is not in the configuration of r3"),
+        (
+            "UPDATE configurations SET text = '{\"b\": 1}'",
+            "--from-alert: the configuration of r3 cannot be read: b: expected the settings of a signal",
+        ),
+    ],
+)
+def test_what_has_no_test_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, problem: str
+) -> None:
+    file = watched(tmp_path / "history.db", BATTERY, "battery", every_second([25.0] * 5 + [19.5] * 5))
+    change_history(str(file), lambda connection: connection.execute(change))
+    assert main(["test", "--from-alert", "1", "--history", str(file)]) == 2
+    assert capsys.readouterr() == ("", f"robot-health test: {problem}\n")
+
+
+def test_odd_evidence_gives_one_comment_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = watched(tmp_path / "history.db", BATTERY, "battery", every_second([25.0] * 5 + [19.5] * 5))
+    for blob in (b"", b"odd", b"\xff" * 20, b"\x00" * 32):
+        with closing(sqlite3.connect(str(file))) as connection, connection:
+            connection.execute("UPDATE evidence SET samples = ?", (blob,))
+        text = written(capsys, file, 1)
+        assert "# It does not occur in this test: " in text or "# Assumed: " in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ([], "expected either FILE or --from-alert, got neither"),
+        (["a.yaml", "--from-alert", "1"], "expected either FILE or --from-alert, got both"),
+        (["a.yaml", "--history", "h.db"], "--history: only with --from-alert"),
+        (["--from-alert", "x"], "argument --from-alert: expected the number of an alert, got 'x'"),
+    ],
+)
+def test_arguments_that_do_not_fit(capsys: pytest.CaptureFixture[str], arguments: List[str], problem: str) -> None:
+    assert main(["test", *arguments]) == 2
+    assert capsys.readouterr().err.startswith(f"robot-health test: {problem}")
+
+
+@pytest.mark.parametrize(
+    "series",
+    [
+        [1.0], [None, None, 2.5], [1.0, 1.0, 1.0, None, 1.0], [float("nan"), float("nan"), -0.1, 1e-9, 1e22, 1 / 3],
+        [float("inf"), -float("inf"), None],
+    ],
+)  # fmt: skip
+def test_a_series_is_written_as_it_is_read(series: List[Optional[float]]) -> None:
+    assert list(map(repr, parse_series(series_text(series)))) == list(map(repr, series))
