@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, List, Sequence
 
 import psutil
 
@@ -84,13 +84,10 @@ def measure(robots: int, scrapes: int, engine: str) -> Dict[str, object]:
         rules_s = rule_seconds(fleet.port) if engine == "prometheus" else None
         for target in targets:
             target.stop()
-        expected: Dict[str, float] = {}
-        for target in targets:
-            for name, count in target.series.items():
-                expected[name] = expected.get(name, 0.0) + count
         end_s = time.monotonic() + 120.0
-        while fleet.counts(expected) != expected and time.monotonic() < end_s:
+        while fleet.counts(served(targets)) != served(targets) and time.monotonic() < end_s:
             time.sleep(2.0)
+        expected = served(targets)
         stored = fleet.counts(expected)
         paged = {alert["labels"]["robot"] for sent in fleet.pager.sent for alert in sent["alerts"]}
     for target in targets:
@@ -107,6 +104,15 @@ def measure(robots: int, scrapes: int, engine: str) -> Dict[str, object]:
         "paged": len(paged),
         "robots_to_page": len([robot for robot in range(robots) if robot % 1000 == 7]),
     }
+
+
+def served(targets: Sequence[Scraped]) -> Dict[str, float]:
+    """Returns how many samples of each metric the agents were given."""
+    total: Dict[str, float] = {}
+    for target in targets:
+        for name, count in target.series.items():
+            total[name] = total.get(name, 0.0) + count
+    return total
 
 
 def rule_seconds(port: int) -> float:

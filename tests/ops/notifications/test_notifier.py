@@ -250,6 +250,21 @@ def test_whatever_the_moment_of_a_kill_what_is_in_the_history_is_sent_in_order(
         assert [text for text, before in zip(sent, ["", *sent]) if text != before] == changes
 
 
+def test_a_notification_that_waited_for_6_h_carries_the_time_of_the_event(server: HttpServer, tmp_path: Path) -> None:
+    file, target = str(tmp_path / "history.db"), TargetSettings("chat", "webhook", url=server.url)
+    server.behave = responding(500)
+    with running([target], file) as (_, history):
+        record(history, "WARN")
+        server.next()
+    with closing(sqlite3.connect(file)) as connection:
+        assert connection.execute("UPDATE notifications SET at_s = 1700000000.5").rowcount == 1  # long ago
+        connection.commit()
+    server.all()
+    server.behave = responding(200)
+    with running([target], file):
+        assert server.next().json["time"] == "2023-11-14T22:13:20.500Z"
+
+
 def test_alerts_of_robots_of_an_earlier_run_end(server: HttpServer, tmp_path: Path) -> None:
     file, target = str(tmp_path / "history.db"), TargetSettings("chat", "webhook", url=server.url)
     with running([target], file) as (notifier, history):
