@@ -19,6 +19,9 @@ THRESHOLDS = "thresholds.yaml"
 STATE = "state.json"
 """Name of the attachment with the states of the signals at the beginning."""
 
+TICKS = "/alert_system/tick"
+"""Topic with an empty message (std_msgs/Empty) for each tick, so that a replay ticks at the same times."""
+
 _DEFAULTS = {
     field.name: field.metadata["parameter"].default
     for field in dataclasses.fields(SignalConfig)

@@ -14,7 +14,7 @@ from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Opti
 
 import numpy as np
 
-from robot_health_monitor.core.attachments import SavedMonitor
+from robot_health_monitor.core.attachments import TICKS, SavedMonitor
 from robot_health_monitor.core.config import DEFAULT_SIGNALS, Section, read_monitor
 from robot_health_monitor.core.element_signals import element_config, element_signal_name, own_config
 from robot_health_monitor.core.elements import Elements
@@ -168,6 +168,8 @@ class Judge:
         history = None if saved is None else SavedStates(saved, lambda: self._player.wall_s)
         outlets = {"replay": lambda event: self._note(file, event)}
         system = AlertSystem(node, outlets, log_alerts=False, history=history)
+        if saved is not None and not self._player.why_not_recorded(TICKS, ""):
+            system.tick_with(TICKS)
         self._systems[file] = system
         self._player.on_gap.append(system.skip)
         for name, signal in config.signals.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Callable, Dict, FrozenSet, Mapping, Optional, Set, Tuple
+from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Set, Tuple
 
 from ..config import DEFAULT_SIGNALS, MonitorConfig, described_parameters, is_whole_file, load_config
 from ..continuity import Continuity, SignalHistory
@@ -126,7 +126,9 @@ class AlertSystem:
         self._follow_topics(config)
         middleware.subscribe(node.UNAVAILABLE_SENSORS, node.STRING_TYPE, self._note_unavailable, field="data")
         middleware.advertise_service("~reset", TRIGGER_TYPE, lambda _: {"success": True, "message": self._reset()})
-        middleware.create_timer(TICK_PERIOD_S, self._tick)
+        self._tick_timer = middleware.create_timer(TICK_PERIOD_S, self._tick)
+        self.on_tick: List[Callable[[float], None]] = []
+        """Called with the time of each tick, in s."""
         middleware.create_timer(CHECK_PERIOD_S, self._check, steady=True)
         self._report_timer = middleware.create_timer(1.0 / config.publish_rate, self._report)
         self._reported_steady_s = middleware.steady_s()
@@ -324,8 +326,15 @@ class AlertSystem:
         if since_s is not None:
             self._announce(self.monitor.skip(since_s, now_s), now_s)
 
+    def tick_with(self, topic: str) -> None:
+        """Ticks with each message on a topic, not by a timer: a black box has a message for each tick."""
+        self._tick_timer.cancel()
+        self._middleware.subscribe(topic, "", lambda _, now_s: self._tick(now_s), field=None)
+
     def _tick(self, now_s: float) -> None:
         self._look_for_pause(now_s)
+        for note in self.on_tick:
+            note(now_s)
         self.self_monitor.note_tick(now_s)
         self._middleware.faults.guard("hints", self._look_up_hints, now_s)
         self._announce(self.monitor.tick(now_s), now_s)

@@ -42,7 +42,7 @@ _RETENTION_PERIOD_S = 60.0
 _TOPICS_PERIOD_S = 5.0
 _FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
 _CLOSE_TIMEOUT_S = 1.5
-_SHARE_OF_MEMORY = 0.9  # the rest is what is being written
+_WRITING_BYTES = 8e6  # of `memory_mb` for what is being written, at most half of it
 _SHARE_OF_FOLDER = 0.25
 _LONGEST_NAME = 60
 
@@ -94,7 +94,8 @@ class BlackBox:
         """
         self.settings = settings
         self.wall_time_s = wall_time_s
-        self.ring = Ring(settings.memory_mb * 1e6 * _SHARE_OF_MEMORY)
+        memory_bytes = settings.memory_mb * 1e6
+        self.ring = Ring(max(0.5 * memory_bytes, memory_bytes - _WRITING_BYTES))
         """The messages of all robots."""
         self.is_broken = not self._has_library(faults)
         """Whether nothing can be recorded in this run."""

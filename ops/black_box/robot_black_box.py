@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Dict, Mapping, Optional
+from typing import Dict, Mapping, Optional, Tuple
 
-from robot_health_monitor.core.attachments import SavedMonitor
+from robot_health_monitor.core.attachments import TICKS, SavedMonitor
 from robot_health_monitor.core.elements import ARRAY_TYPE, STATUS_TYPE
 from robot_health_monitor.core.errors import ConfigError, MessageError
 from robot_health_monitor.core.middleware import Message as Mapped
@@ -20,6 +20,7 @@ from .capture import Capture
 from .ring import Channel, RobotRing
 
 _CHECK_PERIOD_S = 1.0
+_TICK_TYPE = "std_msgs/Empty"
 _SEGMENTS = 6  # in `before_s`
 _LONGEST_SEGMENT_S = 5.0
 
@@ -43,6 +44,7 @@ class RobotBlackBox:
         self._alert_system: Optional[AlertSystem] = None
         self._states: Dict[str, SavedSignal] = {}
         self._rest: Dict[str, float] = {}
+        self._tick: Optional[Tuple[Channel, bytes]] = None
         self._recording: Optional[Recording] = None
         self._open = dict(open_files)
         box.note_open(robot, self._open)
@@ -51,6 +53,8 @@ class RobotBlackBox:
         """Begins to record what the robot's alert_system watches."""
         self._alert_system = alert_system
         alert_system.outlets.add("black box", self._note)
+        if not self._capture.is_simulated:
+            alert_system.on_tick.append(self._note_tick)
         self._check(self._middleware.now_s())
         self._middleware.create_timer(_CHECK_PERIOD_S, self._check, steady=True)
         self._box.watch_topics(self.robot, self._middleware, self._note_topics)
@@ -177,6 +181,13 @@ class RobotBlackBox:
             node, silence = base_name(self._middleware), self._alert_system.silence_of(event.signal)
             self._record("alerts", STATUS_TYPE, alert_message(event, node, silence))
             self._record(DIAGNOSTICS, ARRAY_TYPE, array_message([event.status], node))
+
+    def _note_tick(self, now_s: float) -> None:
+        """Records a tick, at its time."""
+        if self._tick is None:
+            data, found = self._middleware.serialize(_TICK_TYPE, {})
+            self._tick = Channel(TICKS, found), data
+        self._ring.add(now_s, *self._tick)
 
     def _record(self, topic: str, type_name: str, message: Mapped) -> None:
         try:
