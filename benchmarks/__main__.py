@@ -49,6 +49,13 @@ def statuses() -> Iterator[Row]:
     yield from on_every_middleware(statuses_cost.rows, "200 statuses through one wildcard")
 
 
+def black_box() -> Iterator[Row]:
+    """CPU time of keeping the bytes of ten topics."""
+    from benchmarks import black_box_cost
+
+    yield from on_every_middleware(black_box_cost.rows, "black box of ten topics")
+
+
 def host() -> Iterator[Row]:
     """CPU time of measuring this computer and its processes."""
     from benchmarks import host_cost
@@ -140,6 +147,7 @@ PARTS = {
     "messages": messages,
     "signals": signals,
     "statuses": statuses,
+    "black_box": black_box,
     "host": host,
     "footprint": footprint,
     "rosbridge": rosbridge,

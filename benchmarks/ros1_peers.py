@@ -1,8 +1,9 @@
 """Peers of the nodes on ROS 1, and the publisher that feeds both: `python -m benchmarks.ros1_peers ROLE TOPICS`.
 
 `empty`: a node that does nothing. `exercise`: publishes three numbers at 1 Hz and subscribes to them. `subscriber`:
-counts the messages on `/bare`, or on TOPICS topics below it, in as few lines as possible. `publisher`: publishes as
-`pacing.serve` reads from stdin. `diagnostics_subscriber` and `diagnostics_publisher` do so with arrays of statuses.
+counts the messages on `/bare`, or on TOPICS topics below it, in as few lines as possible; `raw_subscriber` takes their
+bytes only. `publisher`: publishes as `pacing.serve` reads from stdin. `diagnostics_subscriber` and
+`diagnostics_publisher` do so with arrays of statuses.
 """
 
 from __future__ import annotations
@@ -30,6 +31,19 @@ def subscriber(topics: int) -> None:
 
     for topic in topics_below(BARE, topics):
         rospy.Subscriber(topic, Float32, count, tcp_nodelay=True)
+    rospy.spin()
+
+
+def raw_subscriber(topics: int) -> None:
+    """Counts messages, of which it takes the bytes only."""
+    received = 0
+
+    def count(message: rospy.AnyMsg) -> None:
+        nonlocal received
+        received += 1
+
+    for topic in topics_below(BARE, topics):
+        rospy.Subscriber(topic, rospy.AnyMsg, count, tcp_nodelay=True)
     rospy.spin()
 
 
@@ -94,6 +108,6 @@ def diagnostics_publisher(topics: int) -> None:
 
 if __name__ == "__main__":
     rospy.init_node(f"peer_{sys.argv[1]}", anonymous=True)
-    roles = (empty, exercise, subscriber, publisher, diagnostics_subscriber, diagnostics_publisher)
+    roles = (empty, exercise, subscriber, raw_subscriber, publisher, diagnostics_subscriber, diagnostics_publisher)
     role = {role.__name__: role for role in roles}[sys.argv[1]]
     role(int(sys.argv[2]))

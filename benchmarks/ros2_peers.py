@@ -37,17 +37,27 @@ def events_subscriber(node: Node, topics: int) -> None:
     executor.spin_until_future_complete(Future(), 3600.0)  # the wheels of PyPI deliver nothing without a time limit
 
 
-def _count_messages(node: Node, topics: int) -> None:
+def raw_subscriber(node: Node, topics: int) -> None:
+    """Counts messages as bytes, with the EventsExecutor."""
+    from rclpy.experimental import EventsExecutor
+
+    _count_messages(node, topics, raw=True)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    executor.spin_until_future_complete(Future(), 3600.0)
+
+
+def _count_messages(node: Node, topics: int, *, raw: bool = False) -> None:
     from std_msgs.msg import Float32
 
     received = 0
 
-    def count(message: Float32) -> None:
+    def count(message: object) -> None:
         nonlocal received
         received += 1
 
     for topic in topics_below(BARE, topics):
-        node.create_subscription(Float32, topic, count, 10)
+        node.create_subscription(Float32, topic, count, 10, raw=raw)
 
 
 def exercise(node: Node, topics: int) -> None:
@@ -125,7 +135,8 @@ if __name__ == "__main__":
     rclpy.init()
     try:
         roles = (
-            empty, exercise, subscriber, events_subscriber, publisher, diagnostics_subscriber, diagnostics_publisher,
+            empty, exercise, subscriber, events_subscriber, raw_subscriber, publisher, diagnostics_subscriber,
+            diagnostics_publisher,
         )  # fmt: skip
         role = {role.__name__: role for role in roles}[sys.argv[1]]
         role(Node(f"peer_{sys.argv[1]}"), int(sys.argv[2]))
