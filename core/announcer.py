@@ -11,8 +11,7 @@ value that is noisy around its bound at 400 Hz must not be 400 alerts per second
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import Any, Deque, Dict, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence
 
 from . import explanation
 from .explanation import Judgement
@@ -115,12 +114,13 @@ class StormDetector:
 
     def __init__(self) -> None:
         """Starts without transitions."""
-        self._times: Deque[float] = deque(maxlen=MOST + 1)
+        self._times: List[float] = []  # most signals have none, and an empty deque takes 760 bytes
         """When the latest transitions were announced."""
 
     def note_transition(self, now_s: float) -> None:
         """Notes that a transition is announced."""
         self._times.append(now_s)
+        del self._times[: -MOST - 1]
 
     def is_storm(self, now_s: float) -> bool:
         """Whether more than `MOST` transitions lie within the last `PERIOD_S`."""
@@ -132,7 +132,7 @@ class StormDetector:
 
     def restart_time(self, back_s: float) -> None:
         """Time went back by `back_s`: the transitions are as long ago as before."""
-        self._times = deque([time_s - back_s for time_s in self._times], maxlen=MOST + 1)
+        self._times = [time_s - back_s for time_s in self._times]
 
     def snapshot(self, now_s: float, wall_s: float) -> Dict[str, float]:
         """Returns the number of recent transitions and the times of two of them in seconds since 1970, as `wall_s`."""
@@ -147,7 +147,8 @@ class StormDetector:
         number = int(min(max(0.0, saved.number("number") or 0.0), MOST + 1.0))
         first_s, last_s = (now_s - age_s(saved.number(key), downtime.end_s) for key in ("first", "last"))
         step_s = max(0.0, last_s - first_s) / max(1, number - 1)
-        self._times.extend(first_s + place * step_s for place in range(number))
+        self._times += [first_s + place * step_s for place in range(number)]
+        del self._times[: -MOST - 1]
 
 
 def _is_recent(time_s: float, now_s: float) -> bool:
