@@ -9,14 +9,12 @@ from typing import Sequence
 
 from robot_health_monitor.core.config import load_config
 from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver
 from robot_health_monitor.ops.export.grafana import export_dashboard
 from robot_health_monitor.ops.export.prometheus import Export, export_rules
 from robot_health_monitor.runtime.interrupts import Interrupts
 
 from .arguments import Parser, duration, seconds
 from .exit_codes import ExitCode
-from .fleet_export import read_fleet, write_files
 
 
 def add_arguments(parser: Parser) -> None:
@@ -114,6 +112,11 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
 
 
 def _export_fleet(arguments: argparse.Namespace) -> int:
+    # They need PyYAML, and the help of this command does not.
+    from robot_health_monitor.ops.export.fleet import FleetSettings, export_fleet, require_address, require_receiver
+
+    from .fleet_export import read_fleet, write_files
+
     settings = FleetSettings(
         require_receiver(arguments.receiver),
         arguments.outage,
