@@ -6,11 +6,12 @@ elements, and it is STALE while it has none. See docs/rules.md, "Each element by
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from typing import Callable, Dict, List, Mapping, Optional, Set
 
 from .elements import BadDatum, Elements
-from .formatting import datum_text, digest
+from .formatting import datum_text
 from .model import Changes
 from .signal_config import LONGEST_NAME, SignalConfig, is_element_name, read_signal, template_name
 from .signal_monitor import SignalMonitor
@@ -157,7 +158,7 @@ def element_signal_name(template: str, element: str) -> str:
     """
     most = LONGEST_NAME - len(template) - len("[]")
     if len(element) > most or not element.isprintable():
-        digits = digest(element.encode("utf-8", "surrogatepass"))[:_MARK]
+        digits = hashlib.sha256(element.encode("utf-8", "surrogatepass")).hexdigest()[:_MARK]
         shown = "".join(letter if letter.isprintable() else "?" for letter in element[: most - _MARK - 1])
         element = f"{shown}~{digits}"
     return f"{template}[{element}]"

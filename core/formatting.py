@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import unicodedata
@@ -93,14 +94,7 @@ def datum_text(value: object) -> str:
 
 def fingerprint(robot: str, name: str) -> str:
     """Returns 16 hexadecimal digits that identify something of a robot by its name."""
-    return digest(f"{robot}\0{name}".encode("utf-8", "replace"))[:16]
-
-
-def digest(content: bytes) -> str:
-    """Returns the SHA-256 of bytes in hexadecimal digits."""
-    import hashlib  # it loads OpenSSL: half a megabyte that most nodes do not need
-
-    return hashlib.sha256(content).hexdigest()
+    return hashlib.sha256(f"{robot}\0{name}".encode("utf-8", "replace")).hexdigest()[:16]
 
 
 def printable(text: str) -> str:

@@ -11,7 +11,6 @@ from robot_health_monitor.core.formatting import (
     bound_text,
     count_text,
     datum_text,
-    digest,
     duration_text,
     list_text,
     number_text,
@@ -162,7 +161,3 @@ def test_a_datum_is_written_on_one_line_without_control_characters() -> None:
 )
 def test_text_from_outside_can_neither_control_a_terminal_nor_forge_a_line(text: str, shown: str) -> None:
     assert printable(text) == shown
-
-
-def test_a_digest_is_the_sha_256_of_fips_180() -> None:
-    assert digest(b"abc") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"

@@ -248,15 +248,3 @@ class TestExecutor:
                 spin(timeout_sec)
 
         monkeypatch.setattr(experimental, "EventsExecutor", Broken)
-
-
-def test_the_nodes_load_no_library_that_only_some_of_them_use(ros_environment: Dict[str, str]) -> None:
-    code = (
-        "import sys; import robot_health_monitor.ros2.process; from robot_health_monitor.core.nodes import aggregator, "
-        "alert_system, battery_sensor; print({'_hashlib', '_ssl', 'asyncio', 'mcap', 'sqlite3'} & set(sys.modules))"
-    )
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**ros_environment, "PYTHONPATH": path}, capture_output=True, text=True
-    )
-    assert done.stdout == "set()\n", done.stderr
