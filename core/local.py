@@ -132,8 +132,9 @@ class LocalBus:
         _, handler = self._services[service]
         return handler(request or {})
 
-    def _add_listener(self, topic: str, deliver: Callable[[Message], None]) -> None:
-        self._listeners.setdefault(topic, []).append(deliver)
+    def _add_listener(self, topic: str, deliver: Callable[[Message], None], *, is_first: bool = False) -> None:
+        listeners = self._listeners.setdefault(topic, [])
+        listeners.insert(0 if is_first else len(listeners), deliver)
 
     def _remove_listener(self, topic: str, deliver: Callable[[Message], None]) -> None:
         self._listeners[topic].remove(deliver)
@@ -239,7 +240,9 @@ class LocalMiddleware(MappingNode):
     def _add(self, subscription: Union[MappingSubscription, RawSubscription], type_name: str) -> None:
         if type_name:
             self._bus.types.setdefault(subscription.topic, type_name)
-        self._bus._add_listener(subscription.topic, subscription.deliver)
+        # What is captured comes first: its time must not include that which an alert takes.
+        is_first = isinstance(subscription, RawSubscription)
+        self._bus._add_listener(subscription.topic, subscription.deliver, is_first=is_first)
         self._subscriptions.append(subscription)
 
     def close(self) -> None:

@@ -127,9 +127,11 @@ class Ros1Middleware(NativeNode):
         if type_name and shared not in (None, rospy.AnyMsg) and shared._type != canonical_type(type_name):
             raise _another_type(mapped, shared, canonical_type(type_name))
         reader = BytesReader(mapped, type_name, self.log)
-        return self._deliver(
+        subscription = self._deliver(
             resolved, shared or rospy.AnyMsg, reader.read, lambda item, now_s: callback(item[0], now_s, item[1])
         )
+        subscription.move_first()
+        return subscription
 
     def _deliver(self, resolved: str, cls: Any, get: Optional[Getter], callback: Callback) -> Subscription:
         """Subscribes; `get` reads what is passed on, 1.0 without it."""
@@ -271,6 +273,12 @@ class Subscription:
         self.active = True
         self._subscriber = rospy.Subscriber(topic, cls, deliver, self, tcp_nodelay=True)
         self.topic: str = self._subscriber.resolved_name
+
+    def move_first(self) -> None:
+        """Makes rospy call this one before the others: its time must not include that which an alert takes."""
+        impl = self._subscriber.impl
+        with impl.c_lock:
+            impl.callbacks = sorted(impl.callbacks, key=lambda callback: callback[1] is not self)
 
     def end(self) -> None:
         """Unsubscribes."""

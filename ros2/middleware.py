@@ -243,7 +243,8 @@ class Ros2Middleware(NativeNode):
         if channel is None:
             channel = self._channels[own] = _Channel(own, subscription.native_name)
             self._open(channel)
-        channel.readers = (*channel.readers, subscription)
+        others = channel.readers
+        channel.readers = (subscription, *others) if subscription.is_raw else (*others, subscription)
         subscription.channel = channel
 
     def _keep(self, subscription: Subscription) -> None:

@@ -81,7 +81,9 @@ class Subscriptions:
         """Subscribes; the type may be empty: the server is then asked for it."""
         with self._lock:
             first = topic not in self._receivers
-            self._receivers[topic] = (*self._receivers.get(topic, ()), receiver)
+            others = self._receivers.get(topic, ())
+            # What is captured comes first: its time must not include that which an alert takes.
+            self._receivers[topic] = (receiver, *others) if receiver.needs_format else (*others, receiver)
             if first or (type_name and not self._types[topic]):
                 self._types[topic] = canonical_type(type_name)
                 self._send_subscribe(topic)

@@ -198,6 +198,22 @@ class RawConformance:
         assert seen[0] == seen[1]
         assert len(seen[0]) > 0
 
+    def test_what_is_captured_does_not_wait_for_the_judging(self, harness: Harness) -> None:
+        """The time of a message must not include that of the alert which it causes."""
+        node, capture = harness.node("recorder"), Capture()
+        order: List[str] = []
+        node.subscribe("/in", FLOAT32, lambda value, now_s: order.append("judged"), field="data")
+
+        def take(data: bytes, now_s: float, raw_format: RawFormat) -> None:
+            order.append("captured")
+            capture(data, now_s, raw_format)
+
+        node.subscribe_raw("/in", FLOAT32, take)
+        begin(harness, capture, "/in")
+        first = order.index("captured")
+        harness.wait_until(lambda: len(order) > first + 1)
+        assert order[first + 1] == "judged"
+
     def test_alerts_are_those_without_capture(self, harness: Harness) -> None:
         levels: List[Tuple[str, str]] = []
         signal = {"topic": "in", "type": FLOAT32, "field": "data", "warn_below": 20.0, "error_below": 10.0}
