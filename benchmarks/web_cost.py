@@ -1,5 +1,7 @@
 """CPU of open pages, compared with rosbridge clients of /diagnostics, and the time of a scrape of a large fleet.
 
+How long a person waits for the page is measured by `page_times.py`.
+
 One server lives all the time. Pages and subscribers are connected in turn, a slice each, round after round. What is
 compared is the CPU time of the whole server process within a slice, less that of a slice without clients.
 """
@@ -12,6 +14,7 @@ import time
 import urllib.request
 from typing import Dict, Iterator, List
 
+from benchmarks import page_times
 from benchmarks.peer import Peer
 from benchmarks.table import Row
 
@@ -31,6 +34,7 @@ def rows() -> Iterator[Row]:
     yield from _open_pages()
     yield from _no_page()
     yield from _scrape()
+    yield from page_times.rows()
 
 
 def _open_pages() -> Iterator[Row]:

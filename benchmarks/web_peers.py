@@ -1,11 +1,12 @@
 """The processes that `web_cost.py` measures: servers and their clients.
 
-    python3 -m benchmarks.web_peers monitor ROBOTS SIGNALS RATE_HZ [bare]   robots that are judged and served
-    python3 -m benchmarks.web_peers pages PORT COUNT                       pages that show a robot with its plots
-    python3 -m benchmarks.web_peers subscribers PORT COUNT                 rosbridge clients of /diagnostics
+    python3 -m benchmarks.web_peers monitor ROBOTS SIGNALS RATE_HZ [bare|FILE]   robots that are judged and served
+    python3 -m benchmarks.web_peers pages PORT COUNT                            pages that show a robot with its plots
+    python3 -m benchmarks.web_peers subscribers PORT COUNT                      rosbridge clients of /diagnostics
 
 A monitor writes its port, then takes lines `SECONDS` and answers each with its CPU time of these seconds; `bare` is
-without page and API. Clients write `ready`, then answer each line with the bytes that they have got until then.
+without page and API, a FILE is the history. Clients write `ready`, then answer each line with the bytes that they have
+got until then.
 """
 
 from __future__ import annotations
@@ -14,20 +15,22 @@ import asyncio
 import json
 import sys
 import time
-from typing import Any, List
+from typing import Any, List, Optional
 
 from aiohttp import ClientSession, ClientTimeout
 
 from benchmarks.peer import requests
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
+from robot_health_monitor.ops.configuration import HistorySettings
+from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.ops.web import WebInterface
 from robot_health_monitor.rosbridge.server.server import Server
 
 TOPIC_TYPE = "std_msgs/Float32"
 
 
-def create_robots(bus: LocalBus, count: int, signals: int) -> List[AlertSystem]:
+def create_robots(bus: LocalBus, count: int, signals: int, history: Optional[History] = None) -> List[AlertSystem]:
     """Returns alert_systems with so many signals each, on topics in the namespace of their robot."""
     settings = {
         f"signal_{number}": {"unit": "%", "warn_below": 20.0, "error_below": 10.0, "hysteresis": 2.0}
@@ -37,22 +40,24 @@ def create_robots(bus: LocalBus, count: int, signals: int) -> List[AlertSystem]:
     for number in range(count):
         parameters = {"robot_name": f"robot{number}", "signals": settings}
         node = bus.node("alert_system", namespace=f"robot{number}", parameters=parameters)
-        robots.append(AlertSystem(node, log_alerts=False))
+        past = None if history is None else history.of_robot(f"robot{number}")
+        robots.append(AlertSystem(node, log_alerts=False, history=past))
     return robots
 
 
-async def monitor(count: int, signals: int, rate_hz: float, bare: bool) -> None:
+async def monitor(count: int, signals: int, rate_hz: float, kind: str) -> None:
     """Judges and serves robots in real time."""
     bus = LocalBus(time.monotonic(), on_log=lambda line: None, wall_time_s=time.time, clock=time.monotonic)
-    robots = create_robots(bus, count, signals)
+    history = None if kind in ("", "bare") else History(HistorySettings(kind, keep_mb=1e4))
+    robots = create_robots(bus, count, signals, history)
     outside = bus.node("outside")
     topics = [f"/robot{robot}/signal_{signal}" for robot in range(count) for signal in range(signals)]
     for topic in topics:
         outside.advertise(topic, TOPIC_TYPE)
-    web = WebInterface(lambda: robots)
+    web = WebInterface(lambda: robots, history=history)
     for robot in robots:
         web.watch(robot)
-    routes = (lambda client_of: ()) if bare else web.routes
+    routes = (lambda client_of: ()) if kind == "bare" else web.routes
     server = Server(bus.node("rosbridge"), port=0, threads=False, routes=routes, on_close=(web.close,))
     await server.start()
 
@@ -86,6 +91,8 @@ async def monitor(count: int, signals: int, rate_hz: float, bare: bool) -> None:
     for task in tasks:
         task.cancel()
     await server.close()
+    if history is not None:
+        history.close()
 
 
 async def clients(kind: str, port: int, count: int) -> None:
@@ -122,6 +129,6 @@ if __name__ == "__main__":
     role, *arguments = sys.argv[1:]
     if role == "monitor":
         robots, signals, rate_hz, *rest = arguments
-        asyncio.run(monitor(int(robots), int(signals), float(rate_hz), rest == ["bare"]))
+        asyncio.run(monitor(int(robots), int(signals), float(rate_hz), "".join(rest)))
     else:
         asyncio.run(clients(role, int(arguments[0]), int(arguments[1])))
