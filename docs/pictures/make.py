@@ -190,12 +190,12 @@ def recordings(variables: Dict[str, str]) -> None:
 
 
 def web_page(variables: Dict[str, str]) -> None:
-    """The web page of one robot, and of a fleet on a wide and a narrow window."""
+    """The web page of one robot with a forecast, a day and an alert, and of a fleet on a wide and a narrow window."""
     import web_page
 
     with tempfile.TemporaryDirectory() as name:
         variables = {**variables, "PYTHONPATH": str(ROOT), "TZ": "UTC"}
-        web_page.one_robot(Path(name), variables, HERE / "web_page.png")
+        web_page.one_robot(Path(name), variables, HERE)
         web_page.fleet(Path(name), variables, HERE / "fleet.png", HERE / "fleet_phone.png")
 
 

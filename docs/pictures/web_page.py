@@ -14,6 +14,7 @@ from typing import Dict, Iterator, List
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
+from yesterday import write_yesterday
 
 PACKAGE = "robot_health_monitor"
 _THRESHOLDS = """\
@@ -24,20 +25,65 @@ alert_system:
       temperature: {unit: "degC", warn_above: 40.0, error_above: 50.0, hysteresis: 2.0}
       cpu_usage: {unit: "%", warn_above: 95.0}
 """
+_FORECAST = """\
+      battery_soon:
+        {topic: battery_level, unit: "%", statistic: forecast, forecast_s: 60.0, window_s: 30.0, warn_below: 20.0}
+"""
+_BATTERY = "[...document.querySelectorAll('.signal-name')].find((e) => e.textContent === 'battery_level')"
+_NOTE = """
+const form = document.querySelector(".note-form"), [text, author] = form.querySelectorAll("input");
+text.value = "Drove the long route twice; charger 2 was occupied.";
+author.value = "Kim";
+form.requestSubmit();
+"""
 
 
-def one_robot(folder: Path, variables: Dict[str, str], picture: Path) -> None:
-    """`robot-health run` after the first alert, with the plot of the signal's window."""
-    (folder / "ops.yaml").write_text(f"history: {{file: {folder / 'history.db'}}}\n", encoding="utf-8")
+def one_robot(folder: Path, variables: Dict[str, str], pictures: Path) -> None:
+    """`robot-health run` with a forecast, after the first alert, with the plot of a day, and the page of the alert."""
+    history = folder / "history.db"
+    write_yesterday(history, ["robot1"])
+    (folder / "ops.yaml").write_text(
+        f"history: {{file: {history}}}\nblack_box: {{folder: {folder / 'black_box'}}}\n", encoding="utf-8"
+    )
+    (folder / "one.yaml").write_text(
+        _THRESHOLDS.replace("40.0", "80.0").replace("50.0", "95.0") + _FORECAST, encoding="utf-8"
+    )
     port = _free_port()
-    arguments = ["run", "--robot", "robot1", "--port", str(port), "--ops", str(folder / "ops.yaml")]
+    arguments = ["run", "--robot", "robot1", "--port", str(port), "--thresholds", str(folder / "one.yaml")]
+    arguments += ["--ops", str(folder / "ops.yaml")]
     with _programs([arguments], variables), _browser(1000, 880) as driver:
         _open(driver, port)
         _wait(driver, "document.querySelector('.robot.warn')", 130.0)
-        _run(driver, "document.querySelector('.signal-name').click()")
+        _open_signal(driver, "battery_soon")
+        _wait(driver, "document.querySelector('.plot .ahead') && document.querySelector('.signals .alert')")
+        _resize(driver, 1000, 700)
+        driver.save_screenshot(str(pictures / "forecast.png"))
+        _open_signal(driver, "battery_soon")
+        _resize(driver, 1000, 880)
+        _wait(driver, f"{_BATTERY}.closest('tbody, tr').matches('.warn')", 130.0)
+        _open_signal(driver, "battery_level")
         _wait(driver, "document.querySelector('.plot svg') && document.querySelector('.signals .alert')")
         time.sleep(6.0)  # a part of the plot is below the bound
-        driver.save_screenshot(str(picture))
+        driver.save_screenshot(str(pictures / "web_page.png"))
+        _run(
+            driver, "[...document.querySelectorAll('.ranges button')].find((e) => e.textContent === '24 hours').click()"
+        )
+        _wait(driver, "document.querySelector('.plot').plot.signal.steps.length > 200")
+        time.sleep(1.0)
+        driver.save_screenshot(str(pictures / "web_page_day.png"))
+        _run(driver, "location.hash = '#alerts'")
+        _wait(driver, "document.querySelector('#alert-history .time a')")
+        time.sleep(15.0)  # the samples after the alert, and its black box
+        _run(
+            driver,
+            "[...document.querySelectorAll('#alert-history .alert')]"
+            ".find((e) => e.textContent.includes('battery_level')).querySelector('.time a').click()",
+        )
+        _wait(driver, "document.querySelectorAll('#alert-page .plot svg').length === 2")
+        _run(driver, _NOTE)
+        _wait(driver, "document.querySelector('#alert-page .notes li')")
+        _resize(driver, 1000, 1240)
+        driver.save_screenshot(str(pictures / "alert_page.png"))
 
 
 def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -> None:
@@ -49,11 +95,15 @@ def fleet(folder: Path, variables: Dict[str, str], picture: Path, phone: Path) -
     for name, port in ports.items():
         thresholds = f", thresholds: {folder / 'hot.yaml'}" if name == "carter" else ""
         lines.append(f"  {name}: {{url: ws://127.0.0.1:{port}{thresholds}}}")
+    history = folder / "fleet.db"
+    write_yesterday(history, names)
+    (folder / "fleet_ops.yaml").write_text(f"history: {{file: {history}}}\n", encoding="utf-8")
     (folder / "fleet.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     starts = [["run", "--robot", name, "--port", str(port)] for name, port in ports.items()]
     starts[1] += ["--source", "none"]
     port = _free_port()
     watch = ["connect", "--fleet", str(folder / "fleet.yaml"), "--port", str(port)]
+    watch += ["--ops", str(folder / "fleet_ops.yaml")]
     with _programs([starts[0]], variables), _browser(1000, 560) as driver:
         time.sleep(40.0)  # its battery is empty before that of the others
         with _programs([*starts[1:2], *starts[3:], watch], variables):
@@ -116,6 +166,10 @@ def _open(driver: webdriver.Chrome, port: int) -> None:
                 break
         time.sleep(0.2)
     driver.get(f"http://127.0.0.1:{port}/")
+
+
+def _open_signal(driver: webdriver.Chrome, name: str) -> None:
+    _run(driver, f"[...document.querySelectorAll('.signal-name')].find((e) => e.textContent === '{name}').click()")
 
 
 def _run(driver: webdriver.Chrome, script: str) -> object:
