@@ -3,7 +3,7 @@
     make bench                     everything that can run here
     make bench ARGS=observe        one part: observe, messages, signals, statuses, host, footprint,
                                    rosbridge, recordings, history, notifications, web, fleet,
-                                   forecast, cells
+                                   forecast, cells, samples
     make bench ARGS=--write        everything, and writes the tables of docs/reference/benchmarks.md
 
 Exit code 1 when a requirement is missed.
@@ -91,6 +91,13 @@ def history() -> Iterator[Row]:
     yield from history_cost.rows()
 
 
+def samples() -> Iterator[Row]:
+    """CPU time of the stored samples of 200 robots."""
+    from benchmarks import samples_cost
+
+    yield from samples_cost.rows()
+
+
 def notifications() -> Iterator[Row]:
     """Time from a sample to its alert, with history and notifications."""
     from benchmarks import notifications_cost
@@ -153,6 +160,7 @@ PARTS = {
     "rosbridge": rosbridge,
     "recordings": recordings,
     "history": history,
+    "samples": samples,
     "notifications": notifications,
     "web": web,
     "fleet": fleet,
