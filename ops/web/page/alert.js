@@ -1,4 +1,4 @@
-/* The page of one alert, `#alerts/ID`: what was seen, what else was wrong then, what was in force, and notes. */
+/* The page of one alert, `#alerts/ID`: what was seen, wrong and in force then, and notes. */
 import {remember, remembered, AUTHOR} from "./actions.js";
 import {request} from "./connection.js";
 import {byId, isolated, make, setText} from "./elements.js";
@@ -9,7 +9,7 @@ import {stored} from "./ranges.js";
 
 /* global HealthPlot */
 
-/** What the second plot shows before and after the alert, in s. */
+/** What the second plot shows on each side, in s. */
 const AROUND_S = 1800;
 const PERIOD_S = 10;
 

@@ -71,7 +71,7 @@ class Page {
     this.loadDays();
   }
 
-  /** Loads the levels of the last 24 hours; without them, robots have no bar. */
+  /** Without levels, robots have no bar. */
   async loadDays() {
     this.daysAt = performance.now() + DAYS_MS;
     if (!this.fleet.state.history) return;

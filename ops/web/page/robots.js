@@ -155,7 +155,6 @@ export class RobotList {
     for (const row of this.rows.values()) row.tick();
   }
 
-  /** Shows the levels of the last 24 hours. */
   showDays(days) {
     this.days = Object.assign(Object.create(null), days);
     for (const row of this.rows.values()) row.showValues();
