@@ -28,6 +28,7 @@ from robot_health_monitor.ops.export.fleet_rules import Judged
 PASSWORD = "s3cret"
 _HASH = "$2b$04$1s.ywpeSchEHw0KxicqH0uBbeaDE2H7x16IkU1PS3YeU1/dHGPLPu"  # bcrypt of PASSWORD
 _LIMIT_S = 60.0
+_SLOW_S = 0.5
 _DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 
 
@@ -53,10 +54,13 @@ class Scraped:
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
+                began_s = time.monotonic()
                 try:
                     body = b"" if owner._stopped else exposition()
                 except OSError:
-                    self.send_error(503)
+                    body = None
+                if body is None or time.monotonic() - began_s > _SLOW_S:
+                    self.send_error(503)  # an agent that no longer waits would not have what is counted
                     return
                 with contextlib.suppress(OSError):
                     self.send_response(200)

@@ -103,7 +103,7 @@ def test_every_sample_arrives_once_although_the_receiver_is_gone_and_a_robot_is_
     config = load_config(tmp_path / "thresholds.yaml")
     # While VictoriaMetrics is gone, Alertmanager hears nothing of an alert, and the group hides that it fires again.
     group_interval = "1s" if agent == "agent" else "5m"
-    with pushing_fleet(tmp_path, config, free_port, group_interval=group_interval) as fleet:
+    with pushing_fleet(tmp_path, config, free_port, interval_s=2.0, group_interval=group_interval) as fleet:
         proxy = TcpProxy(fleet.port)
         for unit in ("alertmanager", *centre):
             fleet.start(unit)
