@@ -39,14 +39,14 @@ MOST_COARSE = 2_000
 
 # Levels by severity: OK, WARN, STALE, ERROR; `last` is that of the latest period.
 _COARSE = """
-    SELECT number * :seconds, :seconds, least, most, mean,
+    SELECT number * :seconds, max(:seconds, longest), least, most, mean,
         (SELECT last FROM samples WHERE robot = :robot AND signal = :signal AND start_s = newest_s), good, bad,
         CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END
     FROM (
         SELECT CAST(start_s / :seconds AS INTEGER) AS number, min(least) AS least, max(most) AS most,
             sum(mean * good) / sum(CASE WHEN mean IS NOT NULL THEN good END) AS mean,
             max(CASE WHEN last IS NOT NULL THEN start_s END) AS newest_s, sum(good) AS good, sum(bad) AS bad,
-            max(CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END) AS level
+            max(seconds) AS longest, max(CASE level WHEN 2 THEN 3 WHEN 3 THEN 2 ELSE level END) AS level
         FROM samples
         WHERE robot = :robot AND signal = :signal AND start_s > :since AND start_s < :until
         GROUP BY number ORDER BY number DESC LIMIT :most
@@ -168,7 +168,8 @@ def read_coarse(
 ) -> List[StoredSamples]:
     """Returns the samples of one signal in longer periods; smallest and largest values stay exactly.
 
-    A period that was stored belongs to the one in which it begins. At most `MOST_COARSE` are returned, the newest.
+    A period that was stored belongs to the one in which it begins; `seconds` of the result is its length if that is
+    longer than asked. At most `MOST_COARSE` are returned, the newest.
 
     Args:
         connection: the database.

@@ -13,7 +13,7 @@ export function stored(samples, [, length, width], now) {
     const t = Date.parse(sample.start) / 1000;
     if (levels.length && end < t) levels.push([end, ""]);  // nothing is known of the time between
     if (!levels.length || levels[levels.length - 1][1] !== sample.level) levels.push([t, sample.level]);
-    end = t + width;
+    end = t + Math.max(width, sample.seconds);
     if (sample.bad) bad.push(t + width / 2);
     if (sample.min === null) continue;
     places.push(Math.round((t - start) / width));

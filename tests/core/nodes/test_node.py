@@ -47,5 +47,5 @@ def test_the_sections_of_alert_system_are_its_signals_and_its_own_values() -> No
     config = load_config({"publish_rate": 2.0, "signals": {"a": {"warn_below": 5.0}, "b": {}}})
     sections = sections_of(config, log_level="INFO")
     assert list(sections) == ["", "a", "b"]
-    assert sections[""] == {"publish_rate": 2.0, "log_level": "INFO"}
+    assert sections[""] == {"publish_rate": 2.0, "show": (), "log_level": "INFO"}
     assert (sections["a"]["warn_below"], sections["b"]["warn_below"]) == (5.0, None)

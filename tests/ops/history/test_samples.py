@@ -205,3 +205,9 @@ def test_the_worst_level_of_each_robot_is_kept_for_two_days(connection: sqlite3.
     assert list(read_levels(connection, 900.0)) == [("r1", 900.0, OK)]
     merge(connection, -1.0, 900.0)
     assert [*read_levels(connection, -1.0)] == [("r1", 900.0, OK)]
+
+
+def test_a_merged_period_keeps_its_length_where_shorter_ones_are_asked_for(connection: sqlite3.Connection) -> None:
+    store(connection, [part(600.0)._replace(seconds=300.0), part(900.0)])
+    found = read_coarse(connection, "r1", "a", 0.0, 1e9, 60.0)
+    assert [(each.start_s, each.seconds) for each in found] == [(600.0, 300.0), (900.0, 60.0)]

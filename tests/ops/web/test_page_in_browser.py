@@ -301,6 +301,26 @@ def test_a_plot_reaches_back_to_what_was_stored(browser: Browser, served: Any, t
     browser.wait_for(f"{label}.startsWith('battery_level: 50 % to 50 %')")
 
 
+def test_merged_samples_leave_no_holes_in_a_shorter_range(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    assert site.robots.history is not None
+    starts = range(int(START_S) // 300 * 300 - 3000, int(START_S) // 300 * 300, 300)
+    rows = [
+        StoredSamples("atlas", "battery_level", start, 300.0, 50.0, 60.0, 55.0, 55.0, 9, 0, Level.OK)
+        for start in starts
+    ]
+    site.robots.history.run(lambda connection: store(connection, rows))
+    site.observe(50.0)
+    browser.open(site.url)
+    browser.click(".signal-name")
+    browser.run("document.querySelectorAll('.ranges button')[2].click()")
+    plot = "document.querySelector('.plot').plot"
+    browser.wait_for(f"{plot} && {plot}.times.length === 10")
+    assert [level for _, level in browser.run(f"return {plot}.signal.levels")] == ["OK", ""]
+    # One band, not ten dots.
+    assert browser.run("return document.querySelector('.plot .area').getAttribute('d').split('M').length") == 2
+
+
 def test_zooming_out_shows_the_next_longer_range(browser: Browser, served: Any, tmp_path: Path) -> None:
     site = served("atlas", history_file=str(tmp_path / "history.db"))
     stored(site, "atlas", -3000.0, -60.0, 70.0)
