@@ -37,19 +37,47 @@ Message = Tuple[float, Channel, bytes]
 class Segment:
     """Messages of one robot in the order of their arrival. Change it with the lock of its `Ring` only."""
 
-    __slots__ = ("begin_s", "bytes", "dropped", "messages", "readers", "states")
+    __slots__ = ("_gone", "_messages", "begin_s", "bytes", "dropped", "readers", "states")
 
     def __init__(self, begin_s: float, states: Mapping[str, SavedSignal], state_bytes: int) -> None:
         """Begins at a time on the robot's steady clock, with the states of its signals then."""
         self.begin_s = begin_s
         self.states = states
-        self.messages: List[Optional[Message]] = []
-        """None in the place of a message that went because memory was full."""
         self.dropped = 0
-        """How many went: always the first ones."""
+        """How many messages went because memory was full: always the first ones."""
         self.bytes = state_bytes
         self.readers = 1
         """Who still needs it: the ring of its robot, and the recording."""
+        self._messages: List[Optional[Message]] = []
+        self._gone = 0  # dropped messages that have no place in the list any more
+
+    @property
+    def count(self) -> int:
+        """Number of its messages, with those that were dropped."""
+        return self._gone + len(self._messages)
+
+    def message(self, number: int) -> Any:
+        """Returns one by its number, which is at least `dropped`."""
+        return self._messages[number - self._gone]
+
+    def add(self, message: Message, size: int) -> None:
+        """Adds a message."""
+        self._messages.append(message)
+        self.bytes += size
+
+    def drop(self) -> None:
+        """Drops its oldest message."""
+        place = self.dropped - self._gone
+        self.bytes -= len(self.message(self.dropped)[2]) + OVERHEAD_BYTES
+        self._messages[place] = None
+        self.dropped += 1
+        if place >= len(self._messages) // 2:  # seldom: the rest is moved
+            del self._messages[: place + 1]
+            self._gone = self.dropped
+
+    def clear(self) -> None:
+        """Forgets all messages."""
+        self._messages = []
 
 
 class Reader:
@@ -75,16 +103,15 @@ class Reader:
             while self.segments and size < most_bytes:
                 segment = self.segments[0]
                 is_last = len(self.segments) == 1
-                end = self.end if is_last and self.end is not None else len(segment.messages)
+                end = self.end if is_last and self.end is not None else segment.count
                 dropped = min(segment.dropped, end)
                 if dropped > self.position:
                     self.lost += dropped - self.position
                     self.position = dropped
                 while self.position < end and size < most_bytes:
-                    message = segment.messages[self.position]
-                    if message is not None:
-                        found.append(message)
-                        size += len(message[2]) + OVERHEAD_BYTES
+                    message = segment.message(self.position)
+                    found.append(message)
+                    size += len(message[2]) + OVERHEAD_BYTES
                     self.position += 1
                 if self.position < end or (is_last and self.end is None):
                     break
@@ -122,8 +149,7 @@ class Ring:
         """Adds a message to a segment, which must be the last one of its robot."""
         size = len(message[2]) + OVERHEAD_BYTES
         with self.lock:
-            segment.messages.append(message)
-            segment.bytes += size
+            segment.add(message, size)
             self.used_bytes += size
             if self.used_bytes > self._memory_bytes:
                 self._make_room()
@@ -141,20 +167,16 @@ class Ring:
         if not segment.readers and segment in self._segments:
             del self._segments[segment]
             self.used_bytes -= segment.bytes
-            segment.messages = []
+            segment.clear()
 
     def _make_room(self) -> None:
         for _ in range(len(self._segments)):
             segment = next(iter(self._segments))
-            messages = segment.messages
-            while segment.dropped < len(messages):
-                message = messages[segment.dropped]
-                messages[segment.dropped] = None
-                segment.dropped += 1
+            while segment.dropped < segment.count:
+                before = segment.bytes
+                segment.drop()
                 self.dropped += 1
-                size = 0 if message is None else len(message[2]) + OVERHEAD_BYTES
-                segment.bytes -= size
-                self.used_bytes -= size
+                self.used_bytes -= before - segment.bytes
                 if self.used_bytes <= self._memory_bytes:
                     return
             self._segments.move_to_end(segment)  # what is added to it later is newer than the messages of the others
@@ -203,16 +225,16 @@ class RobotRing:
         """Ends the recording after the messages that are there now."""
         with self._ring.lock:
             if self._reader is not None and self.current is not None:
-                self._reader.end = len(self.current.messages)
+                self._reader.end = self.current.count
             self._reader = None
 
     def reach_s(self, now_s: float) -> float:
         """Returns how far the messages reach back, in s; at most the time that they wait."""
         with self._ring.lock:
             for segment in self._segments:
-                if segment.dropped < len(segment.messages):
-                    first: Any = segment.messages[segment.dropped]
-                    return min(self._before_s, now_s - (first[0] if segment.dropped else segment.begin_s))
+                if segment.dropped < segment.count:
+                    first_s = segment.message(segment.dropped)[0] if segment.dropped else segment.begin_s
+                    return min(self._before_s, now_s - first_s)
         return 0.0
 
     def close(self) -> None:

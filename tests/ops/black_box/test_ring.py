@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import tracemalloc
 from typing import List
 
 from robot_health_monitor.core.middleware import RawFormat
@@ -124,3 +125,17 @@ def test_memory_is_bounded_and_released_whatever_happens() -> None:
     for reader in readers:
         reader.close()
     assert ring.used_bytes == 0
+
+
+def test_dropped_messages_leave_nothing_in_memory() -> None:
+    robot = RobotRing(Ring(100 * SIZE), 3600.0)
+    robot.begin_segment(0.0, {}, 0)
+    add(robot, 0.0, 1.0)
+    tracemalloc.start()
+    try:
+        for number in range(2, 100_000):
+            add(robot, float(number))
+        assert tracemalloc.get_traced_memory()[0] < 150 * SIZE
+    finally:
+        tracemalloc.stop()
+    assert everything(robot.reader()) == [float(number) for number in range(99_900, 100_000)]
