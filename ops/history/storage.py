@@ -48,6 +48,8 @@ SLOW_S = 3.0
 """A disk that takes longer is reported, in s."""
 
 _MEMORY_BYTES = 16e6
+_EMPTY_BYTES = 120_000
+"""Of a database without rows: each table takes a page or two."""
 _LOG_BYTES = 8e6
 _BATCH_BYTES = 200e3
 _FIRST_RETRY_S, _LAST_RETRY_S = 5.0, 60.0
@@ -74,7 +76,9 @@ class Storage:
         self._log_bytes = min(_LOG_BYTES, 0.2 * keep_bytes)
         self._max_log_bytes = 1.5 * self._log_bytes
         self._max_bytes = 1.05 * keep_bytes - self._max_log_bytes - _BATCH_BYTES
-        self._max_memory_bytes = _MEMORY_BYTES if file is None else min(_MEMORY_BYTES, 0.5 * self._log_bytes)
+        self._max_memory_bytes = (
+            _MEMORY_BYTES if file is None else min(_MEMORY_BYTES, _EMPTY_BYTES + 0.5 * self._log_bytes)
+        )
         self._faults = faults
         self._wall_s = wall_s
         self._file: Optional[DatabaseFile] = None

@@ -66,7 +66,7 @@ def test_every_configuration_that_is_installed_is_right(robot_health: Start, fil
         ),
         pytest.param(
             b"notfy: {}\n",
-            ":1: notfy: unknown key; did you mean notify? expected one of history, notify, server",
+            ":1: notfy: unknown key; did you mean notify? expected one of history, black_box, notify, server",
             id="ops.yaml whose only section is misspelt",
         ),
         pytest.param(b"signals: {arm: {}}\n", ":1: signals: expected below the name of a node: ", id="no node"),

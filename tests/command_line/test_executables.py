@@ -251,8 +251,9 @@ def test_a_wrong_ops_yaml_ends_the_node_before_it_subscribes(tmp_path: Path, cap
     assert start("alert_system", process) == ExitCode.USAGE
     assert capfd.readouterr().err.splitlines() == [
         f"alert_system: {file}:1: history.keep_gb: unknown key; did you mean keep_mb? expected one of file, keep_days, "
-        "keep_mb",
-        f"alert_system: {file}:2: notfy: unknown key; did you mean notify? expected one of history, notify, server",
+        "keep_mb, samples",
+        f"alert_system: {file}:2: notfy: unknown key; did you mean notify? expected one of history, black_box, notify, "
+        "server",
     ]
     assert process.bus.log_lines == []  # it watches nothing
 

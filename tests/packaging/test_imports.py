@@ -27,8 +27,8 @@ ALLOWED = {
     "ros2": ROS2 | MESSAGES,
     "rosbridge": {"aiohttp", "cbor2"},
     "recordings": {"yaml"} | RECORDINGS,
-    "ops": {"aiohttp", "numpy", "prometheus_client"},
-    NAME: {"rich"},
+    "ops": {"aiohttp", "mcap", "numpy", "prometheus_client", "yaml"},
+    NAME: {"numpy", "rich"},
 }
 """Packages that a folder may import, in addition to the standard library and this package."""
 
