@@ -50,6 +50,9 @@ ROS1_PACKAGES = [
 RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 """Of the tests of recordings, the one that needs ROS 1."""
 
+FLEET_TESTS = [f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "pushing_fleet", "two_engines")]
+"""Robots, agents and centres for minutes: beside the other sessions, since most of the time passes with waiting."""
+
 TOOLS = [
     ["prometheus"],
     ["prometheus-alertmanager"],
@@ -121,7 +124,7 @@ ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
 ROS2_VENV = ["--system-site-packages"] if JAZZY else []
 
 nox.options.envdir = ".venv"
-nox.options.sessions = ["core", "ros1", "packaging", "ros2", "lint", "types"]  # the longest first
+nox.options.sessions = ["core", "ros1", "fleets", "packaging", "ros2", "lint", "types"]  # the longest first
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
 nox.options.download_python = "never"
@@ -169,7 +172,15 @@ def core(session: nox.Session) -> None:
     others = ("ros1", "ros2", "packaging", "chaos/test_ros1.py", "chaos/test_ros2.py")
     if session.python != NEWEST:
         session.env["NEWEST_PYTHON_SESSION"] = f"core-{NEWEST}"
-    run_pytest(session, "tests", *(f"--ignore=tests/{name}" for name in others))
+    ignored = [*(f"tests/{name}" for name in others), *FLEET_TESTS]
+    run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
+
+
+@nox.session(python=NEWEST, requires=["apt"])
+def fleets(session: nox.Session) -> None:
+    """The tests with fleets that push to Prometheus and to VictoriaMetrics."""
+    set_up(session, {})
+    run_pytest(session, *FLEET_TESTS)
 
 
 @nox.session(python=SYSTEM_PYTHON, venv_params=["--system-site-packages"], requires=["apt"])
