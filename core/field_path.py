@@ -192,7 +192,7 @@ def named_element(elements: Sequence[Any], names: Sequence[str], key: str, array
     try:
         return elements[names.index(key)]
     except ValueError:
-        return ABSENT
+        return _unnamed_among(names, names_array) or ABSENT
 
 
 def named_elements(elements: Sequence[Any], names: Sequence[Any], place: str, pattern: str, read: Getter) -> Any:
@@ -202,13 +202,13 @@ def named_elements(elements: Sequence[Any], names: Sequence[Any], place: str, pa
     """
     if len(elements) > MOST_ELEMENTS:
         return too_many(len(elements))
-    for at, name in enumerate(names):
-        if type(name) is not str:
-            return unnamed(f"{place}[{at}]", name)
-    return (
-        _read_all(((name, element) for name, element in zip(names, elements) if matches_pattern(name, pattern)), read)
-        or ABSENT
-    )
+    chosen = ((name, element) for name, element in zip(names, elements) if matches_pattern(name, pattern))
+    return _unnamed_among(names, place) or _read_all(chosen, read) or ABSENT
+
+
+def _unnamed_among(names: Sequence[Any], place: str) -> Optional[BadDatum]:
+    """Returns the datum for the first name that is not a text; None: all are."""
+    return next((unnamed(f"{place}[{at}]", name) for at, name in enumerate(names) if type(name) is not str), None)
 
 
 def numbered_elements(elements: Sequence[Any], read: Optional[Getter]) -> Any:
@@ -309,7 +309,8 @@ def _keyed(elements: Sequence[Any], key: str, above: Any, array: str) -> Any:
     beside = _names_beside(elements, above, array)
     if beside is not None:
         return named_element(elements, above[beside], key, array, beside)
-    return next((element for element in elements if element.get(key_field(element)) == key), ABSENT)
+    names = [element.get(key_field(element)) for element in elements]
+    return elements[names.index(key)] if key in names else _unnamed_among(names, array) or ABSENT
 
 
 def _names_beside(elements: Sequence[Any], above: Any, array: str) -> Optional[str]:

@@ -17,10 +17,12 @@ SIGNALS: Dict[str, Any] = {
     "left": {"topic": "/in", "type": JOINTS, "field": 'effort["wheel_left"]'},
     "highest": {"topic": "/in", "type": JOINTS, "field": "effort[*]", "reduce": "max"},
     "drivers": {"topic": "/in", "type": DIAGNOSTICS, "field": 'status["*"]'},
+    "motor": {"topic": "/in", "type": DIAGNOSTICS, "field": 'status["motor"]'},
 }
 GOOD: Dict[str, Any] = {
     "age": {"header": {"stamp": {"sec": 1_700_000_000, "nanosec": 0}}},
     "drivers": {"status": [{"name": "motor", "level": 0, "message": "fine"}]},
+    "motor": {"status": [{"name": "motor", "level": 0, "message": "fine"}]},
 }
 GOOD_JOINTS = {"name": ["wheel_left", "arm"], "effort": [1.0, 2.0]}
 
@@ -44,12 +46,14 @@ def driver(name: Any, level: Any) -> Dict[str, Any]:
         ({"header": {"stamp": "now"}}, "age", "'now'"),
         ({"name": [1, 2], "effort": [1.0, 2.0]}, "wheels", "name[0] is not a text: 1"),
         ({"name": ["wheel_left", None], "effort": [1.0, 2.0]}, "wheels", "name[1] is not a text: None"),
+        ({"name": [1, "arm"], "effort": [1.0, 2.0]}, "left", "name[0] is not a text: 1"),
         ({"name": ["wheel_left"], "effort": ["x"]}, "wheels[wheel_left]", "'x'"),
         ({"name": ["wheel_left"], "effort": [[1.0]]}, "wheels[wheel_left]", "a message or a list, not a number"),
         ({"name": ["wheel_left"], "effort": [[1.0]]}, "left", "[1.0]"),
         ({"effort": [[1.0], {}, "x", None]}, "highest", "none of 4 elements is measured"),
         (driver(5, 0), "drivers", "status[0] is not a text: 5"),
         (driver(["motor"], 0), "drivers", "status[0] is not a text: ['motor']"),
+        (driver(5, 0), "motor", "status[0] is not a text: 5"),
         (driver("motor", "1"), "drivers[motor]", "level '1'"),
         (driver("motor", 1.5), "drivers[motor]", "level 1.5"),
     ],
