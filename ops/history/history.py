@@ -334,9 +334,9 @@ class RobotHistory:
         query = """
             SELECT max(coalesce(watches.stopped_s, runs.stopped_s, runs.alive_s))
             FROM watches JOIN runs ON runs.id = run_id
-            WHERE robot = ?1 AND watches.id < (SELECT max(id) FROM watches WHERE robot = ?1)
+            WHERE robot = :robot AND watches.id < (SELECT max(id) FROM watches WHERE robot = :robot)
         """
-        row = self._read(lambda connection: connection.execute(query, (self._robot,)).fetchone())
+        row = self._read(lambda connection: connection.execute(query, {"robot": self._robot}).fetchone())
         return row[0] if row is not None and isinstance(row[0], float) else None
 
     def record(self, transition: Transition, saved: SavedSignal, evidence: Sequence[Tuple[float, Any]]) -> None:

@@ -206,10 +206,10 @@ def configuration(connection: sqlite3.Connection, robot: str, at_s: float) -> Op
     """
     query = """
         SELECT configuration_changes.id, text FROM configuration_changes JOIN configurations USING (hash)
-        WHERE robot = ?1 ORDER BY wall_s > ?2, CASE WHEN wall_s > ?2 THEN configuration_changes.id
+        WHERE robot = :robot ORDER BY wall_s > :at_s, CASE WHEN wall_s > :at_s THEN configuration_changes.id
         ELSE -configuration_changes.id END LIMIT 1
     """
-    rows = connection.execute(query, (robot, at_s)).fetchall()
+    rows = connection.execute(query, {"robot": robot, "at_s": at_s}).fetchall()
     for _, text in checked(connection, "configuration_changes", rows, (is_count, is_json_object)):
         found: Dict[str, Any] = json.loads(text)
         return found
