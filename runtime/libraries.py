@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import os
+import sys
+import sysconfig
 from typing import Iterator, List
 
 from robot_health_monitor.core.errors import ServiceError
 
-__all__ = ["RECORDINGS", "ROSBRIDGE", "MissingLibraryError", "libraries", "missing_libraries", "missing_text"]
+__all__ = [
+    "RECORDINGS",
+    "ROSBRIDGE",
+    "MissingLibraryError",
+    "debian_package",
+    "libraries",
+    "missing_libraries",
+    "missing_text",
+]
 
-ROSBRIDGE = ("aiohttp", "cbor2")
-"""What rosbridge needs, as a server and as a client."""
+ROSBRIDGE = ("aiohttp",)
+"""What rosbridge needs, as a server and as a client; cbor2 is optional."""
 RECORDINGS = ("lz4", "mcap", "numpy", "rosbags", "zstandard")
 """What reading every kind of recording needs: the extra `[recordings]`."""
 
 _PACKAGES = {"yaml": "PyYAML"}
 """Packages whose modules have other names."""
+_NOT_IN_DEBIAN = {"mcap", "rosbags"}
 
 
 class MissingLibraryError(ServiceError):
@@ -46,7 +58,24 @@ def missing_libraries(error: ImportError, *names: str) -> List[str]:
 def missing_text(packages: List[str]) -> str:
     """Returns one line: what is missing, and the command that installs it."""
     verb = "is" if len(packages) == 1 else "are"
-    return f"{', '.join(packages)} {verb} not installed: pip install {' '.join(packages)}"
+    return f"{', '.join(packages)} {verb} not installed: {_install_command(packages)}"
+
+
+def _install_command(packages: List[str]) -> str:
+    if not _is_debian_python() or _NOT_IN_DEBIAN & set(packages):
+        return f"pip install {' '.join(packages)}"
+    return f"apt install {' '.join(map(debian_package, packages))}"
+
+
+def debian_package(package: str) -> str:
+    """Returns the name in Debian and Ubuntu, and the rosdep key, of a package of PyPI."""
+    return f"python3-{package.lower().replace('_', '-').replace('pyyaml', 'yaml')}"
+
+
+def _is_debian_python() -> bool:
+    """Returns True for the system's Python where pip refuses to install into it (PEP 668) and apt is there instead."""
+    marker = os.path.join(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED")
+    return sys.prefix == sys.base_prefix and os.path.exists(marker) and os.path.exists("/usr/bin/apt")
 
 
 def _can_be_imported(name: str) -> bool:

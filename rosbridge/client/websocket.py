@@ -17,7 +17,7 @@ from aiohttp.abc import AbstractResolver
 from robot_health_monitor.runtime.event_loops import run_in_daemon_thread
 
 from ..address import http_address
-from ..protocol import CBOR_SUBPROTOCOL, Wire
+from ..protocol import SUBPROTOCOLS, Wire
 from ..sockets import ignore_result, limit_reads, within
 from .cause import RedirectError
 
@@ -55,7 +55,7 @@ async def open_socket(
     async def connect() -> Socket:
         socket: aiohttp.ClientWebSocketResponse[Any] = await session.ws_connect(
             http_address(url),
-            protocols=[CBOR_SUBPROTOCOL],
+            protocols=SUBPROTOCOLS,
             autoping=False,
             max_msg_size=largest_message_bytes,
             **options,

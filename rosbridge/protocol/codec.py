@@ -17,11 +17,18 @@ import struct
 import zlib
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Union
 
-import cbor2
-
 from robot_health_monitor.core.errors import MessageError
+from robot_health_monitor.runtime.libraries import missing_text
 
 from .limits import DEFAULT_LIMITS, Limits, ProtocolError, shown
+
+try:
+    import cbor2
+except ImportError:  # optional, and only for encoding: the Debian packages of the nodes do not depend on it
+    cbor2 = None  # type: ignore[assignment]
+
+CBOR_PROBLEM = missing_text(["cbor2"]) if cbor2 is None else ""
+"""Why CBOR cannot be sent; empty: it can."""
 
 Wire = Union[str, bytes]
 """One WebSocket message: text for JSON, binary for CBOR."""
@@ -175,7 +182,9 @@ _FLOATS = {25: struct.Struct(">e"), 26: struct.Struct(">f"), 27: struct.Struct("
 
 
 def encode_cbor(value: Mapping[str, Any]) -> bytes:
-    """Returns `value` as CBOR; raises MessageError if it contains a type that cannot be encoded."""
+    """Returns `value` as CBOR; MessageError: it contains a type that cannot be encoded, or `CBOR_PROBLEM`."""
+    if cbor2 is None:
+        raise MessageError(CBOR_PROBLEM)
     try:
         return cbor2.dumps(value)
     except (cbor2.CBOREncodeError, ValueError, TypeError) as error:

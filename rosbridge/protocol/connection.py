@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from .codec import Wire, decode, encode_cbor, encode_json, encode_json_with_nan, encode_png
+from .codec import CBOR_PROBLEM, Wire, decode, encode_cbor, encode_json, encode_json_with_nan, encode_png
 from .limits import DEFAULT_LIMITS, Id, Limits, ProtocolError, shown
 from .operations import Operation, operation_fields, read_operation
 
 CBOR_SUBPROTOCOL = "rosbridge.v2.cbor"
 """WebSocket subprotocol by which this package's client and server agree to send CBOR."""
+SUBPROTOCOLS: Sequence[str] = () if CBOR_PROBLEM else (CBOR_SUBPROTOCOL,)
+"""Those that a client requests and a server accepts."""
 
 
 class Connection:

@@ -25,7 +25,7 @@ from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import ServedMiddleware, Severity
 from robot_health_monitor.runtime.event_loops import LoopThread, ThreadPool
 
-from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, Limits
+from ..protocol import CBOR_SUBPROTOCOL, DEFAULT_LIMITS, SUBPROTOCOLS, Limits
 from ..sockets import FloodError, Incoming, limit_reads
 from .access import Access, Client, Credentials, TokenCheck, check_request, is_loopback
 from .connections import ClientLog, Connections, HttpConnection, Stage, connection_limit, json_error
@@ -256,7 +256,7 @@ class Server:
             autoping=False,
             max_msg_size=self._parts.limits.message_bytes if authenticated else _UNAUTHENTICATED_BYTES,
             compress=False,
-            protocols=[CBOR_SUBPROTOCOL],
+            protocols=SUBPROTOCOLS,
         )
         await socket.prepare(request)
         transport = request.transport

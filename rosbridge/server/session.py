@@ -9,7 +9,7 @@ from robot_health_monitor.core.errors import ConfigError, MessageError, ServiceE
 from robot_health_monitor.core.middleware import canonical_type
 from robot_health_monitor.runtime.event_loops import ThreadPool
 
-from ..protocol import Connection, Id, Limits, Operation, ProtocolError, Wire, operations
+from ..protocol import CBOR_PROBLEM, Connection, Id, Limits, Operation, ProtocolError, Wire, operations
 from .access import Access
 from .sending import LARGE_BYTES, SendQueue, SlowClients, estimated_bytes, frame
 from .served_node import ServedNode
@@ -142,6 +142,8 @@ class Session:
         limits = self._parts.limits
         if sum(map(len, self._subscriptions.values())) >= limits.subscriptions and request.id not in requests:
             raise ProtocolError(f"more than {limits.subscriptions} subscriptions", "subscribe", request.id)
+        if CBOR_PROBLEM and request.compression in ("cbor", "cbor-raw"):
+            raise ProtocolError(f"compression {request.compression}: {CBOR_PROBLEM}", "subscribe", request.id)
         merged = self._subscriptions[request.topic] = {**requests, request.id: options_of(request, limits)}
         try:
             await self._parts.topics.subscribe(self, request.topic, request.type, merge(merged.values()))

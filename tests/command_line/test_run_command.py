@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import json
 import os
@@ -14,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List
 
+import aiohttp
 import pytest
 from harness.line_process import LineProcess
 from harness.unread import fill
@@ -295,14 +297,48 @@ def test_it_ends_while_clients_reconnect_at_once(robot_health: Start, calm: Path
     assert not process.errors
 
 
+def path_without(library: str, folder: Path) -> str:
+    """Returns a PYTHONPATH with this project, on which a library is not installed."""
+    missing = f"raise ModuleNotFoundError(\"No module named '{library}'\", name='{library}')\n"
+    (folder / f"{library}.py").write_text(missing)
+    return f"{folder}{os.pathsep}{Path(__file__).resolve().parents[2]}"
+
+
+def test_without_cbor2_clients_talk_json_and_one_that_requests_cbor_gets_one_line(
+    robot_health: Start, restless: Path, tmp_path: Path, free_port: int
+) -> None:
+    path = path_without("cbor2", tmp_path)
+    process = robot_health("run", "--thresholds", restless, "--port", free_port, PYTHONPATH=path)
+    process.wait_for_text("serving on")
+    watcher = robot_health("connect", f"ws://127.0.0.1:{free_port}", "--thresholds", restless, PYTHONPATH=path)
+    watcher.wait_for_text("battery_level ERROR: ")
+    replies = []
+
+    async def request_cbor() -> None:
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"ws://127.0.0.1:{free_port}") as socket:
+            for request in (
+                {"op": "set_level", "level": "error"},
+                {"op": "subscribe", "topic": "/battery_level", "compression": "cbor", "id": "bytes"},
+                {"op": "subscribe", "topic": "/battery_level", "id": "text"},
+            ):
+                await socket.send_str(json.dumps(request))
+            replies.extend([await socket.receive_json(timeout=30.0) for _ in range(2)])
+
+    asyncio.run(request_cbor())
+    status, message = replies
+    assert (status["op"], status["level"], status["id"]) == ("status", "error", "bytes")
+    assert status["msg"].startswith("subscribe: compression cbor: cbor2 is not installed: ")
+    assert list(message["msg"]) == ["data"]
+    for each in (watcher, process):
+        each.signal()
+        assert each.wait() == 0
+        assert not each.errors and "cbor2" not in each.text
+
+
 def test_without_aiohttp_it_monitors_and_says_what_is_missing(
     robot_health: Start, restless: Path, tmp_path: Path
 ) -> None:
-    hidden = tmp_path / "hidden"
-    hidden.mkdir()
-    (hidden / "aiohttp.py").write_text("raise ModuleNotFoundError(\"No module named 'aiohttp'\", name='aiohttp')\n")
-    path = f"{hidden}{os.pathsep}{Path(__file__).resolve().parents[2]}"
-    process = robot_health("run", "--thresholds", restless, "--port", 0, PYTHONPATH=path)
+    process = robot_health("run", "--thresholds", restless, "--port", 0, PYTHONPATH=path_without("aiohttp", tmp_path))
     process.wait_for_text("[ERROR] alert_system: server: web page and rosbridge are off: install aiohttp")
     process.wait_for_text("battery_level OK: ")
     process.signal()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import sys
+import sysconfig
+from pathlib import Path
 
 import pytest
 
@@ -46,4 +48,33 @@ def test_a_library_that_cannot_be_loaded_counts_as_missing(monkeypatch: pytest.M
 
 
 def test_the_line_says_what_to_do() -> None:
+    assert missing_text(["rich"]) == "rich is not installed: pip install rich"
+
+
+def in_debian_python(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Python as Debian 12 and Ubuntu 24.04 install it: pip refuses to install into it."""
+    if not Path("/usr/bin/apt").exists():
+        pytest.skip("apt is not installed")
+    (folder / "EXTERNALLY-MANAGED").touch()
+    monkeypatch.setattr(sysconfig, "get_path", lambda name: str(folder))
+    monkeypatch.setattr(sys, "prefix", sys.base_prefix)
+
+
+def test_where_pip_may_not_install_the_line_has_the_packages_of_apt(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    in_debian_python(monkeypatch, tmp_path)
+    assert missing_text(["cbor2", "rich"]) == "cbor2, rich are not installed: apt install python3-cbor2 python3-rich"
+    packages = missing_text(["PyYAML", "prometheus_client"]).partition(": ")[2]
+    assert packages == "apt install python3-yaml python3-prometheus-client"
+
+
+def test_what_debian_does_not_have_comes_from_pip(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    in_debian_python(monkeypatch, tmp_path)
+    assert missing_text(["mcap", "numpy"]) == "mcap, numpy are not installed: pip install mcap numpy"
+
+
+def test_in_a_virtual_environment_pip_installs_on_debian_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    in_debian_python(monkeypatch, tmp_path)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
     assert missing_text(["rich"]) == "rich is not installed: pip install rich"

@@ -1,0 +1,63 @@
+"""Reads package.xml for the release tools; as a command, refuses placeholders in it.
+
+python3 release/manifest.py     prints each placeholder with its line; exit code 1 if there is one
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Dict, List
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).resolve().parents[1]
+MANIFEST = ROOT / "package.xml"
+
+_PLACEHOLDER = re.compile(r"[\w.@/:+-]*\b(example\.(com|net|org)|[\w-]+\.(example|invalid|test))\b[\w./-]*")
+"""Addresses that never exist (RFC 2606)."""
+_ROLES = ("build_depend", "buildtool_depend", "exec_depend", "test_depend")
+
+
+def text(tag: str, manifest: Path = MANIFEST) -> str:
+    """Returns the text of the first element with this tag."""
+    found = ElementTree.parse(manifest).findtext(tag)
+    assert found, f"{manifest} has no {tag}"
+    return found
+
+
+def urls() -> Dict[str, str]:
+    """Returns the addresses of the project by type: website, bugtracker, repository."""
+    return {url.get("type", ""): url.text or "" for url in ElementTree.parse(MANIFEST).findall("url")}
+
+
+def keys(role: str = "exec_depend", condition: str = "") -> List[str]:
+    """Returns the rosdep keys of one role that have this condition; empty: those without one."""
+    assert role in _ROLES
+    found = ElementTree.parse(MANIFEST).findall(role)
+    return [element.text or "" for element in found if element.get("condition", "") == condition]
+
+
+def placeholders(manifest: Path = MANIFEST) -> List[str]:
+    """Returns one line for each address that nobody can reach; a release must have none."""
+    lines = re.sub(r"<!--.*?-->", _blank, manifest.read_text("utf-8"), flags=re.DOTALL).splitlines()
+    return [
+        f"{manifest.name}:{number}: {found[0]} is a placeholder; expected a real address"
+        for number, line in enumerate(lines, 1)
+        for found in _PLACEHOLDER.finditer(line)
+    ]
+
+
+def _blank(comment: re.Match[str]) -> str:
+    return "\n" * comment[0].count("\n")
+
+
+def main() -> int:
+    """Prints the placeholders in package.xml; returns the exit code."""
+    found = placeholders()
+    print(*found, sep="\n", end="\n" if found else "")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
