@@ -6,9 +6,9 @@ would delay the exit by half a minute, and a folder on a server that does not an
 
 from __future__ import annotations
 
+import os
 import queue
 import select
-import socket
 import threading
 from contextlib import closing
 from typing import Callable, List, Optional
@@ -33,7 +33,8 @@ class MonotonicEvent:
         """Creates an event that is not set."""
         self._is_set = False
         self._lock = threading.Lock()
-        self._reader, self._writer = socket.socketpair()
+        reader, writer = os.pipe()  # not a pair of sockets: `import socket` takes memory in every node
+        self._reader, self._writer = open(reader, "rb", buffering=0), open(writer, "wb", buffering=0)
         self._poll = select.poll()
         self._poll.register(self._reader, select.POLLIN)
 
@@ -55,14 +56,14 @@ class MonotonicEvent:
         with self._lock:
             if not self._is_set:
                 self._is_set = True
-                self._writer.send(b"1")
+                self._writer.write(b"1")
 
     def clear(self) -> None:
         """Lets `wait` wait again."""
         with self._lock:
             if self._is_set:
                 self._is_set = False
-                self._reader.recv(1)
+                self._reader.read(1)
 
     def wait(self, timeout_s: float) -> bool:
         """Waits until it is set, at most `timeout_s`; returns whether it is set."""

@@ -29,7 +29,7 @@ from .host import (
 from .processes import ProcessSource
 from .source import Source
 
-__all__ = ["HOST_SOURCES", "PRESETS", "HostReading", "HostSource"]
+__all__ = ["HOST_SOURCES", "HostReading", "HostSource"]
 
 Options = Dict[str, Any]
 
@@ -284,23 +284,3 @@ HOST_SOURCES: Mapping[str, HostSource] = {
     ),
 }  # fmt: skip
 """Allowed values of `source` in the section `host` of battery_sensor."""
-
-PRESETS: Mapping[str, Tuple[str, ...]] = {
-    "none": (),
-    "standard": (
-        "load_5min",
-        "memory_percent",
-        "swap_percent",
-        "pressure_memory",
-        "oom_kills",
-        "disk_percent",
-        "disk_inodes_percent",
-        "disk_read_only",
-        "network_carrier",
-        "wifi_signal",
-        "clock_synchronized",
-        "throttled",
-        "systemd_failed",
-    ),
-}
-"""Sources that `host_preset` adds to the section `host`, each with its own name and without options."""

@@ -1,6 +1,7 @@
 """Configuration of battery_sensor: its metrics, and the source of each: simulated, this machine, or none.
 
-`catalogue.py` lists the metrics of this machine.
+`catalogue.py` lists the metrics of this machine. It is imported where one of them is configured: reading this machine
+takes a megabyte, which a node with simulated values or with none does without.
 """
 
 from __future__ import annotations
@@ -8,19 +9,41 @@ from __future__ import annotations
 import random
 import re
 from dataclasses import replace
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Mapping, Optional, Tuple
 
 from ..errors import ConfigError, Path, Problems
 from ..parameters import Parameter, read_parameters, require_mapping
-from .catalogue import HOST_SOURCES, PRESETS
 from .computer import Computer
 from .simulated import SimulatedBattery, SimulatedCpuUsage, SimulatedTemperature
 from .source import Source
+
+if TYPE_CHECKING:
+    from .catalogue import HostSource
 
 METRICS: Mapping[str, str] = {"battery_level": "%", "temperature": "degC", "cpu_usage": "%"}
 """Name (which is also the topic) and unit of the standard metrics, in the order in which they are published."""
 
 SEED = Parameter("seed", int, None, "seed of the simulated values; left out: different values at every start")
+
+PRESETS: Mapping[str, Tuple[str, ...]] = {
+    "none": (),
+    "standard": (
+        "load_5min",
+        "memory_percent",
+        "swap_percent",
+        "pressure_memory",
+        "oom_kills",
+        "disk_percent",
+        "disk_inodes_percent",
+        "disk_read_only",
+        "network_carrier",
+        "wifi_signal",
+        "clock_synchronized",
+        "throttled",
+        "systemd_failed",
+    ),
+}
+"""Sources that `host_preset` adds to the section `host`, each with its own name and without options."""
 
 HOST_PRESET = Parameter(
     "host_preset",
@@ -67,7 +90,6 @@ HOST_SECTION = "host"
 SECTION_NAMES = (*METRIC_PARAMETERS, HOST_SECTION)
 """Sections of the node's configuration."""
 
-_HOST_SOURCE = Parameter("source", str, None, "metric of this machine", choices=tuple(HOST_SOURCES))
 _HOST_METRICS = {"battery_level": "battery_percent", "temperature": "temperature", "cpu_usage": "cpu_percent"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 
@@ -147,22 +169,31 @@ def _host_sections(tree: Mapping[str, Any], path: Path) -> Mapping[str, Mapping[
     return {**{name: {"source": name} for name in PRESETS[preset]}, **sections}
 
 
+def _host_sources() -> Mapping[str, HostSource]:
+    from .catalogue import HOST_SOURCES
+
+    return HOST_SOURCES
+
+
+def _host_source() -> Parameter:
+    return Parameter("source", str, None, "metric of this machine", choices=tuple(_host_sources()))
+
+
 def _host_parameters(source: str) -> Tuple[Parameter, ...]:
-    return (_HOST_SOURCE, *HOST_SOURCES[source].options)
+    return (_host_source(), *_host_sources()[source].options)
 
 
 def _read_host_source(section: Mapping[str, Any], path: Path, computer: Computer) -> Source:
+    parameter = _host_source()
     if section.get("source") is None:
-        raise ConfigError(
-            f"is missing; expected {_HOST_SOURCE.allowed} (see `robot-health sources`)", (*path, "source")
-        )
-    source = _HOST_SOURCE.read(section["source"], (*path, "source"))
-    options = read_parameters(section, _host_parameters(source), path)
+        raise ConfigError(f"is missing; expected {parameter.allowed} (see `robot-health sources`)", (*path, "source"))
+    kind = parameter.read(section["source"], (*path, "source"))
+    options = read_parameters(section, _host_parameters(kind), path)
     del options["source"]
-    required = HOST_SOURCES[source].required
-    if required and not any(options[name] for name in required):
-        raise ConfigError(f"expected {' or '.join(required)}, to select processes", path)
-    return HOST_SOURCES[source].make(computer, **options)
+    source = _host_sources()[kind]
+    if source.required and not any(options[name] for name in source.required):
+        raise ConfigError(f"expected {' or '.join(source.required)}, to select processes", path)
+    return source.make(computer, **options)
 
 
 def _read_source(metric: str, tree: Mapping[str, Any], seed: str, path: Path, computer: Computer) -> Optional[Source]:
@@ -171,7 +202,7 @@ def _read_source(metric: str, tree: Mapping[str, Any], seed: str, path: Path, co
     if kind == "none":
         return None
     if kind == "host":
-        return HOST_SOURCES[_HOST_METRICS[metric]].make(computer)
+        return _host_sources()[_HOST_METRICS[metric]].make(computer)
     if metric == "battery_level":
         return SimulatedBattery(**values)
     if metric == "temperature":

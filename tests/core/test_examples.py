@@ -12,7 +12,7 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.model import Level, Sample, Transition
 from robot_health_monitor.core.nodes import AlertSystem, BatterySensor
 from robot_health_monitor.core.outlets import Event
-from robot_health_monitor.core.sensors.catalogue import PRESETS
+from robot_health_monitor.core.sensors.configuration import PRESETS
 from robot_health_monitor.core.yaml_file import read_yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"

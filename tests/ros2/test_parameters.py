@@ -177,6 +177,24 @@ def test_an_unknown_parameter_is_refused_by_its_name(ros: Any) -> None:
     assert watched.trees == []
 
 
+def test_ten_requests_may_wait_while_the_node_is_busy(ros: Any) -> None:
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter as Native
+
+    accepted: List[bool] = []
+    watched = Watched(ros, GIVEN)
+    client = ros._me.create_client(SetParameters, f"{watched.node.name}/set_parameters")
+    ros.wait_until(client.service_is_ready)
+    with watched.node._lock:  # the first change waits for it, and the others for the first
+        for warn_below in range(21, 31):
+            change = Native(WARN_BELOW, value=float(warn_below)).to_parameter_msg()
+            answer = client.call_async(SetParameters.Request(parameters=[change]))
+            answer.add_done_callback(lambda done: accepted.append(done.result().results[0].successful))
+    ros.wait_until(lambda: len(accepted) == 10)
+    assert accepted == [True] * 10
+    ros._me.destroy_client(client)
+
+
 THRESHOLDS = """alert_system:
   ros__parameters:
     signals:
