@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from setuptools import setup
+from setuptools.command.install import install
 
 NAME = "robot_health_monitor"
 FOLDERS = ["core", "runtime", "ros1", "ros2", "rosbridge", "recordings", "ops"]
@@ -33,12 +34,22 @@ data_files = [
     ("share/" + NAME + "/config", sorted(glob("config/*.yaml"))),
     ("share/" + NAME + "/systemd", ["resource/robot-health.service", "resource/robot-health@.service"]),
 ]
-# colcon runs this file itself; pip runs it through the build backend and installs all commands into bin/.
-# For colcon they go where `ros2 run` looks for them, and bin/ gets a script that forwards to `robot-health`.
-options = {}
+
+
+class InstallForRos(install):
+    """Puts the commands where `ros2 run` looks for them, although bloom's debian/rules asks for bin/."""
+
+    def finalize_options(self):
+        self.install_scripts = "$base/lib/" + NAME
+        super().finalize_options()
+
+
+# colcon and Debian's tools run this file themselves; pip runs it through the build backend and installs all commands
+# into bin/. For ROS, bin/ gets a script that forwards to `robot-health`.
+commands = {}
 if "setuptools.build_meta" not in sys.modules:
     data_files.append(("bin", ["resource/robot-health"]))
-    options = {"install": {"install_scripts": "$base/lib/" + NAME}}
+    commands = {"install": InstallForRos}
 
 setup(
     name=NAME,
@@ -58,7 +69,7 @@ setup(
         NAME + ".ops.web.page": ["*.css", "*.html", "*.js", "*.svg"],
     },
     data_files=data_files,
-    options=options,
+    cmdclass=commands,
     install_requires=["PyYAML>=5.3", "aiohttp>=3.6", "cbor2", "prometheus-client>=0.7", "psutil>=5.5", "rich>=10.16"],
     extras_require={
         "apprise": ["apprise"],

@@ -16,6 +16,7 @@ from harness.packaging_workspace import (
     Workspace,
     check_share,
     installed_modules,
+    run,
     source_modules,
     version,
 )
@@ -45,6 +46,18 @@ def test_ros2_run_and_ros2_launch_find_everything(built: Workspace) -> None:
     built.shell(f"robot-health check {share / NAME}/config/thresholds.yaml")
     # Nothing but the two is on the PATH: `aggregator` is too common a name for it.
     assert [path.name for path in (built.prefix / "bin").iterdir()] == ["robot-health"]
+
+
+def test_the_debian_rules_of_bloom_install_the_nodes_where_ros2_run_finds_them(workspace: Workspace) -> None:
+    # The options of bloom's debian/rules for ament_python, which sends all commands to bin/.
+    options = ["--prefix", "/opt/ros/jazzy", "--install-scripts", "$base/bin", "--install-lib", "$base/lib/python3"]
+    root = workspace.folder / "root"
+    run([sys.executable, "setup.py", "install", "--root", str(root), *options], workspace.package, workspace.variables)
+    prefix = root / "opt" / "ros" / "jazzy"
+    assert sorted(path.name for path in (prefix / "lib" / NAME).iterdir()) == sorted([*NODES, "robot-health"])
+    assert [path.name for path in (prefix / "bin").iterdir()] == ["robot-health"]
+    assert installed_modules(prefix / "lib" / "python3" / NAME) == source_modules()
+    check_share(prefix / "share" / NAME)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="rclpy is not installed")
