@@ -50,8 +50,12 @@ ROS1_PACKAGES = [
 RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 """Of the tests of recordings, the one that needs ROS 1."""
 
-FLEET_TESTS = [f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "pushing_fleet", "two_engines")]
-"""Robots, agents and centres for minutes: beside the other sessions, since most of the time passes with waiting."""
+PROCESS_TESTS = [
+    "tests/command_line",
+    *(f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "pushing_fleet", "two_engines")),
+]
+"""Command lines, fleets and their centres, which run for minutes: beside the other sessions, since most of that time
+passes with waiting."""
 
 TOOLS = [
     ["prometheus"],
@@ -117,6 +121,7 @@ ROS_VARIABLES = {
 os.environ["PATH"] = search_path()
 PYTHONS = find_pythons()
 NEWEST = list(PYTHONS)[-1]
+OLDEST_AND_NEWEST = list(dict.fromkeys(["3.8", NEWEST]))
 NOETIC = sourced("noetic")
 JAZZY = sourced("jazzy")
 WHEELS_PYTHON = next((version for version in ("3.12", "3.13", "3.11", "3.10", "3.14") if version in PYTHONS), "3.12")
@@ -124,7 +129,7 @@ ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
 ROS2_VENV = ["--system-site-packages"] if JAZZY else []
 
 nox.options.envdir = ".venv"
-nox.options.sessions = ["core", "ros1", "fleets", "packaging", "ros2", "lint", "types"]  # the longest first
+nox.options.sessions = ["core", "ros1", "processes", "packaging", "ros2", "lint", "types"]  # the longest first
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
 nox.options.download_python = "never"
@@ -158,7 +163,7 @@ def missing_packages(packages: Iterable[str]) -> List[str]:
     return [package for package in packages if f"{package} installed" not in printed.splitlines()]
 
 
-@nox.session(python=list(dict.fromkeys(["3.8", NEWEST])), requires=["apt"])
+@nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
 def core(session: nox.Session) -> None:
     """The tests that need no ROS, on Python 3.8 and on the newest Python here.
 
@@ -170,17 +175,17 @@ def core(session: nox.Session) -> None:
         for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
             session.install(package, success_codes=range(256))
     others = ("ros1", "ros2", "packaging", "chaos/test_ros1.py", "chaos/test_ros2.py")
-    if session.python != NEWEST:
-        session.env["NEWEST_PYTHON_SESSION"] = f"core-{NEWEST}"
-    ignored = [*(f"tests/{name}" for name in others), *FLEET_TESTS]
+    note_newest_python(session)
+    ignored = [*(f"tests/{name}" for name in others), *PROCESS_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
 
 
-@nox.session(python=NEWEST, requires=["apt"])
-def fleets(session: nox.Session) -> None:
-    """The tests with fleets that push to Prometheus and to VictoriaMetrics."""
+@nox.session(python=OLDEST_AND_NEWEST, requires=["apt"])
+def processes(session: nox.Session) -> None:
+    """The tests of the command line, and of fleets that push to Prometheus and to VictoriaMetrics."""
     set_up(session, {})
-    run_pytest(session, *FLEET_TESTS)
+    note_newest_python(session)
+    run_pytest(session, *PROCESS_TESTS)
 
 
 @nox.session(python=SYSTEM_PYTHON, venv_params=["--system-site-packages"], requires=["apt"])
@@ -260,6 +265,12 @@ def require_ros1(session: nox.Session) -> None:
     variables = {**os.environ, **(NOETIC or {})}
     if subprocess.run([SYSTEM_PYTHON, "-c", "import rospy"], env=variables, stderr=subprocess.DEVNULL).returncode:
         session.skip("no ROS 1: Noetic is not in /opt/ros and Debian's ros-core is not installed")
+
+
+def note_newest_python(session: nox.Session) -> None:
+    """Tells tests/conftest.py where the tests run that do not depend on the version of Python."""
+    if session.python != NEWEST:
+        session.env["NEWEST_PYTHON_SESSION"] = f"{session.name.rpartition('-')[0]}-{NEWEST}"
 
 
 def set_up(session: nox.Session, ros: Optional[Mapping[str, str]], *requirements: str) -> None:
