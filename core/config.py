@@ -85,7 +85,7 @@ DEFAULT_SIGNALS: Mapping[str, Mapping[str, Any]] = {
 """The signals if none are configured, as in `config/thresholds.yaml`."""
 
 _CONDITION_PARAMETERS = tuple(
-    replace(parameter, name=f"{key}.{parameter.name}", description=f"{meaning}: {parameter.description}")
+    parameter.below(key, description=f"{meaning}: {parameter.description}")
     for key, meaning in CONDITIONS.items()
     for parameter in CONDITION_PARAMETERS
 )
@@ -328,5 +328,5 @@ def _described_parameters(signals: Tuple[str, ...], are_default: bool) -> Tuple[
         own = defaults.get(name, {})
         for parameter in (*SIGNAL_PARAMETERS, *_CONDITION_PARAMETERS):
             default = own.get(parameter.name, parameter.default)
-            described.append(replace(parameter, name=f"signals.{name}.{parameter.name}", default=default))
+            described.append(parameter.below(f"signals.{name}", default=default))
     return tuple(described)

@@ -12,6 +12,7 @@ import reprlib
 from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterable, Iterator, Mapping, Optional, Sequence, Tuple
 
+from .deprecation import warn_renamed
 from .errors import ConfigError, Path, Problems
 from .formatting import list_text
 
@@ -42,6 +43,13 @@ class Parameter:
     maximum: Optional[float] = None
     choices: Tuple[str, ...] = ()
     """The allowed texts; empty: any."""
+    former: str = ""
+    """Name of the key before it was renamed, which is accepted with a warning; empty: it was not."""
+
+    def below(self, prefix: str, **changes: Any) -> Parameter:
+        """Returns this parameter of the section `prefix`, by its dotted path; `changes` are fields to replace."""
+        former = f"{prefix}.{self.former}" if self.former else ""
+        return replace(self, name=f"{prefix}.{self.name}", former=former, **changes)
 
     @property
     def allowed(self) -> str:
@@ -168,6 +176,7 @@ def read_parameters(
     Returns a value per parameter; the default for a key that is left out. `sections` are keys of nested mappings, which
     are left to the caller. Raises ConfigError with all unknown keys and values that are not allowed.
     """
+    found = with_present_names(found, parameters, path)
     known = {parameter.name: parameter for parameter in parameters}
     values = {name: parameter.default for name, parameter in known.items()}
     problems = Problems()
@@ -179,6 +188,22 @@ def read_parameters(
             problems.add(unknown_key(key, [*known, *sections], path))
     problems.raise_if_any()
     return values
+
+
+def with_present_names(found: Mapping[str, Any], parameters: Sequence[Parameter], path: Path = ()) -> Mapping[str, Any]:
+    """Returns `found` with the present names of parameters instead of their former ones, with a warning for each.
+
+    Raises ConfigError if both names of a parameter are given.
+    """
+    renamed = {parameter.former: parameter.name for parameter in parameters if parameter.former in found}
+    problems = Problems()
+    for former, name in renamed.items():
+        if name in found:
+            problems.add(ConfigError(f"renamed to {name}, which is given too; remove this key", (*path, former)))
+        else:
+            warn_renamed(former, name, path)
+    problems.raise_if_any()
+    return {renamed.get(key, key): value for key, value in found.items()} if renamed else found
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[Tuple[str, Any]]:

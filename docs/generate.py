@@ -14,7 +14,6 @@ import re
 import sys
 import textwrap
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence
 from unittest import mock
@@ -124,7 +123,7 @@ def _sensor_parameters() -> Iterator[Parameter]:
     yield from _own(SENSOR_PARAMETERS)
     for metric, parameters in sensing.METRIC_PARAMETERS.items():
         for parameter in parameters:
-            yield replace(parameter, name=f"{metric}.{parameter.name}")
+            yield parameter.below(metric)
 
 
 def _default(default: Any) -> str:

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from robot_health_monitor.core.errors import ConfigError, Path, Problems
 from robot_health_monitor.core.formatting import bound_text
 from robot_health_monitor.core.model import Level
-from robot_health_monitor.core.parameters import Parameter, read_parameters, require_mapping
+from robot_health_monitor.core.parameters import Parameter, read_parameters, require_mapping, with_present_names
 from robot_health_monitor.core.yaml_file import YamlFile
 
 SECTIONS = ("history", "black_box", "notify", "server")
@@ -351,6 +351,8 @@ def _read_values(
 ) -> Dict[str, Any]:
     """Reads each key on its own, so that a wrong one does not hide the mistakes of others; wrong ones are left out."""
     values = read_parameters({}, parameters)
+    with problems:
+        found = with_present_names(found, parameters, path)
     for key, value in found.items():
         values.pop(key, None)
         with problems:

@@ -41,6 +41,13 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def _run_command(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
+    from robot_health_monitor.core.deprecation import shown_in_one_line
+
+    with shown_in_one_line("robot-health"):
+        return _run_parsed(argv, interrupts)
+
+
+def _run_parsed(argv: Optional[Sequence[str]], interrupts: Interrupts) -> int:
     from robot_health_monitor.core.errors import ConfigError, LinkError, MessageError, ServiceError
 
     from .arguments import parse

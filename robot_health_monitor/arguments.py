@@ -52,6 +52,14 @@ class Parser(argparse.ArgumentParser):
         self.check: Callable[[argparse.Namespace], str] = lambda found: ""
         """Returns what is wrong with the arguments together; empty: nothing."""
 
+    def add_former_name(self, former: str, present: str) -> None:
+        """Accepts the name that an option had before it was renamed, with a warning; the help does not show it."""
+        option = self._option_string_actions[present]
+        alike = {name: getattr(option, name) for name in ("dest", "nargs", "const", "type", "choices")}
+        self.add_argument(
+            former, action=_FormerName, present=option, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **alike
+        )
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parses arguments; unknown ones are an error of the command, not of `robot-health`."""
         found, unknown = super().parse_known_args(args, namespace)
@@ -74,6 +82,20 @@ class Parser(argparse.ArgumentParser):
             message = printable(message[:-1]) + "\n"
         super().exit(status, message)
         raise SystemExit(status)
+
+
+class _FormerName(argparse.Action):
+    def __init__(self, *arguments: Any, present: argparse.Action, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._present = present
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Optional[str] = None) -> None:
+        from robot_health_monitor.core.deprecation import warn_renamed
+
+        present = self._present
+        warn_renamed(str(option_string), present.option_strings[0])
+        present.required = False
+        present(parser, namespace, values, option_string)
 
 
 class ShowVersion(argparse.Action):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import difflib
 import os
 import re
 import sys
+import warnings
 from typing import Any, Callable, Dict, Iterator, List, Mapping, Protocol, Sequence, Tuple
 
 from robot_health_monitor.core.config import (
@@ -19,6 +21,7 @@ from robot_health_monitor.core.config import (
     refuse_missing_parameters,
     refuse_second_section,
 )
+from robot_health_monitor.core.deprecation import RenamedWarning
 from robot_health_monitor.core.errors import ConfigError, Problems
 from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.core.local import LocalBus
@@ -86,14 +89,25 @@ def _check_file(file: str) -> Tuple[str, List[ConfigError], List[ConfigError]]:
     duplicates, problems = Problems(), Problems()
     try:
         read = read_yaml(file, duplicates)
-        try:
-            summary = _check_contents(read, problems, remarks)
-            problems.raise_if_any()
-        except ConfigError as error:
-            raise read.locate(error) from None
+        with _renamed(read, remarks):
+            try:
+                summary = _check_contents(read, problems, remarks)
+                problems.raise_if_any()
+            except ConfigError as error:
+                raise read.locate(error) from None
     except ConfigError as error:
         errors.extend(error.all)
     return summary, remarks, sorted([*duplicates.errors, *errors], key=lambda error: error.line or 0)
+
+
+@contextlib.contextmanager
+def _renamed(file: YamlFile, remarks: List[ConfigError]) -> Iterator[None]:
+    """Adds a remark for each key of a file that was renamed, instead of a warning."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RenamedWarning)
+        yield
+    found = {each.message.path: each.message.problem for each in caught if isinstance(each.message, RenamedWarning)}
+    remarks += [file.locate(ConfigError(f"remark: {problem}", path)) for path, problem in found.items()]
 
 
 def _check_contents(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:

@@ -111,10 +111,11 @@ class _Running:
 
     def run(self, streams: StandardStreams) -> int:
         """Runs the nodes; returns the exit code."""
+        from robot_health_monitor.core.deprecation import shown_in_one_line
         from robot_health_monitor.core.errors import ConfigError, ServiceError
 
         process = self._process
-        with self._after_nodes, closing(process), self._before_nodes:
+        with shown_in_one_line(self._executable), self._after_nodes, closing(process), self._before_nodes:
             try:
                 process.start()
                 streams.on_change(self._report_stream)

@@ -139,11 +139,7 @@ def declared_parameters(tree: Mapping[str, Any]) -> Tuple[Parameter, ...]:
     for metric, found in _host_sections(tree, ()).items():
         parameters = _host_parameters(found["source"])
         sections[f"{HOST_SECTION}.{metric}"] = (replace(parameters[0], default=found["source"]), *parameters[1:])
-    return tuple(
-        replace(parameter, name=f"{section}.{parameter.name}")
-        for section, parameters in sections.items()
-        for parameter in parameters
-    )
+    return tuple(parameter.below(section) for section, parameters in sections.items() for parameter in parameters)
 
 
 def _section(tree: Mapping[str, Any], metric: str, path: Path) -> Mapping[str, Any]:

@@ -15,6 +15,7 @@ import pytest
 import robot_health_monitor
 from robot_health_monitor.arguments import (
     COMMANDS,
+    Parser,
     duration,
     find_installed,
     identifier,
@@ -24,6 +25,7 @@ from robot_health_monitor.arguments import (
     port,
     seconds,
 )
+from robot_health_monitor.core.deprecation import RenamedWarning
 from robot_health_monitor.core.version import package_version
 
 FOLDER = Path(robot_health_monitor.__file__).parent
@@ -221,3 +223,27 @@ def test_the_configuration_is_found() -> None:
 
 def test_a_file_that_does_not_exist_is_not_found() -> None:
     assert find_installed("config/no_such_file.yaml") is None
+
+
+def test_a_former_name_of_an_option_works_with_a_warning() -> None:
+    parser = Parser(prog="robot-health")
+    parser.add_argument("--robot", metavar="NAME", action="append", default=[], required=True, help="the robots")
+    parser.add_argument("--quiet", action="store_true", help="no output")
+    parser.add_former_name("--machine", "--robot")
+    parser.add_former_name("--silent", "--quiet")
+    with pytest.warns(RenamedWarning) as caught:
+        found = parser.parse_args(["--machine", "atlas", "--robot", "husky", "--silent"])
+    assert (found.robot, found.quiet) == (["atlas", "husky"], True)
+    assert [str(each.message).partition(";")[0] for each in caught] == [
+        "--machine: renamed to --robot",
+        "--silent: renamed to --quiet",
+    ]
+    assert "machine" not in parser.format_help()
+
+
+def test_a_required_option_may_be_given_by_its_former_name() -> None:
+    parser = Parser(prog="robot-health")
+    parser.add_argument("--count", type=int, required=True, help="how many")
+    parser.add_former_name("--number", "--count")
+    with pytest.warns(RenamedWarning):
+        assert parser.parse_args(["--number", "3"]).count == 3
