@@ -83,8 +83,7 @@ def test_a_pause_of_this_process_is_one_warning_and_no_alert(robot_health: Start
     ports = [port_of(start_robot(robot_health, calm)) for _ in range(2)]
     robots = [f"{name}=ws://127.0.0.1:{port}" for name, port in zip(("atlas", "husky"), ports)]
     watcher = robot_health("connect", *robots, "--thresholds", watch)
-    for name in ("atlas", "husky"):
-        watcher.wait_for_text(f"{name}: connected to")
+    watcher.wait_for_texts("atlas: connected to", "husky: connected to")
     time.sleep(2.0)  # ticks
     watcher.signal(signal.SIGSTOP)
     time.sleep(16.0)

@@ -1,0 +1,237 @@
+"""Writes docs/reference/names.txt: every name that docs/reference/stability.md promises to keep.
+
+    python docs/list_names.py
+
+A test compares the file with the code. Names may be added at any time. Once the version is 1.0.0, a name leaves the
+file only with a new major version: this program refuses to remove it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Sequence, Set
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+import generate
+
+from robot_health_monitor import core
+from robot_health_monitor.arguments import COMMANDS
+from robot_health_monitor.core import nodes
+from robot_health_monitor.core.config import MONITOR_PARAMETERS
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
+from robot_health_monitor.core.outlets import FIELDS
+from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, CONDITIONS, SIGNAL_PARAMETERS
+from robot_health_monitor.core.version import package_version
+from robot_health_monitor.executables import EXECUTABLES
+from robot_health_monitor.exit_codes import ExitCode
+from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
+from robot_health_monitor.ops import configuration as ops
+from robot_health_monitor.ops import metrics
+from robot_health_monitor.ops.web.interface import WebInterface
+from robot_health_monitor.runtime.tokens import TOKEN_VARIABLE
+
+ROOT = Path(__file__).resolve().parent.parent
+FILE = ROOT / "docs" / "reference" / "names.txt"
+HEAD = "# What docs/reference/stability.md promises, as of version {version}. Written by docs/list_names.py.\n"
+
+MONITOR_METHODS = ("observe", "set_link", "tick", "skip", "report", "status", "reset", "configure", "end")
+"""Its other methods serve the adapters and may change."""
+MADE_BY_USERS = (core.Sample, core.Monitor, core.Notice)
+"""Classes whose constructors are promised; of the others, the fields are."""
+FOR_ADAPTERS = {"history", "announce_pauses", "silence_of", "black_box_of", "self_report", "computer"}
+"""Arguments of nodes that serve the adapters and may change."""
+BUS_METHODS = ("node", "call_service", "next_due_s", "run_due", "run_until")
+
+
+def names() -> List[str]:
+    """Returns the names in the code, sorted: `KIND NAME`."""
+    return sorted(
+        {
+            *_library(),
+            *_keys(),
+            *_options(),
+            *(f"launch argument {name}" for name in _launch_arguments()),
+            *(f"executable {name}" for name in (*EXECUTABLES, "robot-health")),
+            *_graph(),
+            *_metrics(),
+            *(f"API {name} {key}" for name in generate.API for key in generate.fields_sent(name)),
+            *_routes(),
+            *(f"alert in JSON {field}" for field in FIELDS),
+            *(f"exit code {code.value} {code.name}" for code in ExitCode),
+            f"variable {TOKEN_VARIABLE}",
+        }
+    )
+
+
+def _library() -> Iterator[str]:
+    for name in core.__all__:
+        yield from _described(f"library core.{name}", getattr(core, name))
+    for name in MONITOR_METHODS:
+        yield from _call(f"library core.Monitor.{name}", getattr(core.Monitor, name))
+    for name in nodes.__all__:
+        yield from _call(f"library core.nodes.{name}", getattr(nodes, name))
+    yield from _call("library core.local.LocalBus", LocalBus)
+    for name in BUS_METHODS:
+        yield from _call(f"library core.local.LocalBus.{name}", getattr(LocalBus, name))
+
+
+def _described(name: str, found: Any) -> Iterator[str]:
+    """Yields a public name, with the arguments of a call and the fields of values and errors."""
+    if found in MADE_BY_USERS or inspect.isfunction(found):
+        yield from _call(name, found)
+    else:
+        yield name
+    if inspect.isclass(found):
+        if found is core.ConfigError:
+            fields: Iterable[str] = [*vars(core.ConfigError("")), "others"]
+        else:
+            fields = [*getattr(found, "__dataclass_fields__", ()), *getattr(found, "_fields", ())]
+        members = getattr(found, "__members__", ())
+        properties = [each for each, value in vars(found).items() if isinstance(value, property)]
+        yield from (f"{name}.{each}" for each in (*members, *fields, *properties))
+
+
+def _call(name: str, function: Any) -> Iterator[str]:
+    """Yields a call with its required arguments, and one with each optional argument, as more of these may be added."""
+    found = inspect.signature(function).parameters.values()
+    arguments = [each for each in found if each.name != "self" and each.name not in FOR_ADAPTERS]
+    required = [each.name for each in arguments if each.default is each.empty]
+    yield f"{name}({', '.join(required)})"
+    yield from (f"{name}({each.name}=)" for each in arguments if each.default is not each.empty)
+
+
+def _keys() -> Iterator[str]:
+    """Yields the keys of all configuration files."""
+    signal = [parameter.name for parameter in SIGNAL_PARAMETERS]
+    conditions = [f"{key}.{parameter.name}" for key in CONDITIONS for parameter in CONDITION_PARAMETERS]
+    tables: Mapping[str, Iterable[str]] = {
+        "alert_system": _names(MONITOR_PARAMETERS),
+        "alert_system signals.*.": [*signal, *conditions],
+        "aggregator": _names(AGGREGATOR_PARAMETERS),
+        "battery_sensor": _names(generate._sensor_parameters()),
+        "ops.yaml history.": _names(ops.HISTORY_PARAMETERS),
+        "ops.yaml black_box.": _names(ops.BLACK_BOX_PARAMETERS),
+        "ops.yaml notify.*.": _names(ops.TARGET_PARAMETERS),
+        "ops.yaml server.": _names(ops.SERVER_PARAMETERS),
+        "fleet.yaml defaults. and robots.*.": _names(ROBOT_PARAMETERS),
+    }
+    for place, keys in tables.items():
+        space = "" if place.endswith(".") else " "
+        yield from (f"key {place}{space}{key}" for key in keys)
+
+
+def _names(parameters: Iterable[Parameter]) -> List[str]:
+    return [parameter.name for parameter in parameters]
+
+
+def _options() -> Iterator[str]:
+    for command in COMMANDS:
+        parser = generate._parser(command)
+        yield f"command {command}"
+        parts = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+        for part in parts[0].choices.values() if parts else [parser]:
+            called = part.prog.partition(" ")[2]
+            if called != command:
+                yield f"command {called}"
+            for action in part._actions:
+                if action.help is not argparse.SUPPRESS and not isinstance(action, argparse._HelpAction):
+                    shown = action.option_strings or [action.metavar or action.dest.upper()]
+                    yield from (f"option {called} {name}" for name in shown)
+
+
+def _launch_arguments() -> List[str]:
+    arguments = ElementTree.parse(ROOT / "launch" / "health_monitor.launch").getroot().findall("arg")
+    return [str(argument.get("name")) for argument in arguments]
+
+
+def _graph() -> Iterator[str]:
+    """Yields the topics and services of the nodes, and the keys of their statuses, from nodes that run here."""
+    bus = LocalBus()
+    outside = bus.node("outside")
+    statuses: Dict[str, Set[str]] = {}
+
+    def take(message: Any, now_s: float) -> None:
+        for status in message["status"]:
+            statuses.setdefault(status["name"], set()).update(pair["key"] for pair in status["values"])
+
+    outside.subscribe("/diagnostics", "diagnostic_msgs/DiagnosticArray", take)
+    nodes.AlertSystem(bus.node("alert_system"))
+    nodes.Aggregator(bus.node("aggregator"))
+    nodes.BatterySensor(bus.node("battery_sensor"))
+    bus.run_until(3.0)
+    graph = bus.graph()
+    for node, info in graph.nodes.items():
+        if node == outside.name:
+            continue
+        yield from (f"topic {node[1:]} publishes {topic} {graph.topics[topic]}" for topic in info.publishes)
+        yield from (f"service {service} {graph.services[service]}" for service in info.services)
+    yield "service /alert_system/reload std_srvs/Trigger (ROS 1)"
+    yield from (f"status alert_system: monitor {key}" for key in statuses["alert_system: monitor"])
+    signal = statuses["alert_system: battery_level"] & statuses["alert_system: temperature"]
+    yield from (f"status alert_system: SIGNAL {key}" for key in signal)
+
+
+def _metrics() -> Iterator[str]:
+    for family in vars(metrics).values():
+        if isinstance(family, metrics.Family):
+            name = f"{family.name}_total" if family.counts else family.name
+            yield f"metric {name}{{{','.join(family.labels)}}}"
+
+
+def _routes() -> Iterator[str]:
+    source = inspect.getsource(WebInterface.routes)
+    for method in ("get", "post"):
+        for part in source.split(f'{method}("')[1:]:
+            path = part.partition('"')[0]
+            yield f"request {method.upper()} {path}"
+
+
+def promised() -> Sequence[str]:
+    """Returns the names in the file."""
+    lines = FILE.read_text(encoding="utf-8").splitlines() if FILE.exists() else []
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def difference(before: Sequence[str], now: Sequence[str]) -> str:
+    """Returns what to do about names that are in one list only; empty: nothing."""
+    lines = [f"- {name}" for name in before if name not in now]
+    if lines:
+        lines.append("Users rely on these names. Keep each beside its new one (core/deprecation.py);")
+        lines.append("only a new major version may remove it: docs/reference/stability.md.")
+    added = [f"+ {name}" for name in now if name not in before]
+    if added:
+        lines += [*added, "These names are new: python docs/list_names.py writes them down."]
+    return "\n".join(lines)
+
+
+def may_remove(written: str, version: str) -> bool:
+    """Returns whether names of the version `written` may go in `version`: before 1.0.0, and in a new major version."""
+    before, now = (int(each.partition(".")[0]) for each in (written, version))
+    return before == 0 or now > before
+
+
+def write() -> None:
+    """Writes the file; ends the process with what to do if names that it has may not be removed."""
+    before, now = promised(), names()
+    removed = [name for name in before if name not in now]
+    if removed and not may_remove(version_of_file(), package_version()):
+        raise SystemExit(difference(removed, []))
+    FILE.write_text(HEAD.format(version=package_version()) + "".join(f"{name}\n" for name in now), encoding="utf-8")
+
+
+def version_of_file() -> str:
+    """Returns the version of the package with which the file was written."""
+    found = re.search(r"as of version (\S+)\. ", FILE.read_text(encoding="utf-8"))
+    return found[1] if found else "0.0.0"
+
+
+if __name__ == "__main__":
+    write()
