@@ -5,13 +5,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from typing import Any, Dict, Mapping, NamedTuple
 
 from .config import MonitorConfig
-from .errors import ConfigError, MessageError
-from .signal_config import Condition, SignalConfig, read_signal
+from .errors import MessageError
+from .kept_settings import settings_of
 from .state_reader import SavedSignal
 
 THRESHOLDS = "thresholds.yaml"
@@ -21,13 +20,6 @@ STATE = "state.json"
 
 TICKS = "/alert_system/tick"
 """Topic with an empty message (std_msgs/Empty) for each tick, so that a replay ticks at the same times."""
-
-_DEFAULTS = {
-    field.name: field.metadata["parameter"].default
-    for field in dataclasses.fields(SignalConfig)
-    if "parameter" in field.metadata and field.name != "topic"
-}
-_CONDITIONS = ("only_if", "latch_release_if")
 
 
 class SavedMonitor(NamedTuple):
@@ -69,35 +61,14 @@ def thresholds_tree(
 
     `topics` has the absolute name for each topic that it names otherwise.
     """
-    signals = {name: _settings(signal, topics) for name, signal in config.signals.items()}
+    signals = {
+        name: {**settings_of(signal), "topic": topics.get(signal.topic, signal.topic)}
+        for name, signal in config.signals.items()
+    }
     parameters: Dict[str, Any] = {"robot_name": robot, "publish_rate": config.publish_rate, "signals": signals}
     if use_sim_time:
         parameters["use_sim_time"] = True
     return {"alert_system": {"ros__parameters": parameters}}
-
-
-def _settings(signal: SignalConfig, topics: Mapping[str, str]) -> Dict[str, Any]:
-    given: Dict[str, Any] = {"topic": topics.get(signal.topic, signal.topic)}
-    for key, default in _DEFAULTS.items():
-        value = getattr(signal, key)
-        if value is not None and value != default:
-            given[key] = list(value) if isinstance(value, tuple) else value
-    for key, default in _DEFAULTS.items():  # leave out what follows from the rest
-        if default is None and key in given:
-            without = {name: value for name, value in given.items() if name != key}
-            try:
-                if getattr(read_signal(signal.name, without), key) == getattr(signal, key):
-                    given = without
-            except ConfigError:
-                pass  # it is required
-    conditions = {key: getattr(signal, key) for key in _CONDITIONS}
-    return {**given, **{key: _condition(value) for key, value in conditions.items() if value is not None}}
-
-
-def _condition(condition: Condition) -> Dict[str, Any]:
-    is_between = condition.comparison == "between"
-    number = [condition.number, condition.upper] if is_between else condition.number
-    return {"signal": condition.signal, condition.comparison: number}
 
 
 def _moved(state: SavedSignal, offset_s: float) -> SavedSignal:
