@@ -30,7 +30,7 @@ COMMANDS = {
     "suggest": "write thresholds from recordings of healthy robots",
     "test": "run unit tests of a thresholds.yaml",
     "notify": "send a test notification to every target of an ops.yaml",
-    "export": "write rules for Prometheus, a dashboard for Grafana, the files of a fleet",
+    "export": "write rules for Prometheus, a dashboard for Grafana, the files of a fleet, a policy for SROS2",
     "history": "show past alerts, from a history file",
     "note": "write a note on a past alert",
     "silence": "suppress notifications, for a time or until an alert resolves",

@@ -1,19 +1,20 @@
-"""`robot-health export`: the thresholds of a file for Prometheus and Grafana, and the files of a fleet."""
+"""`robot-health export`: thresholds for Prometheus and Grafana, the files of a fleet, a policy for SROS2."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
-from typing import Sequence
+from typing import Sequence, Tuple
 
 from robot_health_monitor.core.config import load_config
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import printable
 from robot_health_monitor.ops.export.grafana import export_dashboard
 from robot_health_monitor.ops.export.prometheus import Export, export_rules
 from robot_health_monitor.runtime.interrupts import Interrupts
 
-from .arguments import Parser, duration, seconds
+from .arguments import Parser, add_namespace, duration, seconds
 from .exit_codes import ExitCode
 
 
@@ -53,9 +54,16 @@ def add_arguments(parser: Parser) -> None:
         description="Writes the configuration of an agent for the robots, and of the centre that they push to: "
         "Prometheus or VictoriaMetrics, with Alertmanager. README.md in the folder says what to do with them.",
     )
-    for target in (prometheus, grafana, fleet):
+    sros2 = targets.add_parser(
+        "sros2",
+        help="a policy for SROS2",
+        description="Writes the access control policy of the nodes with this configuration, for "
+        "`ros2 security generate_artifacts`. The nodes share one enclave.",
+    )
+    for target in (prometheus, grafana, fleet, sros2):
         target.add_argument("file", metavar="FILE", help="a thresholds.yaml")
     _add_fleet_arguments(fleet)
+    _add_policy_arguments(sros2)
 
 
 def _add_fleet_arguments(fleet: Parser) -> None:
@@ -94,13 +102,45 @@ def _add_fleet_arguments(fleet: Parser) -> None:
     )
 
 
+def _add_policy_arguments(sros2: Parser) -> None:
+    add_namespace(sros2, "namespace of the nodes, the launch argument robot_name (default: none)")
+    sros2.add_argument(
+        "--sensors",
+        choices=("simulated", "host", "none"),
+        default="simulated",
+        help="the launch argument (default: simulated)",
+    )
+    sros2.add_argument(
+        "--remap",
+        metavar="FROM:=TO",
+        type=_remapping,
+        action="append",
+        default=[],
+        help="name that the launch file remaps (repeatable)",
+    )
+    sros2.add_argument("--ops", metavar="FILE", default="", help="the ops.yaml: topics of a black box, the server")
+    sros2.add_argument(
+        "--enclave", metavar="PATH", default="", help="the enclave (default: health_monitor in the namespace)"
+    )
+
+
+def _remapping(text: str) -> Tuple[str, str]:
+    """Returns the two names of a remapping."""
+    name, separator, to = text.partition(":=")
+    if not (name and separator and to):
+        raise argparse.ArgumentTypeError(f"expected FROM:=TO, such as battery_level:=/bms/level, got {text!r}")
+    return name, to
+
+
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
-    """Writes alerting rules or a dashboard on stdout, and what they cannot express on stderr; returns the exit code.
+    """Writes rules, a dashboard or a policy on stdout, and what they cannot express on stderr; returns the exit code.
 
     The files of a fleet are written to a folder.
     """
     if arguments.target == "fleet":
         return _export_fleet(arguments)
+    if arguments.target == "sros2":
+        return _export_policy(arguments)
     config = load_config(arguments.file)
     if arguments.target == "prometheus":
         exported = export_rules(config, robots=arguments.robot, interval_s=arguments.interval)
@@ -129,6 +169,21 @@ def _export_fleet(arguments: argparse.Namespace) -> int:
     _warn(exported.problems)
     for name in exported.files:
         sys.stdout.write(f"{printable(os.path.join(arguments.to, name))}\n")
+    return ExitCode.SUCCESS
+
+
+def _export_policy(arguments: argparse.Namespace) -> int:
+    from robot_health_monitor.core.yaml_file import read_yaml
+    from robot_health_monitor.ops.configuration import OpsConfig, read_ops
+    from robot_health_monitor.ops.export.sros2 import Robot, export_policy
+
+    ops = read_ops(read_yaml(arguments.ops)) if arguments.ops else OpsConfig()
+    robot = Robot(arguments.namespace, arguments.sensors, dict(arguments.remap), ops)
+    read = read_yaml(arguments.file)
+    try:
+        sys.stdout.write(export_policy(read.tree, robot, arguments.enclave))
+    except ConfigError as error:
+        raise read.locate(error) from None
     return ExitCode.SUCCESS
 
 

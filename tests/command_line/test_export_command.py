@@ -50,7 +50,32 @@ def test_a_dashboard_is_written_on_stdout(robot_health: Start, file: Path) -> No
     assert json.loads("".join(out))["title"] == "Robot health"
 
 
-@pytest.mark.parametrize("target", ["prometheus", "grafana"])
+def test_a_policy_is_written_on_stdout(robot_health: Start, file: Path) -> None:
+    options = [
+        "--namespace",
+        "r1",
+        "--sensors",
+        "none",
+        "--remap",
+        "battery_level:=/bms/soc",
+        "--enclave",
+        "/r1/health",
+    ]
+    code, out, err = outcome(robot_health("export", "sros2", file, *options))
+
+    assert (code, err) == (0, [])
+    assert '    <enclave path="/r1/health">' in out and '        <profile ns="/r1" node="alert_system">' in out
+    assert "            <topic>/bms/soc</topic>" in out
+
+
+def test_a_remapping_has_two_names(robot_health: Start, file: Path) -> None:
+    code, out, err = outcome(robot_health("export", "sros2", file, "--remap", "battery_level"))
+
+    assert (code, out) == (2, [])
+    assert "expected FROM:=TO, such as battery_level:=/bms/level, got 'battery_level'" in err[0]
+
+
+@pytest.mark.parametrize("target", ["prometheus", "grafana", "sros2"])
 def test_a_mistake_in_the_file_is_one_line_and_code_2(robot_health: Start, file: Path, target: str) -> None:
     file.write_text(THRESHOLDS.replace("20.0", "low"))
 

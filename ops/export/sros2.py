@@ -1,0 +1,146 @@
+"""A policy for SROS2 (https://design.ros2.org/articles/ros2_access_control_policies.html) from what the nodes use.
+
+The nodes are started on a bus without others, with the configuration of the robot; what they advertise and subscribe
+to there is what they do on ROS 2. rclpy adds its own topics and services.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Iterable, Iterator, Mapping, NamedTuple, Tuple
+from xml.sax.saxutils import escape, quoteattr
+
+from robot_health_monitor.core.config import find_section, sections
+from robot_health_monitor.core.errors import ConfigError
+from robot_health_monitor.core.local import LocalBus
+from robot_health_monitor.core.middleware import NodeInfo
+from robot_health_monitor.core.nodes import Aggregator, AlertSystem, BatterySensor
+from robot_health_monitor.core.nodes.aggregator import has_inputs
+from robot_health_monitor.core.version import package_version
+from robot_health_monitor.ops.configuration import OpsConfig
+
+Permissions = Mapping[Tuple[str, str], Iterable[str]]
+"""Absolute names, or patterns, by the element of the policy and its attribute: `("topic", "publish")`."""
+
+RCLPY_PUBLISHES = ("/parameter_events", "/rosout")
+RCLPY_SUBSCRIBES = ("/clock",)
+RCLPY_SERVES = (
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+)
+"""Below the node's name."""
+PROBE = "_executor_probe"
+"""Topic below the node's name with which ros2/process.py tests the executor, at the start only."""
+BRIDGE = "rosbridge"
+"""The node that a rosbridge server serves."""
+_EVERYTHING = "/*"
+
+
+class Robot(NamedTuple):
+    """How the nodes are started: the launch arguments that change names."""
+
+    namespace: str = ""
+    sensors: str = "simulated"
+    remap: Mapping[str, str] = {}
+    ops: OpsConfig = OpsConfig()
+
+
+def export_policy(tree: Mapping[str, Any], robot: Robot, enclave: str = "") -> str:
+    """Returns the policy in XML for the thresholds.yaml `tree`; raises ConfigError as the nodes do.
+
+    All nodes share one enclave, because one launch file starts them; empty: `health_monitor` in the namespace.
+    """
+    path = enclave or "/".join(["", *filter(None, [robot.namespace.strip("/")]), "health_monitor"])
+    made_by = f"robot-health export sros2, version {package_version()}"
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f"<!-- {made_by}: write it again when the configuration changes -->",
+        '<policy version="0.2.0">',
+        "  <enclaves>",
+        f"    <enclave path={quoteattr(path)}>",
+        "      <profiles>",
+    ]
+    for name, permissions in permissions_of(tree, robot).items():
+        lines += [f"        {line}" for line in _profile(name, permissions)]
+    lines += ["      </profiles>", "    </enclave>", "  </enclaves>", "</policy>"]
+    return "\n".join(lines) + "\n"
+
+
+def permissions_of(tree: Mapping[str, Any], robot: Robot) -> Dict[str, Permissions]:
+    """Returns what each node needs, by its full name."""
+    found: Dict[str, Permissions] = {}
+    for name, info in _used(tree, robot).items():
+        found[name] = {
+            ("topic", "publish"): {*info.publishes, *RCLPY_PUBLISHES, f"{name}/{PROBE}"},
+            ("topic", "subscribe"): {*info.subscribes, *RCLPY_SUBSCRIBES, f"{name}/{PROBE}"},
+            ("service", "reply"): {*info.services, *(f"{name}/{service}" for service in RCLPY_SERVES)},
+        }
+    alert_system = next(name for name in found if name.endswith("/alert_system"))
+    if robot.ops.black_box is not None:
+        found[alert_system] = _joined(found[alert_system], {("topic", "subscribe"): robot.ops.black_box.topics})
+    if robot.ops.server is not None:
+        namespace = alert_system.rpartition("/")[0]
+        found[f"{namespace}/{BRIDGE}"] = _bridge(robot.ops, f"{namespace}/{BRIDGE}", alert_system)
+    return found
+
+
+def _used(tree: Mapping[str, Any], robot: Robot) -> Mapping[str, NodeInfo]:
+    """Returns what each node uses besides what rclpy adds, from nodes that are started and closed again."""
+    bus = LocalBus()
+    by_name = {"alert_system": find_section(tree, "alert_system"), **sections(tree)}
+    for name, start in (("alert_system", AlertSystem), ("aggregator", Aggregator), ("battery_sensor", BatterySensor)):
+        section = by_name.get(name)
+        given = {"sensors": robot.sensors, **(section.tree if section else {})}
+        if (name == "battery_sensor" and given["sensors"] == "none") or (
+            name == "aggregator" and not has_inputs(given)
+        ):
+            continue
+        middleware = bus.node(name, namespace=robot.namespace, parameters=given, remap=robot.remap)
+        try:
+            start(middleware)
+        except ConfigError as error:
+            raise (error.below(section.path) if section else error) from None
+    return bus.graph().nodes
+
+
+def _bridge(ops: OpsConfig, name: str, alert_system: str) -> Permissions:
+    """Returns what the clients of the server may do: read everything, and what ops.yaml allows."""
+    server = ops.server
+    assert server is not None
+    return {
+        ("topic", "publish"): {*RCLPY_PUBLISHES, *map(_absolute, server.allow_publish)},
+        ("topic", "subscribe"): {_EVERYTHING},
+        ("service", "reply"): {*(f"{name}/{service}" for service in RCLPY_SERVES), *map(_absolute, server.allow_offer)},
+        ("service", "request"): {f"{alert_system}/reset", *map(_absolute, server.allow_call)},
+    }
+
+
+def _absolute(pattern: str) -> str:
+    return pattern if pattern.startswith("/") else f"/{pattern}"
+
+
+def _joined(one: Permissions, other: Permissions) -> Permissions:
+    return {key: {*one.get(key, ()), *other.get(key, ())} for key in (*one, *other)}
+
+
+def _profile(name: str, permissions: Permissions) -> Iterator[str]:
+    """Yields the lines of one node, with names relative to it as `ros2 security generate_policy` writes them."""
+    namespace, _, base = name.rpartition("/")
+    yield f"<profile ns={quoteattr(namespace or '/')} node={quoteattr(base)}>"
+    for (kind, verb), names in permissions.items():
+        yield f'  <{kind}s {verb}="ALLOW">'
+        yield from (f"    <{kind}>{escape(_relative(each, name))}</{kind}>" for each in sorted(names))
+        yield f"  </{kind}s>"
+    yield "</profile>"
+
+
+def _relative(found: str, node: str) -> str:
+    namespace = node.rpartition("/")[0]
+    if found.startswith(f"{node}/"):
+        return f"~{found[len(node) :]}"
+    if namespace and found.startswith(f"{namespace}/"):
+        return found[len(namespace) + 1 :]
+    return found
