@@ -89,7 +89,7 @@ class RawSubscription:
         self.topic = topic
         self.active = True
         """False once it has ended."""
-        self.callback: Callback = lambda item, now_s: callback(item[0], now_s, item[1])
+        self.callback: Callback = callback
         self._node = node
         self._type_name = type_name
         self._has_failed = False

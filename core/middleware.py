@@ -52,8 +52,11 @@ class RawFormat(NamedTuple):
     """`ros1` or `ros2`; empty for JSON."""
 
 
-RawCallback = Callable[[bytes, float, RawFormat], None]
-"""Receives the bytes of a message, the time of its arrival, in s, and their format."""
+RawMessage = Tuple[bytes, RawFormat]
+"""A message as bytes, with their format."""
+
+RawCallback = Callable[[RawMessage, float], None]
+"""Receives a message as bytes, and the time of its arrival, in s."""
 
 OnChange = Callable[[Mapping[str, Any]], str]
 """Takes a proposed configuration; see `Middleware.declare_parameters`."""

@@ -112,7 +112,7 @@ class RecordedMiddleware(MappingNode):
         return self.player.subscribe(subscription, type_name, field)
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
-        subscription = Subscription(self, self.resolve(topic), lambda item, now_s: callback(item[0], now_s, item[1]))
+        subscription = Subscription(self, self.resolve(topic), callback)
         return self._add(subscription, type_name, _Bytes.ALL)
 
     def topic_types(self) -> Mapping[str, str]:

@@ -127,9 +127,7 @@ class Ros1Middleware(NativeNode):
         if type_name and shared not in (None, rospy.AnyMsg) and shared._type != canonical_type(type_name):
             raise _another_type(mapped, shared, canonical_type(type_name))
         reader = BytesReader(mapped, type_name, self.log)
-        subscription = self._deliver(
-            resolved, shared or rospy.AnyMsg, reader.read, lambda item, now_s: callback(item[0], now_s, item[1])
-        )
+        subscription = self._deliver(resolved, shared or rospy.AnyMsg, reader.read, callback)
         subscription.move_first()
         return subscription
 

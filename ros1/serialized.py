@@ -79,6 +79,7 @@ class BytesReader:
         self._topic, self._expected, self._log = topic, canonical_type(expected), log
         self._header: Any = None
         self._format: Any = ABSENT
+        self._is_bytes = True
         self._formats: Dict[Tuple[str, str], Any] = {}
 
     def read(self, native: Any) -> Any:
@@ -86,11 +87,10 @@ class BytesReader:
         if native._connection_header is not self._header:
             self._header = native._connection_header
             self._format = self._format_of(self._header)
+            self._is_bytes = isinstance(native, rospy.AnyMsg)  # else /clock, which rospy itself reads as messages
         if self._format is ABSENT:
             return ABSENT
-        # rospy itself reads /clock as messages.
-        data = native._buff if isinstance(native, rospy.AnyMsg) else messages.serialized(native)
-        return data, self._format
+        return native._buff if self._is_bytes else messages.serialized(native), self._format
 
     def _format_of(self, header: Mapping[str, str]) -> Any:
         key = header["type"], header.get("message_definition", "")

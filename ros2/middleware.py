@@ -118,10 +118,7 @@ class Ros2Middleware(NativeNode):
         return subscription
 
     def subscribe_raw(self, topic: str, type_name: str, callback: RawCallback) -> Subscription:
-        def unpack(item: Any, now_s: float) -> None:
-            callback(item[0], now_s, item[1])
-
-        subscription = Subscription(self._resolve(topic), _native_name(topic), unpack, None, is_raw=True)
+        subscription = Subscription(self._resolve(topic), _native_name(topic), callback, None, is_raw=True)
         with self._lock:
             self._begin(subscription, type_name)
         return subscription

@@ -7,7 +7,14 @@ from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional
 from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.mapping_node import CLOCK, CLOCK_TYPE
-from robot_health_monitor.core.middleware import Middleware, RawFormat, Severity, Subscription, canonical_type
+from robot_health_monitor.core.middleware import (
+    Middleware,
+    RawFormat,
+    RawMessage,
+    Severity,
+    Subscription,
+    canonical_type,
+)
 from robot_health_monitor.core.patterns import matches_pattern
 from robot_health_monitor.core.signal_config import LINK
 
@@ -57,7 +64,8 @@ class _Topic:
         self.channel: Optional[Channel] = None
         """None before the first message."""
 
-    def take(self, data: bytes, now_s: float, raw_format: RawFormat) -> None:
+    def take(self, message: RawMessage, now_s: float) -> None:
+        data, raw_format = message
         if raw_format is not self._format:
             self._format = raw_format
             self.is_unwanted = not self._is_named and canonical_type(raw_format.schema_name) in LARGE_TYPES

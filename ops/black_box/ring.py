@@ -37,7 +37,7 @@ Message = Tuple[float, Channel, bytes]
 class Segment:
     """Messages of one robot in the order of their arrival. Change it with the lock of its `Ring` only."""
 
-    __slots__ = ("_gone", "_messages", "begin_s", "bytes", "dropped", "readers", "states")
+    __slots__ = ("_gone", "begin_s", "bytes", "dropped", "messages", "readers", "states")
 
     def __init__(self, begin_s: float, states: Mapping[str, SavedSignal], state_bytes: int) -> None:
         """Begins at a time on the robot's steady clock, with the states of its signals then."""
@@ -48,36 +48,32 @@ class Segment:
         self.bytes = state_bytes
         self.readers = 1
         """Who still needs it: the ring of its robot, and the recording."""
-        self._messages: List[Optional[Message]] = []
+        self.messages: List[Optional[Message]] = []
+        """Those in memory; read them by their numbers: `message`. None: one that was dropped."""
         self._gone = 0  # dropped messages that have no place in the list any more
 
     @property
     def count(self) -> int:
         """Number of its messages, with those that were dropped."""
-        return self._gone + len(self._messages)
+        return self._gone + len(self.messages)
 
     def message(self, number: int) -> Any:
         """Returns one by its number, which is at least `dropped`."""
-        return self._messages[number - self._gone]
-
-    def add(self, message: Message, size: int) -> None:
-        """Adds a message."""
-        self._messages.append(message)
-        self.bytes += size
+        return self.messages[number - self._gone]
 
     def drop(self) -> None:
         """Drops its oldest message."""
         place = self.dropped - self._gone
         self.bytes -= len(self.message(self.dropped)[2]) + OVERHEAD_BYTES
-        self._messages[place] = None
+        self.messages[place] = None
         self.dropped += 1
-        if place >= len(self._messages) // 2:  # seldom: the rest is moved
-            del self._messages[: place + 1]
+        if place >= len(self.messages) // 2:  # seldom: the rest is moved
+            del self.messages[: place + 1]
             self._gone = self.dropped
 
     def clear(self) -> None:
         """Forgets all messages."""
-        self._messages = []
+        self.messages = []
 
 
 class Reader:
@@ -149,7 +145,8 @@ class Ring:
         """Adds a message to a segment, which must be the last one of its robot."""
         size = len(message[2]) + OVERHEAD_BYTES
         with self.lock:
-            segment.add(message, size)
+            segment.messages.append(message)
+            segment.bytes += size
             self.used_bytes += size
             if self.used_bytes > self._memory_bytes:
                 self._make_room()

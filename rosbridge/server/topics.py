@@ -127,7 +127,7 @@ class Topics:
                     middleware.subscribe_raw,
                     topic.name,
                     topic.type_name,
-                    lambda data, now_s, raw_format: take(data, now_s),
+                    lambda message, now_s: take(message[0], now_s),
                 )
             except ConfigError:
                 topic.native_raw = False

@@ -14,7 +14,7 @@ import pytest
 
 from harness.port_conformance import DIAGNOSTICS, FLOAT32, JOINTS, START_S, STATUS, Harness, Recorder, levels_to
 from robot_health_monitor.core.errors import ConfigError, MessageError
-from robot_health_monitor.core.middleware import RawFormat, canonical_type
+from robot_health_monitor.core.middleware import RawFormat, RawMessage, canonical_type
 from robot_health_monitor.core.nodes import AlertSystem
 
 IMAGE = "sensor_msgs/Image"
@@ -33,7 +33,8 @@ class Capture:
     def __init__(self) -> None:
         self.items: List[Tuple[bytes, float, RawFormat]] = []
 
-    def __call__(self, data: bytes, now_s: float, raw_format: RawFormat) -> None:
+    def __call__(self, message: RawMessage, now_s: float) -> None:
+        data, raw_format = message
         self.items.append((data, now_s, raw_format))
 
     def values(self, field: str = "data") -> List[Any]:
@@ -204,9 +205,9 @@ class RawConformance:
         order: List[str] = []
         node.subscribe("/in", FLOAT32, lambda value, now_s: order.append("judged"), field="data")
 
-        def take(data: bytes, now_s: float, raw_format: RawFormat) -> None:
+        def take(message: RawMessage, now_s: float) -> None:
             order.append("captured")
-            capture(data, now_s, raw_format)
+            capture(message, now_s)
 
         node.subscribe_raw("/in", FLOAT32, take)
         begin(harness, capture, "/in")
@@ -289,7 +290,7 @@ class RawConformance:
     def test_an_exception_of_the_callback_is_one_line_and_affects_nothing_else(self, harness: Harness) -> None:
         node, heard = harness.node("recorder"), Recorder()
 
-        def fail(data: bytes, now_s: float, raw_format: RawFormat) -> None:
+        def fail(message: RawMessage, now_s: float) -> None:
             raise RuntimeError("the ring is broken")
 
         node.subscribe_raw("/in", FLOAT32, fail)
