@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, Iterable, List, Mapping, Optional
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence
 
 import nox
 
@@ -66,6 +66,21 @@ TOOLS = [
     ["chromium", "chromium-driver"],
 ]
 """Debian's packages that some tests use; those of a list are installed together."""
+
+DEBIAN_TOOLS = [
+    "catkin",
+    "debhelper",
+    "dh-python",
+    "g++",
+    "help2man",
+    "lintian",
+    "make",
+    "mmdebstrap",
+    "python3-setuptools",
+    "python3-venv",
+    "systemd",
+]
+"""What `make deb` builds and checks with."""
 
 ROS2_WHEELS = [
     "ros-jazzy-rclpy",
@@ -140,7 +155,11 @@ if hasattr(nox.options, "allow_parallel"):  # nox for Python 3.8 and 3.9 has no 
 @nox.session(venv_backend="none")
 def apt(session: nox.Session) -> None:
     """Installs Debian's packages that the tests use, if this user may."""
-    wanted = [*([] if NOETIC else [ROS1_PACKAGES]), *TOOLS]
+    install_packages(session, [*([] if NOETIC else [ROS1_PACKAGES]), *TOOLS])
+
+
+def install_packages(session: nox.Session, wanted: Sequence[Sequence[str]]) -> None:
+    """Installs lists of packages of Debian, if this user may; skips the session if one is missing."""
     for packages in wanted:
         missing = missing_packages(packages)
         if missing and os.geteuid() == 0 and shutil.which("apt-get"):
@@ -174,7 +193,7 @@ def core(session: nox.Session) -> None:
     if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
         for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
             session.install(package, success_codes=range(256))
-    others = ("ros1", "ros2", "packaging", "chaos/test_ros1.py", "chaos/test_ros2.py")
+    others = ("ros1", "ros2", "packaging", "debs", "chaos/test_ros1.py", "chaos/test_ros2.py")
     note_newest_python(session)
     ignored = [*(f"tests/{name}" for name in others), *PROCESS_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
@@ -211,6 +230,15 @@ def packaging(session: nox.Session) -> None:
     """
     set_up(session, JAZZY, *COLCON, *([] if JAZZY else ROS2_WHEELS))
     run_pytest(session, "tests/packaging")
+
+
+@nox.session(python=SYSTEM_PYTHON)
+def deb(session: nox.Session) -> None:
+    """Builds the Debian packages into dist/, and installs, starts and purges each in a new root. Not in `make test`."""
+    install_packages(session, [DEBIAN_TOOLS])
+    set_up(session, {}, "bloom>=0.14", "rosdep>=0.27")
+    session.run("python", "release/debs.py", "dist")
+    run_pytest(session, "tests/debs")
 
 
 @nox.session(python=NEWEST)

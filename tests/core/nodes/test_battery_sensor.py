@@ -179,6 +179,15 @@ def test_a_host_without_a_battery_publishes_the_rest_reports_it_once_and_raises_
     assert values_of(own)["battery_level"].startswith("not published: no battery in ")
 
 
+def test_only_a_missing_sensor_that_was_asked_for_by_name_is_a_warning(stage: Stage, machine: Machine) -> None:
+    machine(BATTERY, TEMPERATURE)
+    start(stage, {**HOST, "host_preset": "standard", "host": {"wifi_signal": {"source": "wifi_signal"}}}, machine.paths)
+    stage.bus.run_until(5.0)
+    missing = "wifi_signal is not published: no Wi-Fi", "throttled is not published: no Raspberry Pi"
+    for severity, wanted in ((Severity.WARN, missing[0]), (Severity.INFO, missing[1])):
+        assert [line[: len(wanted)] for line in stage.log(severity) if line.startswith(missing)] == [wanted]
+
+
 def test_a_source_that_fails_unexpectedly_stops_no_other(stage: Stage, machine: Machine) -> None:
     """A driver that reports a charge of 400 digits: more than a double holds."""
     machine(BATTERY, TEMPERATURE)

@@ -1,0 +1,206 @@
+"""Builds the Debian packages; `make deb` calls it.
+
+    python3 release/debs.py FOLDER [NAME...]      builds the packages (default: all) into FOLDER
+
+`robot-health` is the command line without ROS, from release/debian. `jazzy`, `one` (ROS One) and `debian` (Debian's own
+ROS 1) are the nodes, made with bloom as the ROS build farm does it, but with an index of distributions made here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from email.utils import formatdate
+from pathlib import Path
+from typing import Dict, Mapping, NamedTuple, Sequence, Tuple
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from harness.requirements import runtime_requirements  # noqa: E402  # found through the line above
+
+from release import manifest  # noqa: E402
+from robot_health_monitor.runtime.libraries import debian_package  # noqa: E402
+
+COMMAND_LINE = "robot-health"
+
+
+class Distro(NamedTuple):
+    """A ROS distribution for which bloom generates the package."""
+
+    os: str
+    codename: str
+    type: str
+    generator: str
+    """Of bloom: rosdebian installs to /opt/ros, debian to /usr."""
+
+
+DISTROS = {
+    "jazzy": Distro("ubuntu", "noble", "ros2", "rosdebian"),
+    "one": Distro("ubuntu", "noble", "ros1", "rosdebian"),
+    "debian": Distro("debian", "bookworm", "ros1", "debian"),
+}
+PACKAGES = (COMMAND_LINE, *DISTROS)
+
+
+def dependencies() -> Tuple[Sequence[str], Sequence[str]]:
+    """Returns what the package robot-health depends on and what it recommends.
+
+    Names and oldest versions are those of setup.py; package.xml has which of them are needed.
+    """
+    needed = manifest.keys("exec_depend")
+    found: Tuple[list[str], list[str]] = ([], [])
+    for requirement in runtime_requirements():
+        name, relation, version = re.fullmatch(r"([\w-]+)(?:(>=)([\d.]+))?", requirement).groups()  # type: ignore[union-attr]
+        package = debian_package(name)
+        found[package not in needed].append(f"{package} (>= {version})" if relation else package)
+    return found
+
+
+def fields(date_s: float) -> Mapping[str, str]:
+    """Returns what stands for @NAME@ in the files of release/debian."""
+    maintainer = ElementTree.parse(manifest.MANIFEST).find("maintainer")
+    assert maintainer is not None
+    depends, recommends = dependencies()
+    return {
+        "AUTHOR": manifest.text("author"),
+        "DATE": formatdate(date_s),
+        "DEPENDS": ", ".join(depends),
+        "HOMEPAGE": manifest.urls()["website"],
+        "MAINTAINER": f"{maintainer.text} <{maintainer.get('email')}>",
+        "RECOMMENDS": ", ".join(recommends),
+        "REPOSITORY": manifest.urls()["repository"],
+        "VERSION": manifest.text("version"),
+        "YEAR": time.strftime("%Y", time.gmtime(date_s)),
+    }
+
+
+def write_debian_folder(source: Path, date_s: float) -> None:
+    """Writes debian/ of robot-health into a copy of the source tree."""
+    shutil.copytree(ROOT / "release" / "debian", source / "debian")
+    known = fields(date_s)
+    for file in (source / "debian").iterdir():
+        if file.is_file():
+            text = re.sub(r"@([A-Z]+)@", lambda found: known.get(found[1], found[0]), file.read_text("utf-8"))
+            file.write_text(text, "utf-8")
+
+
+def write_index(folder: Path) -> Dict[str, str]:
+    """Writes an index of ROS distributions and rosdep keys; returns the variables with which bloom and rosdep read it.
+
+    Every ROS package that package.xml names is in every distribution, and the other keys are Debian's packages. A key
+    that the public rosdep installs with pip must not be in package.xml.
+    """
+    elements = [element for element in ElementTree.parse(manifest.MANIFEST).getroot() if "depend" in element.tag]
+    names = sorted({element.text or "" for element in elements})
+    ros_packages = [name for name in names if not name.startswith("python3")]
+    conflicts = [element.text or "" for element in ElementTree.parse(manifest.MANIFEST).findall("conflict")]
+    distributions = []
+    for name, distro in DISTROS.items():
+        packages = ros_packages if distro.generator == "rosdebian" else []
+        repositories = [
+            f"  {package}: {{release: {{tags: {{release: '-'}}, url: 'file:///{package}', version: 1.0.0-1}}}}"
+            for package in packages
+        ]
+        (folder / f"{name}.yaml").write_text(
+            f"%YAML 1.1\n---\nrelease_platforms: {{{distro.os}: [{distro.codename}]}}\n"
+            + "\n".join(["repositories:" if repositories else "repositories: {}", *repositories])
+            + "\ntype: distribution\nversion: 2\n"
+        )
+        distributions.append(
+            f"  {name}: {{distribution: [{name}.yaml], distribution_cache: '{name}-cache.yaml.gz', "
+            f"distribution_status: active, distribution_type: {distro.type}, python_version: 3}}"
+        )
+    head = "%YAML 1.1\n---\ndistributions:\n"
+    (folder / "index.yaml").write_text(head + "\n".join(distributions) + "\ntype: index\nversion: 4\n")
+    rules = [f"{name}: {{ubuntu: [{name}], debian: [{name}]}}" for name in names if name.startswith("python3")]
+    rules += [f"{name}: {{debian: [{_debian_name(name)}]}}" for name in [*ros_packages, *conflicts]]
+    (folder / "rosdep.yaml").write_text("\n".join(rules) + "\n")
+    (folder / "sources").mkdir()
+    (folder / "sources" / "local.list").write_text(f"yaml file://{folder}/rosdep.yaml\n")
+    return {
+        "ROSDISTRO_INDEX_URL": f"file://{folder}/index.yaml",
+        "ROSDEP_SOURCE_PATH": str(folder / "sources"),
+        "ROS_HOME": str(folder / "home"),
+    }
+
+
+def _debian_name(key: str) -> str:
+    return key if key in ("catkin", COMMAND_LINE) else f"python3-{key.replace('_', '-')}"
+
+
+def generate(source: Path, name: str, index: Mapping[str, str]) -> None:
+    """Writes debian/ of the nodes into a copy of the source tree, with bloom."""
+    distro = DISTROS[name]
+    options = ["--ros-distro", name, "--os-name", distro.os, "--os-version", distro.codename]
+    run(["bloom-generate", distro.generator, *options], source, {**os.environ, **index})
+
+
+def build(source: Path) -> None:
+    """Builds the packages of a source tree with debian/, in its parent folder."""
+    system = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": str(source.parent), "LC_ALL": "C.UTF-8"}
+    without_tests = {"DEB_BUILD_OPTIONS": "nocheck", "DEB_BUILD_PROFILES": "nocheck"}
+    # -d: the packages of ROS are not installed, and neither build needs more than Debian's catkin and setuptools.
+    run(["dpkg-buildpackage", "-d", "-us", "-uc", "-b"], source, {**system, **without_tests})
+
+
+def run(command: Sequence[str], folder: Path, variables: Mapping[str, str]) -> None:
+    """Runs a command and shows its output only if it fails."""
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    done = subprocess.run(command, cwd=folder, env=dict(variables), **pipes, check=False)  # type: ignore[call-overload]
+    if done.returncode:
+        sys.exit(f"{done.stdout.decode(errors='replace')}\n{' '.join(command)} exited with {done.returncode}")
+
+
+def copy_sources(folder: Path) -> Path:
+    """Copies the files that git knows, as they are in the work tree; returns the copy."""
+    copy = folder / f"robot-health-{manifest.text('version')}"
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
+    for name in filter(None, names.decode().split("\0")):
+        target = copy / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, target, follow_symlinks=False)
+    return copy
+
+
+def main() -> None:
+    """Builds packages and names them."""
+    parser = argparse.ArgumentParser(description="Builds the Debian packages.")
+    parser.add_argument("folder", type=Path, help="where the packages go")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(PACKAGES)} (default: all)")
+    arguments = parser.parse_args()
+    unknown = set(arguments.names) - set(PACKAGES)
+    if unknown:
+        parser.error(f"expected names of {', '.join(PACKAGES)}, got {', '.join(sorted(unknown))}")
+    date_s = float(os.environ.get("SOURCE_DATE_EPOCH") or time.time())
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="robot-health-debs-") as temporary:
+        work = Path(temporary)
+        index: Dict[str, str] = {}
+        for name in arguments.names or PACKAGES:
+            folder = work / name
+            folder.mkdir()
+            source = copy_sources(folder)
+            if name == COMMAND_LINE:
+                write_debian_folder(source, date_s)
+            else:
+                if not index:
+                    (work / "index").mkdir()
+                    index = write_index(work / "index")
+                    run(["rosdep", "update", "--include-eol-distros"], work, {**os.environ, **index})
+                generate(source, name, index)
+            build(source)
+            for package in sorted(folder.glob("*.deb")):
+                target = shutil.move(str(package), str(arguments.folder / package.name))
+                print(target)
+
+
+if __name__ == "__main__":
+    main()

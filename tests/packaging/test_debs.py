@@ -1,0 +1,138 @@
+"""The metadata of the Debian packages agrees with package.xml, setup.py and the systemd units; `make deb` builds."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Dict, List, Tuple
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+from harness.packaging_workspace import ROOT, version
+
+from release import debs
+
+FOCAL = {
+    "python3-aiohttp": (3, 6, 2),
+    "python3-prometheus-client": (0, 7, 1),
+    "python3-psutil": (5, 5, 1),
+    "python3-yaml": (5, 3, 1),
+}
+"""What Ubuntu 20.04 has, the oldest system of the package: the others have newer ones."""
+UNITS = [file.read_text("utf-8") for file in sorted((ROOT / "resource").glob("robot-health*.service"))]
+
+
+@pytest.fixture(scope="module")
+def debian(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns debian/ of robot-health, as it is built on the first day of 2027."""
+    folder = tmp_path_factory.mktemp("source")
+    debs.write_debian_folder(folder, 1_798_761_600.0)
+    return folder / "debian"
+
+
+def paragraphs(control: str) -> List[Dict[str, str]]:
+    """Returns the fields of each paragraph, continued lines joined."""
+    return [
+        dict(line.split(": ", 1) for line in re.sub(r"\n ", " ", text).splitlines() if line)
+        for text in control.split("\n\n")
+    ]
+
+
+def test_the_package_needs_what_the_nodes_need_and_recommends_the_rest(debian: Path) -> None:
+    source, package = paragraphs((debian / "control").read_text("utf-8"))
+    assert (source["Source"], package["Package"], package["Architecture"]) == ("robot-health", "robot-health", "all")
+    assert package["Depends"].split(", ") == [
+        "adduser",
+        "${python3:Depends}",
+        "${misc:Depends}",
+        "python3-yaml (>= 5.3)",
+        "python3-aiohttp (>= 3.6)",
+        "python3-prometheus-client (>= 0.7)",
+        "python3-psutil (>= 5.5)",
+    ]
+    assert package["Recommends"].split(", ") == ["python3-cbor2", "python3-rich (>= 10.16)"]
+
+
+def test_what_it_needs_is_in_the_oldest_ubuntu() -> None:
+    oldest = {}
+    for each in debs.dependencies()[0]:
+        package, _, number = each.rstrip(")").partition(" (>= ")
+        oldest[package] = tuple(map(int, number.split(".")))
+    assert set(oldest) == set(FOCAL)
+    assert [package for package in oldest if oldest[package] > FOCAL[package]] == []
+
+
+def test_no_field_is_left_open(debian: Path) -> None:
+    texts = {file.name: file.read_text("utf-8") for file in debian.iterdir() if file.is_file()}
+    assert [name for name, text in texts.items() if name != "rules" and re.search(r"@[A-Z]+@", text)] == []
+    maintainer = ElementTree.parse(ROOT / "package.xml").findtext("maintainer")
+    assert texts["changelog"].splitlines()[0] == f"robot-health ({version()}) unstable; urgency=medium"
+    assert texts["changelog"].splitlines()[-1].startswith(f" -- {maintainer} <")
+    assert texts["changelog"].endswith(">  Fri, 01 Jan 2027 00:00:00 -0000\n")
+    assert "Copyright: 2027 " in texts["copyright"]
+
+
+def test_the_units_use_the_user_and_the_folders_that_the_package_makes(debian: Path) -> None:
+    postinst, postrm, rules = (
+        (debian / name).read_text("utf-8") for name in ("robot-health.postinst", "robot-health.postrm", "rules")
+    )
+    service, instances = UNITS
+    for unit in UNITS:
+        assert "\nUser=robot-health\nGroup=robot-health\n" in unit
+        assert re.search(r"^ExecStart=/opt/robot-health/bin/robot-health ", unit, re.MULTILINE)
+    assert "\nStateDirectory=robot-health\nStateDirectoryMode=0770\n" in service
+    assert "install -d -o robot-health -g robot-health -m 770 /var/lib/robot-health\n" in postinst
+    assert "\nStateDirectory=robot-health-%i\n" in instances and " /var/lib/robot-health-* " in postrm
+    started = next(line for line in service.splitlines() if line.startswith("ExecStart="))
+    files = re.findall(r"/etc/robot-health/[\w.]+", started)
+    assert len(files) == 2
+    assert [file for file in files if f"$(package){file}\n" not in rules] == []
+
+
+def test_the_configuration_of_the_package_is_valid(debian: Path, tmp_path: Path) -> None:
+    """The history is in a folder of the package, here in another one."""
+    file = tmp_path / "ops.yaml"
+    text = (debian / "ops.yaml").read_text("utf-8")
+    assert "file: /var/lib/robot-health/history.db\n" in text
+    file.write_text(text.replace("/var/lib/robot-health/", f"{tmp_path}/"))
+    check = [sys.executable, "-m", "robot_health_monitor", "check", str(file), str(ROOT / "config" / "host.yaml")]
+    done = subprocess.run(check, cwd=ROOT, stdout=subprocess.PIPE, text=True, timeout=60.0, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def index(folder: Path) -> Tuple[Dict[str, Dict[str, List[str]]], Dict[str, List[str]]]:
+    """Returns the rosdep keys, and the packages of each distribution, of the index in which bloom looks them up."""
+    debs.write_index(folder)
+    distributions = yaml.safe_load((folder / "index.yaml").read_text())["distributions"]
+    files = {name: folder / entry["distribution"][0] for name, entry in distributions.items()}
+    packages = {name: sorted(yaml.safe_load(file.read_text())["repositories"]) for name, file in files.items()}
+    return yaml.safe_load((folder / "rosdep.yaml").read_text()), packages
+
+
+def test_bloom_finds_every_key_of_package_xml(tmp_path: Path) -> None:
+    rosdep, packages = index(tmp_path)
+    depends = [element for element in ElementTree.parse(ROOT / "package.xml").getroot() if "depend" in element.tag]
+    assert {"rospy", "rclpy", "python3-yaml"} <= {element.text for element in depends}
+    for element in depends:
+        name = element.text or ""
+        if name.startswith("python3"):
+            assert rosdep[name] == {"ubuntu": [name], "debian": [name]}
+        else:
+            assert name in packages["jazzy"] and name in packages["one"]
+            assert list(rosdep[name]) == ["debian"]
+    assert rosdep["diagnostic_msgs"] == {"debian": ["python3-diagnostic-msgs"]}
+    assert rosdep["catkin"] == {"debian": ["catkin"]}
+    assert rosdep["robot-health"] == {"debian": ["robot-health"]}
+    assert packages["debian"] == []
+
+
+def test_an_unknown_package_is_one_clear_line() -> None:
+    build = [sys.executable, str(ROOT / "release" / "debs.py"), "/nonexistent", "noetic"]
+    done = subprocess.run(build, stderr=subprocess.PIPE, text=True, timeout=60.0, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == (
+        "debs.py: error: expected names of robot-health, jazzy, one, debian, got noetic"
+    )
