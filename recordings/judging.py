@@ -20,6 +20,7 @@ from robot_health_monitor.core.element_signals import element_config, element_si
 from robot_health_monitor.core.elements import Elements
 from robot_health_monitor.core.middleware import resolve_name
 from robot_health_monitor.core.model import Level, Status, Transition
+from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes import AlertSystem
 from robot_health_monitor.core.outlets import Event
 from robot_health_monitor.core.quality import as_float
@@ -182,6 +183,10 @@ class Judge:
                 self._templates[file, name] = signal
             if not reason:
                 (self._collect_elements if signal.is_template else self._collect)(node, summary, system)
+
+    def monitor(self, file: str) -> Monitor:
+        """Returns the monitor of a configuration."""
+        return self._systems[file].monitor
 
     def run(self, on_progress: Optional[Callable[[float], None]] = None) -> None:
         """Plays the recordings to their end; calls now and then with the fraction played, 0 to 1, which may raise."""

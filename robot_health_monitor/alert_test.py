@@ -1,68 +1,62 @@
-"""The unit test of a past alert: its recorded series, the thresholds in force then, and the alert that came."""
+"""The unit test of a past alert: its recorded series, the thresholds in force then, and the alert that came.
+
+`history_alert.py` reads the alert from a history, `black_box_alert.py` from a black box.
+"""
 
 from __future__ import annotations
 
 import json
-import math
-import sqlite3
 import textwrap
 from itertools import groupby
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence
+from typing import Any, Dict, Iterator, Mapping, NamedTuple, Optional, Sequence
 
 from robot_health_monitor.core.config import load_config
 from robot_health_monitor.core.errors import ConfigError
-from robot_health_monitor.core.formatting import printable
-from robot_health_monitor.core.kept_settings import read_kept, settings_of
-from robot_health_monitor.core.model import Level
+from robot_health_monitor.core.formatting import count_text, printable
+from robot_health_monitor.core.kept_settings import settings_of
 from robot_health_monitor.core.signal_config import LINK, SignalConfig, template_name
-from robot_health_monitor.ops.history import queries
-from robot_health_monitor.ops.history.rows import StoredTransition
 
+from .alert_past import RecordedAlert, Samples, depends_on
 from .history_entries import time_text
-from .reconstruction import Reconstruction, RecordedAlert, reconstruct
-from .threshold_tests import Alert
+from .reconstruction import Reconstruction, reconstruct
+from .threshold_tests import compare, parse_tests, run_test
 
-_MOST_BEFORE = 5
-_MOST_READ = 500
+FROM_ALERT = "--from-alert"
+"""The option that asks for it; what it reports begins with it."""
 _WIDTH = 100
 _INDENT = " " * 8
-_FROM_ID = "--from-alert"
 
 
-def alert_test(connection: sqlite3.Connection, number: int, thresholds: Optional[str] = None) -> str:
-    """Returns the file of tests for the alert with this id; `thresholds`: the path to write in place of the contents.
+class PastAlert(NamedTuple):
+    """An alert that came, with all that is known about it."""
 
-    Raises:
-        ConfigError: there is no such alert, or no test can have its input.
+    title: str
+    """As in `alert 41 of r3`."""
+    line: str
+    """The alert line."""
+    settings: Mapping[str, Mapping[str, Any]]
+    """Of its signal and of those that it depends on, as in a thresholds.yaml."""
+    recorded: RecordedAlert
+    others: Mapping[str, Samples]
+    """Samples of the signals that it depends on, by their names; times in s since 1970."""
+
+
+class AlertTest(NamedTuple):
+    """The file of tests for one alert."""
+
+    text: str
+    verdict: str
+    """One line: what happened when the test was run."""
+    passes: bool
+
+
+def needed_settings(signals: Mapping[str, SignalConfig], signal: str, robot: str) -> Dict[str, Dict[str, Any]]:
+    """Returns the settings of a signal, which may be an element, and of those that it depends on.
+
+    Raises ConfigError: one is not configured, or it is a template, which has no samples itself.
     """
-    transition = queries.transition(connection, number)
-    if transition is None:
-        raise ConfigError(f"there is no alert {number} in this history")
-    if transition.repeat:
-        raise ConfigError(f"{_FROM_ID}: {number} repeats an earlier alert; expected the id of that one")
-    settings = _settings(connection, transition)
-    config = load_config({"signals": settings})
-    name = transition.signal
-    if name != LINK and config.signals[template_name(name)].is_template and name == template_name(name):
-        raise ConfigError(f"{_FROM_ID}: {printable(name)} has no samples itself, only its elements have")
-    recorded = _recorded(connection, transition)
-    before = [_recorded(connection, each) for each in _before(connection, transition)]
-    found = reconstruct(config, recorded._replace(before=before))
-    return "".join(f"{line}\n" for line in _lines(transition, found, settings, thresholds))
-
-
-def _settings(connection: sqlite3.Connection, transition: StoredTransition) -> Dict[str, Dict[str, Any]]:
-    """Returns the settings in force then, of the signal and of those that it depends on."""
-    robot = printable(transition.robot)
-    kept = queries.configuration(connection, transition.robot, transition.wall_s)
-    if kept is None:
-        raise ConfigError(f"{_FROM_ID}: this history has no configuration of {robot}")
-    try:
-        signals = read_kept(kept)
-    except ConfigError as error:
-        raise ConfigError(f"{_FROM_ID}: the configuration of {robot} cannot be read: {error}") from None
-    wanted = [transition.signal]
-    if transition.signal == LINK:  # a configuration has at least one signal
+    wanted = [signal]
+    if signal == LINK:  # a configuration has at least one signal
         wanted += [name for name in signals if name != LINK][:1]
     found: Dict[str, SignalConfig] = {}
     while wanted:
@@ -70,77 +64,61 @@ def _settings(connection: sqlite3.Connection, transition: StoredTransition) -> D
         if name == LINK or name in found:
             continue
         if name not in signals:
-            raise ConfigError(f"{_FROM_ID}: {printable(name)} is not in the configuration of {robot}")
+            raise ConfigError(f"{FROM_ALERT}: {printable(name)} is not in the configuration of {robot}")
         found[name] = signals[name]
-        conditions = (signals[name].only_if, signals[name].latch_release_if)
-        wanted += [condition.signal for condition in conditions if condition is not None]
-    return {name: settings_of(signal) for name, signal in found.items()}
+        wanted += depends_on(signals[name])
+    if signal in found and found[signal].is_template:
+        raise ConfigError(f"{FROM_ALERT}: {printable(signal)} has no samples itself, only its elements have")
+    return {name: settings_of(each) for name, each in found.items()}
 
 
-def _recorded(connection: sqlite3.Connection, transition: StoredTransition) -> RecordedAlert:
-    samples = queries.evidence(connection, transition.id)
-    return RecordedAlert(
-        transition.signal, transition.from_level, transition.to_level, transition.wall_s, transition.value,
-        transition.bound, [each for each in samples if math.isfinite(each[0])],
-    )  # fmt: skip
+def alert_test(alert: PastAlert, thresholds: Optional[str] = None) -> AlertTest:
+    """Returns the test of an alert, which has been run; `thresholds`: the path to write in place of the contents.
 
-
-def _before(connection: sqlite3.Connection, transition: StoredTransition) -> Sequence[StoredTransition]:
-    """Returns some transitions of the signal before this one, oldest first."""
-    found: List[StoredTransition] = []
-    read = queries.transitions(
-        connection,
-        robot=transition.robot,  # with a `*` in the names they match others, too
-        signal=transition.signal,
-        before_id=transition.id,
-        newest_first=True,
-        limit=_MOST_READ,
-    )
-    for each in read:
-        if (each.robot, each.signal) == (transition.robot, transition.signal) and not each.repeat:
-            found.append(each)
-        if len(found) == _MOST_BEFORE:
-            break
-    return found[::-1]
-
-
-def _lines(
-    transition: StoredTransition,
-    found: Reconstruction,
-    settings: Mapping[str, Mapping[str, Any]],
-    thresholds: Optional[str],
-) -> Iterator[str]:
-    name, when = _quoted(transition.signal), time_text(transition.wall_s)
-    yield printable(f"# Alert {transition.id} of {transition.robot}, {when}: {transition.text}")
+    Raises:
+        ConfigError: the alert does not occur again with what is stored, or `thresholds` cannot be read.
+    """
+    found = reconstruct(load_config({"signals": alert.settings}), alert.recorded, alert.others)
     if found.missing:
-        yield printable(f"# It does not occur in this test: {found.missing}")
-    elif found.remark:
+        raise ConfigError(f"{FROM_ALERT}: {alert.title} does not occur again: {found.missing}")
+    text = "".join(f"{line}\n" for line in _lines(alert, found, thresholds))
+    config, (test,) = parse_tests(text, "the test")
+    differences = [f"{mark} {each}" for mark, each in compare(test.expected, run_test(config, test)) if mark != " "]
+    if not differences:
+        return AlertTest(text, f"the test of {alert.title} passes", True)
+    what = f"{count_text(len(differences), 'difference')}, first {differences[0]}"
+    return AlertTest(text, f"the test of {alert.title} fails with {thresholds or 'these thresholds'}: {what}", False)
+
+
+def _lines(alert: PastAlert, found: Reconstruction, thresholds: Optional[str]) -> Iterator[str]:
+    recorded = alert.recorded
+    yield printable(f"# {alert.title[:1].upper()}{alert.title[1:]}, {time_text(recorded.wall_s)}: {alert.line}")
+    if found.remark:
         yield printable(f"# Assumed: {found.remark}")
     if thresholds is None:
         yield "thresholds:  # in force then"
         yield "  signals:"
-        for signal, keys in settings.items():
+        for signal, keys in alert.settings.items():
             yield f"    {_quoted(signal)}: {json.dumps(keys, ensure_ascii=False)}"
     else:
         yield f"thresholds: {_quoted(thresholds)}"
-    level = transition.to_level.name
     yield "tests:"
-    yield f"  - name: {_quoted(f'alert {transition.id} of {transition.robot}: {transition.signal} {level}')}"
+    yield f"  - name: {_quoted(f'{alert.title}: {recorded.signal} {recorded.to_level.name}')}"
     yield f"    interval_s: {_number(found.interval_s)}"
     yield "    input:"
-    text = series_text(found.series)
-    if len(text) <= _WIDTH:
-        yield f'      {name}: "{text}"'
-    else:
-        yield f"      {name}: >-"
+    for name, series in found.series.items():
+        text = series_text(series)
+        if len(text) <= _WIDTH:
+            yield f'      {_quoted(name)}: "{text}"'
+            continue
+        yield f"      {_quoted(name)}: >-"
         yield from textwrap.wrap(
             text, _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT, break_on_hyphens=False
         )
     yield "    alerts:"
-    alerts = [Alert(found.at_s, transition.signal, Level[level])] if found.missing else found.alerts
-    for alert in alerts:
-        at_s = _number(round(alert.at_s, 6))
-        yield f"      - {{at_s: {at_s}, signal: {_quoted(alert.signal)}, level: {alert.level.name}}}"
+    for each in found.alerts:
+        at_s = _number(round(each.at_s, 6))
+        yield f"      - {{at_s: {at_s}, signal: {_quoted(each.signal)}, level: {each.level.name}}}"
 
 
 def series_text(series: Sequence[Optional[float]]) -> str:

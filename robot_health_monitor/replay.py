@@ -8,15 +8,15 @@ import os
 import time
 from typing import Any, Counter, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from robot_health_monitor.core.attachments import STATE, THRESHOLDS, SavedMonitor, read_saved_monitor
-from robot_health_monitor.core.errors import ConfigError, MessageError, Path
+from robot_health_monitor.core.attachments import SavedMonitor
+from robot_health_monitor.core.errors import ConfigError, Path
 from robot_health_monitor.core.formatting import count_text, duration_text, list_text, printable
 from robot_health_monitor.core.local import LogLine
 from robot_health_monitor.core.middleware import Severity
 from robot_health_monitor.core.model import Level, Transition
 from robot_health_monitor.core.signal_config import SignalConfig, template_name
 from robot_health_monitor.core.version import package_version
-from robot_health_monitor.core.yaml_file import YamlFile, parse_yaml, read_yaml
+from robot_health_monitor.core.yaml_file import YamlFile, read_yaml
 from robot_health_monitor.ops.plotted_signal import PlottedSignal
 from robot_health_monitor.ops.report import MOST_ALERTS, Report, ReportedAlert, buckets_of, render
 from robot_health_monitor.recordings.judging import Differences, Judge, JudgedEvent, SignalSummary
@@ -25,6 +25,7 @@ from robot_health_monitor.recordings.reading import Recordings
 from robot_health_monitor.runtime.times import local_time
 
 from .arguments import find_installed
+from .black_box_file import attached_file, attached_section, attached_states
 from .embedded import sections_of_nodes
 from .replay_output import ReplayOutput, header, row, sentence, worst_first
 from .report_file import ReportFile
@@ -44,9 +45,10 @@ def replay(arguments: argparse.Namespace) -> bool:
         report = ReportFile(arguments.report, inputs, arguments.force)
     with Recordings(arguments.recordings) as recordings:
         saved = None
-        if THRESHOLDS in recordings.attachments and not arguments.thresholds:
-            configurations[0] = _attached(arguments.recordings[0], recordings.attachments[THRESHOLDS].text)
-            saved = _saved(arguments, recordings)
+        attached = None if arguments.thresholds else attached_file(recordings)
+        if attached is not None:
+            configurations[0] = _attached(attached)
+            saved = attached_states(recordings) if arguments.from_s == 0.0 else None  # they are those at the beginning
         return _Replay(arguments, configurations, recordings, report, saved).run()
 
 
@@ -292,21 +294,11 @@ def _configurations(arguments: argparse.Namespace) -> List[_Configuration]:
     return found
 
 
-def _attached(recording: str, text: str) -> _Configuration:
+def _attached(file: YamlFile) -> _Configuration:
     """Returns the configuration that a black box has attached."""
-    file = parse_yaml(text, os.path.join(recording, THRESHOLDS))
-    section = sections_of_nodes(file)["alert_system"]
-    return _Configuration(f"{THRESHOLDS} in {os.path.basename(recording)}", file, section.path, section.tree)
-
-
-def _saved(arguments: argparse.Namespace, recordings: Recordings) -> Optional[SavedMonitor]:
-    """Returns the states at the beginning of a black box; None: it has none, or the replay begins later."""
-    if STATE not in recordings.attachments or arguments.from_s > 0.0:
-        return None
-    try:
-        return read_saved_monitor(recordings.attachments[STATE].text)
-    except MessageError as error:
-        raise ConfigError(str(error), file=arguments.recordings[0]) from None
+    section = attached_section(file)
+    folder, name = os.path.split(file.file)
+    return _Configuration(f"{name} in {os.path.basename(folder)}", file, section.path, section.tree)
 
 
 def _read(arguments: argparse.Namespace, name: Optional[str]) -> _Configuration:

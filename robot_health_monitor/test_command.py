@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Iterator, List, Sequence
+from typing import Iterator, List, Sequence, Union
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.runtime.interrupts import Interrupts
+from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
 from .alert_test import alert_test
-from .arguments import Parser, alert_id
+from .arguments import Parser, alert_id, identifier
 from .exit_codes import ExitCode
+from .history_alert import history_alert
 from .history_file import add_history_options, history_file, reading_history
 from .threshold_tests import Difference, compare, read_tests, run_test
 
@@ -21,14 +23,24 @@ def add_arguments(parser: Parser) -> None:
     """Adds the arguments of the command."""
     parser.description = (
         "Runs tests of a thresholds.yaml in virtual time: series of samples in, expected alerts out. "
-        "Shows the differences if a test fails. With --from-alert, writes the test of a past alert to stdout."
+        "Shows the differences if a test fails. With --from-alert, writes the test of a past "
+        "alert to stdout, after it has run it."
     )
     parser.add_argument("files", metavar="FILE", nargs="*", help="tests; docs/recordings.md describes the format")
-    parser.add_argument("--from-alert", metavar="ID", type=alert_id, help="the alert, as `history` shows it: 41 or #41")
+    parser.add_argument(
+        "--from-alert",
+        metavar="ID|FILE",
+        type=_alert,
+        help="the alert, as `history` shows it (41 or #41), or the .mcap file of a black box",
+    )
+    parser.add_argument(
+        "--number", metavar="N", type=_number, help="with --from-alert FILE: which of its alerts, if it has several"
+    )
     parser.add_argument(
         "--thresholds",
         metavar="FILE",
-        help="with --from-alert: the path that the test names (default: it contains the thresholds in force then)",
+        help="with --from-alert: the path that the test names, relative to the current folder, where the test belongs "
+        "(default: it contains the thresholds in force then)",
     )
     add_history_options(parser)
     parser.check = _check_task
@@ -37,21 +49,56 @@ def add_arguments(parser: Parser) -> None:
 def _check_task(arguments: argparse.Namespace) -> str:
     if bool(arguments.files) is (arguments.from_alert is not None):
         return f"expected either FILE or --from-alert, got {'both' if arguments.files else 'neither'}"
-    for option in ("thresholds", "history", "ops"):
+    for option in ("number", "thresholds", "history", "ops"):
         if arguments.files and getattr(arguments, option) is not None:
             return f"--{option}: only with --from-alert"
+    is_file = isinstance(arguments.from_alert, str)
+    if is_file and (arguments.history or arguments.ops):
+        return "--history and --ops: only with the number of an alert, not with a black box"
+    if not is_file and arguments.number is not None:
+        return "--number: only with the file of a black box"
     return ""
+
+
+def _alert(text: str) -> Union[int, str]:
+    """Returns the number of an alert in a history, or the path of a black box."""
+    try:
+        return alert_id(text)
+    except argparse.ArgumentTypeError:
+        if text.endswith(".mcap"):
+            return text
+        problem = f"expected the number of an alert or the .mcap file of a black box, got {text!r}"
+        raise argparse.ArgumentTypeError(problem) from None
+
+
+def _number(text: str) -> int:
+    return identifier(text, "the number of an alert in the file")
 
 
 def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     """Runs all tests of all files, or writes one; returns the worst code: `ALERTS` if a test failed."""
     if arguments.from_alert is None:
         return max(_run_file(file) for file in arguments.files)
-    with reading_history(history_file(arguments.history, arguments.ops)) as connection:
-        text = alert_test(connection, arguments.from_alert, arguments.thresholds)
-    sys.stdout.write(text)
+    if isinstance(arguments.from_alert, str):
+        path, number = arguments.from_alert, arguments.number
+        with libraries(*RECORDINGS):
+            from .black_box_alert import black_box_alerts
+        found = black_box_alerts(path)
+        if number is None and len(found) > 1:
+            sys.stderr.write(f"{printable(path)}: has {len(found)} alerts; choose one with --number N:\n")
+            sys.stderr.writelines(f"{place:>5}  {printable(each.line)}\n" for place, each in enumerate(found, 1))
+            return ExitCode.USAGE
+        if number is not None and not 1 <= number <= len(found):
+            raise ConfigError(f"--number {number}: expected 1 to {len(found)}", file=path)
+        alert = found[(number or 1) - 1]
+    else:
+        with reading_history(history_file(arguments.history, arguments.ops)) as connection:
+            alert = history_alert(connection, arguments.from_alert)
+    test = alert_test(alert, arguments.thresholds)
+    sys.stdout.write(test.text)
     sys.stdout.flush()
-    return ExitCode.SUCCESS
+    sys.stderr.write(f"{printable(test.verdict)}\n")
+    return ExitCode.SUCCESS if test.passes else ExitCode.ALERTS
 
 
 def _run_file(file: str) -> ExitCode:

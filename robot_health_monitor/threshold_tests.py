@@ -27,7 +27,7 @@ from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.nodes.alert_system import TICK_PERIOD_S
 from robot_health_monitor.core.parameters import Parameter, describe, read_parameters, require_mapping
 from robot_health_monitor.core.signal_config import LINK, SignalConfig, is_element_name, template_name
-from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.core.yaml_file import YamlFile, parse_yaml, read_yaml
 
 TIME_TOLERANCE_S = 1e-6  # two times closer than this are the same: `3 * 0.1` is not 0.3
 LONGEST_TEST_S = 1e6
@@ -77,13 +77,21 @@ Difference = Tuple[str, Alert]
 
 def read_tests(file: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
     """Reads a file of tests and the thresholds that it names. Raises ConfigError, with all mistakes."""
-    read = read_yaml(file)
+    return _tests_of(read_yaml(file), os.path.dirname(file))
+
+
+def parse_tests(text: str, name: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
+    """Reads the text of such a file, with its `name` in errors; paths in it are relative to the working directory."""
+    return _tests_of(parse_yaml(text, name), "")
+
+
+def _tests_of(read: YamlFile, folder: str) -> Tuple[MonitorConfig, List[ThresholdTest]]:
     problems = Problems()
     config = MonitorConfig({})
     tests: Dict[str, ThresholdTest] = {}
     try:
         with problems:
-            config = _read_thresholds(read.tree, os.path.dirname(file))
+            config = _read_thresholds(read.tree, folder)
         with problems:
             found = _list(read.tree, "tests", "a list of tests", ())
             if not found:
@@ -262,17 +270,20 @@ def _with_reductions(
 
 def _steps(test: ThresholdTest) -> Iterator[Tuple[float, List[Tuple[str, float]]]]:
     """Yields each time with its samples; without samples it is a tick."""
+    samples: Dict[int, List[Tuple[str, float]]] = {}
+    for name, series in test.series.items():
+        for number, value in enumerate(series):
+            if value is not None:
+                samples.setdefault(number, []).append((name, value))
+    last = max(map(len, test.series.values())) - 1
     ticks = 1
-    length = max(map(len, test.series.values()))
-    for number in range(length):
+    for number in sorted({*samples, last}):
         now_s = number * test.interval_s
         while ticks * TICK_PERIOD_S < now_s - TIME_TOLERANCE_S:
             yield ticks * TICK_PERIOD_S, []
             ticks += 1
-        samples = [(name, series[number]) for name, series in test.series.items() if number < len(series)]
-        present = [(name, value) for name, value in samples if value is not None]
-        if present:
-            yield now_s, present
+        if number in samples:
+            yield now_s, samples[number]
         if ticks * TICK_PERIOD_S <= now_s + TIME_TOLERANCE_S:
             yield max(now_s, ticks * TICK_PERIOD_S), []
             ticks += 1

@@ -6,62 +6,26 @@ import json
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import pytest
+from harness.watched_signals import Timeline, every_second, watched
 
 from robot_health_monitor.__main__ import main
 from robot_health_monitor.alert_test import series_text
-from robot_health_monitor.core import Level, Sample, load_config
-from robot_health_monitor.core.continuity import Continuity
+from robot_health_monitor.core import Level
 from robot_health_monitor.core.elements import DriverStatus
-from robot_health_monitor.core.monitor import Monitor
-from robot_health_monitor.core.nodes.node import sections_of
 from robot_health_monitor.history_file import change_history
-from robot_health_monitor.ops.configuration import HistorySettings
-from robot_health_monitor.ops.history.history import History
 from robot_health_monitor.threshold_tests import parse_series, read_tests
 
 pytestmark = pytest.mark.usefixtures("utc")
 
-START_S = 1_700_000_000.0
-Timeline = Sequence[Tuple[float, Any]]
-"""Time in s and datum; None is a tick."""
-
-
-def watched(file: Path, signals: Mapping[str, Any], name: str, timeline: Timeline) -> Path:
-    """Stores what a monitor with a history announces."""
-    now_s = [0.0]
-    history = History(HistorySettings(str(file)), lambda: START_S + now_s[0])
-    config = load_config({"signals": signals})
-    monitor = Monitor(config, "r3")
-    continuity = Continuity(monitor, history.of_robot("r3"))
-    continuity.record_configuration(sections_of(config))
-    continuity.restore(0.0, at_first_call=False)
-    monitor.tick(0.0)
-    for now_s[0], datum in timeline:
-        changes = monitor.tick(now_s[0]) if datum is None else monitor.observe(Sample(name, datum, now_s[0]))
-        for each in changes:
-            continuity.record(each)
-    history.run(lambda connection: None, 30.0)
-    history.close()
-    return file
-
-
-def every_second(values: Sequence[Any]) -> List[Tuple[float, Any]]:
-    """Returns a sample each second, `...` for none, with a tick half a second after each."""
-    found: List[Tuple[float, Any]] = []
-    for number, value in enumerate(values):
-        found += [(float(number), value)] if value is not ... else []
-        found.append((number + 0.5, None))
-    return found
-
 
 def written(capsys: pytest.CaptureFixture[str], file: Path, number: int, *options: str) -> str:
-    """Returns what the command writes."""
-    assert main(["test", "--from-alert", str(number), "--history", str(file), *options]) == 0
+    """Returns what the command writes, after it has run it."""
+    code = main(["test", "--from-alert", str(number), "--history", str(file), *options])
     captured = capsys.readouterr()
-    assert captured.err == ""
+    assert (code, captured.err) == (0, f"the test of alert {number} of r3 passes\n")
     return captured.out
 
 
@@ -100,8 +64,9 @@ def test_the_test_of_an_alert_is_its_series_and_the_thresholds_in_force(
 
 
 def test_a_false_alarm_becomes_a_failing_test_then_a_better_threshold(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     file = watched(tmp_path / "history.db", BATTERY, "battery", every_second([25.0] * 5 + [19.5] * 5))
     (tmp_path / "thresholds.yaml").write_text(
         json.dumps({"alert_system": {"ros__parameters": {"signals": BATTERY}}}), encoding="utf-8"
@@ -179,7 +144,6 @@ def test_the_test_of_every_transition_passes(case: str, tmp_path: Path, capsys: 
     assert levels
     for number, level in levels:
         text = written(capsys, file, number)
-        assert "It does not occur" not in text
         passes(capsys, tmp_path, text)
         _, (test,) = read_tests(str(tmp_path / "alert.test.yaml"))
         assert test.expected[-1].level is Level(level)
@@ -195,25 +159,36 @@ def test_what_is_assumed_is_one_comment_line(tmp_path: Path, capsys: pytest.Capt
     passes(capsys, tmp_path, text)
 
 
-def test_what_cannot_occur_again_is_one_comment_line_and_fails(
+def refused(capsys: pytest.CaptureFixture[str], file: Path, number: int) -> str:
+    """Returns why an alert has no test."""
+    code = main(["test", "--from-alert", str(number), "--history", str(file)])
+    captured = capsys.readouterr()
+    assert (code, captured.out, captured.err.count("\n")) == (2, "", 1)
+    return captured.err
+
+
+def test_an_alert_that_cannot_occur_again_has_no_test_and_one_line_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It ends because another signal changes, whose samples are not stored with it."""
-    signals = {
-        "b": {"warn_below": 20.0, "only_if": {"signal": "c", "above": 1.0}, "window_s": 5.0},
-        "c": {"warn_above": 5.0},
-    }
-    file = tmp_path / "history.db"
-    watched(file, signals, "b", every_second([25.0] * 3 + [19.0] * 9))
+    """The value 19 is said to have ended the alert, which it cannot."""
+    signals = {"b": {"warn_below": 20.0, "window_s": 5.0}}
+    file = watched(tmp_path / "history.db", signals, "b", every_second([25.0] * 3 + [19.0] * 9))
     change_history(str(file), lambda connection: connection.execute("UPDATE transitions SET to_level = 0, value = 1"))
-    text = written(capsys, file, 1)
-    (comment,) = [line for line in text.splitlines()[1:] if line.startswith("#")]
-    assert comment.startswith(
-        "# It does not occur in this test: it depends on the samples of c, too; these samples give"
+    assert refused(capsys, file, 1).startswith(
+        "robot-health test: --from-alert: alert 1 of r3 does not occur again: what came more than "
     )
-    path = tmp_path / "alert.test.yaml"
-    path.write_text(text, encoding="utf-8")
-    assert main(["test", str(path)]) == 1
+
+
+def test_a_test_of_other_thresholds_is_run_with_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = watched(tmp_path / "history.db", BATTERY, "battery", every_second([25.0] * 5 + [19.5] * 5))
+    path = tmp_path / "better.yaml"
+    path.write_text("alert_system: {ros__parameters: {signals: {battery: {warn_below: 19.0}}}}", encoding="utf-8")
+    assert main(["test", "--from-alert", "1", "--history", str(file), "--thresholds", str(path)]) == 1
+    captured = capsys.readouterr()
+    assert captured.out.endswith('- {at_s: 8, signal: "battery", level: WARN}\n')
+    assert captured.err == (
+        f"the test of alert 1 of r3 fails with {path}: 1 difference, first - at_s: 8, signal: battery, level: WARN\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -241,13 +216,12 @@ def test_what_has_no_test_is_one_line(
     assert capsys.readouterr() == ("", f"robot-health test: {problem}\n")
 
 
-def test_odd_evidence_gives_one_comment_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_odd_evidence_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = watched(tmp_path / "history.db", BATTERY, "battery", every_second([25.0] * 5 + [19.5] * 5))
     for blob in (b"", b"odd", b"\xff" * 20, b"\x00" * 32):
         with closing(sqlite3.connect(str(file))) as connection, connection:
             connection.execute("UPDATE evidence SET samples = ?", (blob,))
-        text = written(capsys, file, 1)
-        assert "# It does not occur in this test: " in text or "# Assumed: " in text
+        assert "alert 1 of r3 does not occur again: " in refused(capsys, file, 1)
 
 
 @pytest.mark.parametrize(
@@ -256,7 +230,10 @@ def test_odd_evidence_gives_one_comment_line(tmp_path: Path, capsys: pytest.Capt
         ([], "expected either FILE or --from-alert, got neither"),
         (["a.yaml", "--from-alert", "1"], "expected either FILE or --from-alert, got both"),
         (["a.yaml", "--history", "h.db"], "--history: only with --from-alert"),
-        (["--from-alert", "x"], "argument --from-alert: expected the number of an alert, got 'x'"),
+        (["--from-alert", "x"], "argument --from-alert: expected the number of an alert or the .mcap file"),
+        (["a.yaml", "--number", "1"], "--number: only with --from-alert"),
+        (["--from-alert", "1", "--number", "1"], "--number: only with the file of a black box"),
+        (["--from-alert", "a.mcap", "--ops", "o.yaml"], "--history and --ops: only with the number of an alert"),
     ],
 )
 def test_arguments_that_do_not_fit(capsys: pytest.CaptureFixture[str], arguments: List[str], problem: str) -> None:

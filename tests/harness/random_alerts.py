@@ -6,13 +6,13 @@ import math
 import random
 from typing import Any, Dict, Iterator, List, Tuple
 
+from robot_health_monitor.alert_past import RecordedAlert
 from robot_health_monitor.core import Sample, load_config
 from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.continuity import MAX_EVIDENCE
 from robot_health_monitor.core.monitor import Monitor
 from robot_health_monitor.core.signal_config import OF_ARRIVALS
 from robot_health_monitor.ops.history.rows import pack_samples, unpack_samples
-from robot_health_monitor.reconstruction import RecordedAlert
 
 WALL_S = 1_795_324_000.0
 
