@@ -92,6 +92,17 @@ ROS2_WHEELS = [
 ]
 """ROS 2 from PyPI, for machines without Jazzy."""
 
+KILTED_WHEELS = [
+    "ros-kilted-rclpy",
+    "ros-kilted-rmw-fastrtps-cpp",
+    "ros-kilted-std-msgs",
+    "ros-kilted-diagnostic-msgs",
+    "ros-std-srvs==5.5.1",
+    "ros-sensor-msgs==5.5.1",
+]
+"""Kilted from PyPI, for the session `kilted`."""
+
+COVERAGE = ["coverage[toml]>=7.6"]
 COLCON = ["colcon-core>=0.21", "colcon-ros", "colcon-recursive-crawl", "colcon-bash", "colcon-test-result"]
 LINTERS = ["ruff==0.17.6"]
 CHECKERS = ["mypy", "import-linter", "types-PyYAML", "types-psutil"]
@@ -142,9 +153,12 @@ JAZZY = sourced("jazzy")
 WHEELS_PYTHON = next((version for version in ("3.12", "3.13", "3.11", "3.10", "3.14") if version in PYTHONS), "3.12")
 ROS2_PYTHON = SYSTEM_PYTHON if JAZZY else WHEELS_PYTHON
 ROS2_VENV = ["--system-site-packages"] if JAZZY else []
+MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", "ros1", "ros2")
+"""Sessions whose coverage is measured: with sys.monitoring, which costs little, where Python has it (3.12)."""
 
 nox.options.envdir = ".venv"
-nox.options.sessions = ["core", "ros1", "processes", "packaging", "ros2", "lint", "types"]  # the longest first
+# The longest first.
+nox.options.sessions = ["core", "ros1", "processes", "packaging", "ros2", "lint", "types", "coverage"]
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
 nox.options.download_python = "never"
@@ -222,6 +236,13 @@ def ros2(session: nox.Session) -> None:
     run_pytest(session, "tests/ros2", "tests/chaos/test_ros2.py")
 
 
+@nox.session(python=WHEELS_PYTHON)
+def kilted(session: nox.Session) -> None:
+    """The tests of ROS 2 with the rclpy of Kilted; only `make test ARGS=kilted` runs them."""
+    set_up(session, {}, *KILTED_WHEELS)
+    run_pytest(session, "tests/ros2", "tests/chaos/test_ros2.py")
+
+
 @nox.session(python=ROS2_PYTHON, venv_backend="venv", venv_params=ROS2_VENV, requires=["apt"])
 def packaging(session: nox.Session) -> None:
     """The builds with colcon, catkin_make and pip, each in a separate workspace.
@@ -239,6 +260,22 @@ def deb(session: nox.Session) -> None:
     set_up(session, {}, "bloom>=0.14", "rosdep>=0.27")
     session.run("python", "release/debs.py", "dist")
     run_pytest(session, "tests/debs")
+
+
+@nox.session(python=NEWEST, requires=MEASURED)
+def coverage(session: nox.Session) -> None:
+    """The share of the code that the tests of other sessions ran, at least `fail_under` of pyproject.toml.
+
+    Code of ROS counts where its session ran. Code that runs only in processes that tests start is not seen.
+    """
+    session.install(*COVERAGE)
+    measured = sorted(RESULTS.glob("coverage.*"))
+    if not measured:
+        session.skip("none of the measured sessions ran")
+    session.env["COVERAGE_FILE"] = str(RESULTS / "coverage")
+    session.run("coverage", "combine", "--quiet", "--keep", *map(str, measured))
+    left_out = [f"{ros}/*" for ros in ("ros1", "ros2") if not data_file(ros).exists()]
+    session.run("coverage", "report", "--skip-covered", *([f"--omit={','.join(left_out)}"] if left_out else []))
 
 
 @nox.session(python=NEWEST)
@@ -311,8 +348,21 @@ def run_pytest(session: nox.Session, *tests: str) -> None:
     """Runs tests, which count in .venv/results/; a run that takes too long is interrupted and shows where it hangs."""
     RESULTS.mkdir(parents=True, exist_ok=True)
     junit = RESULTS / f"{session.name}.xml"
-    if junit.exists():
-        junit.unlink()
+    data = data_file(session.name)
+    for old in (junit, data):
+        if old.exists():
+            old.unlink()
+    python = ["python"]
+    if session.name in MEASURED:
+        session.install(*COVERAGE)
+        python = ["python", "-m", "coverage", "run", f"--data-file={data}"]
+        if session.run("python", "-c", "import sys; print(hasattr(sys, 'monitoring'))", silent=True) == "True\n":
+            session.env["COVERAGE_CORE"] = "sysmon"
     timeout = ["timeout", "--foreground", "--signal=INT", "--kill-after=60", SESSION_TIMEOUT]
-    pytest = ["python", "-m", "pytest", "-q", "--color=no", f"--junit-xml={junit}", *tests, *session.posargs]
+    pytest = [*python, "-m", "pytest", "-q", "--color=no", f"--junit-xml={junit}", *tests, *session.posargs]
     session.run(*timeout, *pytest, external=True)
+
+
+def data_file(session: str) -> Path:
+    """Returns the file with the coverage of a session."""
+    return RESULTS / f"coverage.{session}"

@@ -195,7 +195,8 @@ def with_present_names(found: Mapping[str, Any], parameters: Sequence[Parameter]
 
     Raises ConfigError if both names of a parameter are given.
     """
-    renamed = {parameter.former: parameter.name for parameter in parameters if parameter.former in found}
+    renamed = {parameter.former: parameter.name for parameter in parameters if parameter.former}
+    renamed = {former: name for former, name in renamed.items() if former in found}
     problems = Problems()
     for former, name in renamed.items():
         if name in found:

@@ -66,6 +66,12 @@ def test_both_builds_install_the_same_folders() -> None:
     assert in_cmake[1].split() == list(FOLDERS)
 
 
+def test_the_coverage_of_every_folder_is_measured() -> None:
+    settings = re.search(r"\[tool\.coverage\.run\]\nsource = \[(.*)\]", (ROOT / "pyproject.toml").read_text("utf-8"))
+    assert settings is not None
+    assert sorted(re.findall(r'"(\w+)"', settings[1])) == sorted([*FOLDERS, NAME])
+
+
 def test_every_folder_of_modules_is_a_package() -> None:
     folders = {module.parent for module in modules()}
     assert [folder for folder in sorted(folders) if not (ROOT / folder / "__init__.py").exists()] == []

@@ -27,11 +27,12 @@ RCLPY_SERVES = (
     "describe_parameters",
     "get_parameter_types",
     "get_parameters",
+    "get_type_description",
     "list_parameters",
     "set_parameters",
     "set_parameters_atomically",
 )
-"""Below the node's name."""
+"""Below the node's name; get_type_description only with `start_type_description_service`, or for `BRIDGE`."""
 PROBE = "_executor_probe"
 """Topic below the node's name with which ros2/process.py tests the executor, at the start only."""
 BRIDGE = "rosbridge"

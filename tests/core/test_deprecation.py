@@ -35,6 +35,11 @@ def test_a_present_key_warns_of_nothing() -> None:
         assert read_parameters({"period_s": 5}, TABLE) == {"period_s": 5.0, "name": ""}
 
 
+def test_an_empty_key_is_unknown_like_any_other() -> None:
+    with pytest.raises(ConfigError, match="unknown key"):
+        read_parameters({"": "atlas"}, TABLE)
+
+
 def test_both_names_of_one_key_are_a_mistake() -> None:
     with pytest.raises(ConfigError, match=r"node\.period: renamed to period_s, which is given too; remove this key"):
         read_parameters({"period": 5, "period_s": 6}, TABLE, ("node",))

@@ -21,7 +21,8 @@ FOUR = ("ConfigError", "MessageError", "ServiceError", "LinkError")
 
 def is_error(bases: List[str]) -> bool:
     found = [getattr(builtins, base, None) for base in bases]
-    return any(isinstance(each, type) and issubclass(each, BaseException) for each in found)
+    classes = [each for each in found if isinstance(each, type)]
+    return any(issubclass(each, BaseException) and not issubclass(each, Warning) for each in classes)
 
 
 def errors_of_the_project() -> Dict[str, List[str]]:

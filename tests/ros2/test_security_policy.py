@@ -15,6 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 THRESHOLDS = str(ROOT / "config" / "thresholds.yaml")
 
 Names = Mapping[Tuple[str, str], Set[str]]
+AT_TIMES = ("/_executor_probe", "/get_type_description")
+"""Allowed, and used at the start only, or if a parameter says so."""
 GETTERS = {
     ("topic", "publish"): "get_publisher_names_and_types_by_node",
     ("topic", "subscribe"): "get_subscriber_names_and_types_by_node",
@@ -99,7 +101,7 @@ def test_three_processes_in_a_namespace(ros: Any, observer: Any, start: Any, pol
     assert sorted(allowed) == ["/robot1/aggregator", "/robot1/alert_system", "/robot1/battery_sensor"]
     for executable in ("alert_system", "aggregator", "battery_sensor"):
         start(executable, "--ros-args", "-r", "__ns:=/robot1", "--params-file", THRESHOLDS)
-    wait_for(ros, observer, without(allowed, "/clock", "/_executor_probe"))
+    wait_for(ros, observer, without(allowed, "/clock", *AT_TIMES))
 
 
 def test_one_process_with_this_computer_a_remapping_and_simulated_time(
@@ -109,7 +111,7 @@ def test_one_process_with_this_computer_a_remapping_and_simulated_time(
     arguments = ["-p", "sensors:=host", "-p", "use_sim_time:=true", "-r", "battery_level:=/bms/level"]
     start("health_monitor", "--ros-args", "--params-file", THRESHOLDS, *arguments)
     assert "/bms/level" in allowed["/battery_sensor"]["topic", "publish"]
-    wait_for(ros, observer, without(allowed, "/_executor_probe"))
+    wait_for(ros, observer, without(allowed, *AT_TIMES))
 
 
 def test_the_probe_of_the_executor_is_allowed(policy: Any) -> None:
@@ -133,7 +135,7 @@ def test_a_server_and_a_black_box(ros: Any, observer: Any, start: Any, policy: A
     assert "/joint_states" in allowed["/alert_system"]["topic", "subscribe"]
     start("alert_system", "--ros-args", "--params-file", THRESHOLDS, "-p", f"ops:={ops}")
     ros.listen("/joint_states", "std_msgs/String")  # a black box subscribes once the type is known
-    wait_for(ros, observer, without(allowed, "/clock", "/_executor_probe"))
+    wait_for(ros, observer, without(allowed, "/clock", *AT_TIMES))
     patterns = {"/cmd_*", "/dock", "/assist", "/*"}
     assert patterns <= set().union(*bridge.values())
     ros.wait_until(lambda: used(observer, "/rosbridge")["topic", "publish"])

@@ -42,6 +42,7 @@ ALONE = """<?xml version="1.0" encoding="UTF-8"?>
             <service>~/describe_parameters</service>
             <service>~/get_parameter_types</service>
             <service>~/get_parameters</service>
+            <service>~/get_type_description</service>
             <service>~/list_parameters</service>
             <service>~/reset</service>
             <service>~/set_parameters</service>
