@@ -1,6 +1,7 @@
 # make run     the monitor on this machine: simulated robot, no ROS
 # make test    every test that this machine can run
 # make lint    linter, formatter, types, import rules
+# make docs    the documentation site, in build/docs/html
 # make bench   what it costs, beside bare peers
 # make soak    two thousand kills -9, which must lose nothing; ten minutes of clients: memory and threads must stay flat
 # make fuzz    random input to everything that takes input, for one minute
@@ -17,7 +18,7 @@ NOX = .venv/nox/bin/nox
 NOX_REQUIREMENTS = nox 'virtualenv<21'
 PIP_INSTALL = bin/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test lint bench soak fuzz deb
+.PHONY: run test lint docs bench soak fuzz deb
 
 run: .venv/run/installed
 	@.venv/run/bin/robot-health run $(ARGS)
@@ -29,6 +30,10 @@ test: .venv/nox/installed
 
 lint: .venv/nox/installed
 	@$(NOX) --session lint types
+
+docs: .venv/nox/installed
+	@$(NOX) --session docs
+	@echo "build/docs/html/index.html; addresses that were not checked: build/docs/external_links.txt" >&2
 
 bench: .venv/nox/installed
 	@$(NOX) --install-only --session ros1 ros2

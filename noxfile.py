@@ -106,6 +106,7 @@ COVERAGE = ["coverage[toml]>=7.6"]
 COLCON = ["colcon-core>=0.21", "colcon-ros", "colcon-recursive-crawl", "colcon-bash", "colcon-test-result"]
 LINTERS = ["ruff==0.17.6"]
 CHECKERS = ["mypy", "import-linter", "types-PyYAML", "types-psutil"]
+SITE = ["sphinx>=7.2", "myst-parser>=2", "furo"]
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 
@@ -158,7 +159,7 @@ MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", "ros1", "ros2")
 
 nox.options.envdir = ".venv"
 # The longest first.
-nox.options.sessions = ["core", "ros1", "processes", "packaging", "ros2", "lint", "types", "coverage"]
+nox.options.sessions = ["core", "ros1", "processes", "packaging", "ros2", "docs", "lint", "types", "coverage"]
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
 nox.options.download_python = "never"
@@ -207,7 +208,7 @@ def core(session: nox.Session) -> None:
     if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
         for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
             session.install(package, success_codes=range(256))
-    others = ("ros1", "ros2", "packaging", "debs", "chaos/test_ros1.py", "chaos/test_ros2.py")
+    others = ("ros1", "ros2", "packaging", "debs", "site", "chaos/test_ros1.py", "chaos/test_ros2.py")
     note_newest_python(session)
     ignored = [*(f"tests/{name}" for name in others), *PROCESS_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
@@ -292,6 +293,14 @@ def types(session: nox.Session) -> None:
     set_up(session, {}, *CHECKERS)
     session.run("lint-imports")
     session.run("mypy")
+
+
+@nox.session(python=WHEELS_PYTHON)
+def docs(session: nox.Session) -> None:
+    """The documentation site, in build/docs/html: a warning, such as a dead link, is an error."""
+    set_up(session, {}, *SITE)
+    session.run("python", "-m", "sphinx", "--quiet", "--fresh-env", "-W", "--keep-going", "docs", "build/docs/html")
+    run_pytest(session, "tests/site")
 
 
 @nox.session(python=WHEELS_PYTHON)
