@@ -28,13 +28,16 @@ from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes.aggregator import AGGREGATOR_PARAMETERS
 from robot_health_monitor.core.outlets import FIELDS
 from robot_health_monitor.core.parameters import Parameter
+from robot_health_monitor.core.sensors.catalogue import HOST_SOURCES
 from robot_health_monitor.core.signal_config import CONDITION_PARAMETERS, CONDITIONS, SIGNAL_PARAMETERS
 from robot_health_monitor.core.version import package_version
 from robot_health_monitor.executables import EXECUTABLES
 from robot_health_monitor.exit_codes import ExitCode
 from robot_health_monitor.fleet_configuration import ROBOT_PARAMETERS
+from robot_health_monitor.history_entries import CSV_HEAD
 from robot_health_monitor.ops import configuration as ops
 from robot_health_monitor.ops import metrics
+from robot_health_monitor.ops.history.samples import SAMPLES_FIELDS
 from robot_health_monitor.ops.web.interface import WebInterface
 from robot_health_monitor.runtime.tokens import TOKEN_VARIABLE
 
@@ -65,6 +68,8 @@ def names() -> List[str]:
             *(f"API {name} {key}" for name in generate.API for key in generate.fields_sent(name)),
             *_routes(),
             *(f"alert in JSON {field}" for field in FIELDS),
+            *(f"column of history --csv {column}" for column in CSV_HEAD),
+            *(f"column of history --samples --csv {column}" for column in SAMPLES_FIELDS),
             *(f"exit code {code.value} {code.name}" for code in ExitCode),
             f"variable {TOKEN_VARIABLE}",
         }
@@ -109,27 +114,31 @@ def _call(name: str, function: Any) -> Iterator[str]:
 
 
 def _keys() -> Iterator[str]:
-    """Yields the keys of all configuration files."""
-    signal = [parameter.name for parameter in SIGNAL_PARAMETERS]
-    conditions = [f"{key}.{parameter.name}" for key in CONDITIONS for parameter in CONDITION_PARAMETERS]
-    tables: Mapping[str, Iterable[str]] = {
-        "alert_system": _names(MONITOR_PARAMETERS),
-        "alert_system signals.*.": [*signal, *conditions],
-        "aggregator": _names(AGGREGATOR_PARAMETERS),
-        "battery_sensor": _names(generate._sensor_parameters()),
-        "ops.yaml history.": _names(ops.HISTORY_PARAMETERS),
-        "ops.yaml black_box.": _names(ops.BLACK_BOX_PARAMETERS),
-        "ops.yaml notify.*.": _names(ops.TARGET_PARAMETERS),
-        "ops.yaml server.": _names(ops.SERVER_PARAMETERS),
-        "fleet.yaml defaults. and robots.*.": _names(ROBOT_PARAMETERS),
+    """Yields the keys of all configuration files, and the words that they accept."""
+    tables: Mapping[str, Iterable[Parameter]] = {
+        "alert_system ": MONITOR_PARAMETERS,
+        "alert_system signals.*.": SIGNAL_PARAMETERS,
+        **{f"alert_system signals.*.{key}.": CONDITION_PARAMETERS for key in CONDITIONS},
+        "aggregator ": AGGREGATOR_PARAMETERS,
+        "battery_sensor ": [*generate._sensor_parameters()],
+        "ops.yaml history.": ops.HISTORY_PARAMETERS,
+        "ops.yaml black_box.": ops.BLACK_BOX_PARAMETERS,
+        "ops.yaml notify.*.": ops.TARGET_PARAMETERS,
+        "ops.yaml server.": ops.SERVER_PARAMETERS,
+        "fleet.yaml robots.*.": ROBOT_PARAMETERS,
+        "fleet.yaml defaults.": [each for each in ROBOT_PARAMETERS if each.name != "url"],
     }
-    for place, keys in tables.items():
-        space = "" if place.endswith(".") else " "
-        yield from (f"key {place}{space}{key}" for key in keys)
+    for place, parameters in tables.items():
+        for parameter in parameters:
+            yield f"key {place}{parameter.name}"
+            yield from (f"key {place}{parameter.name}: {choice}" for choice in filter(None, parameter.choices))
+    for source, description in HOST_SOURCES.items():
+        yield f"key battery_sensor host.*.source: {source}"
+        yield from (f"key battery_sensor host.*.{option} of {source}" for option in _options_of(description))
 
 
-def _names(parameters: Iterable[Parameter]) -> List[str]:
-    return [parameter.name for parameter in parameters]
+def _options_of(source: Any) -> Iterable[str]:
+    return [option.name for option in source.options]
 
 
 def _options() -> Iterator[str]:
