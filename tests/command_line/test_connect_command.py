@@ -8,6 +8,7 @@ import json
 import os
 import re
 import signal
+import subprocess
 import time
 from functools import partial
 from pathlib import Path
@@ -16,11 +17,15 @@ from urllib.request import urlopen
 
 import pytest
 from harness.line_process import LineProcess
+from harness.waiting import wait_for
 
 pytest.importorskip("aiohttp", reason="aiohttp, which carries the WebSockets, is not installed")
 
+from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.ops.history import queries
 from robot_health_monitor.ops.history.database_file import reading
+from robot_health_monitor.rosbridge.server.server import Server
+from robot_health_monitor.runtime.event_loops import LoopThread
 
 Start = Callable[..., LineProcess]
 
@@ -442,3 +447,72 @@ def test_sighup_reads_the_ops_yaml_again(robot_health: Start, thresholds: Path, 
     assert f"{ops}:1: notify.pager" in watcher.wait_for_text("[ERROR] connect: not reloaded")
     watcher.signal()
     assert watcher.wait() == 0
+
+
+class ServedRobot:
+    """A robot with this project's rosbridge server, that publishes a value ten times a second."""
+
+    def __init__(self) -> None:
+        self.value = 50.0
+        self._loop = LoopThread("robot")
+        self._bus = LocalBus(1000.0)
+        self._server = Server(self._bus.node("rosbridge"), port=0, threads=False)
+        self._loop.call(self._server.start())
+        self.url = f"ws://127.0.0.1:{self._server.port}"
+        self._sensor = self._bus.node("sensor")
+        self._sensor.advertise("/battery_level", "std_msgs/Float32")
+        self._publishing = asyncio.run_coroutine_threadsafe(self._publish(), self._loop.loop)
+
+    async def _publish(self) -> None:
+        while True:
+            self._sensor.publish("/battery_level", {"data": self.value})
+            await asyncio.sleep(0.1)
+
+    def close(self) -> None:
+        self._publishing.cancel()
+        self._loop.call(self._server.close())
+        self._loop.close()
+
+
+def test_the_black_box_of_each_robot_replays_to_its_alert_lines(
+    robot_health: Start, tmp_path: Path, command: List[str]
+) -> None:
+    pytest.importorskip("mcap")
+    thresholds = tmp_path / "watch.yaml"
+    thresholds.write_text(
+        "alert_system: {ros__parameters: {signals: {battery_level: {type: std_msgs/Float32, unit: '%', "
+        "warn_below: 20.0, error_below: 10.0, for_s: 0.5, stale_after_s: 60.0}}}}\n"
+    )
+    box = tmp_path / "box"
+    (tmp_path / "ops.yaml").write_text(f"black_box: {{folder: {box}, before_s: 5, after_s: 1}}\nserver: {{port: 0}}\n")
+    robots = {"atlas": ServedRobot(), "husky": ServedRobot()}
+    urls = [f"{name}={robot.url}" for name, robot in robots.items()]
+    watcher = robot_health("connect", *urls, "--thresholds", thresholds, "--ops", tmp_path / "ops.yaml", "--json")
+    live: List[Dict[str, Any]] = []
+
+    def wait_for_alert(name: str, level: str) -> None:
+        wanted = partial(_contains, (f'"robot": "{name}"', f'"to_level": "{level}"'))
+        live.append(json.loads(watcher.wait_for_line(wanted)))
+
+    watcher.wait_for_texts("atlas: connected to", "husky: connected to")
+    wait_for(lambda: (box / ".lock").exists())
+    robots["atlas"].value = 15.0
+    wait_for_alert("atlas", "WARN")
+    robots["husky"].value = 5.0
+    wait_for_alert("husky", "ERROR")
+    robots["atlas"].value = 5.0
+    wait_for_alert("atlas", "ERROR")
+    wait_for(lambda: len(list(box.glob("*.mcap"))) == 2)
+    watcher.signal()
+    assert watcher.wait() == 0
+    for robot in robots.values():
+        robot.close()
+    for name in robots:
+        announced = [alert for alert in live if alert["robot"] == name]
+        (file,) = box.glob(f"{name}_*.mcap")
+        assert {alert["black_box"] for alert in announced} == {file.name}
+        done = subprocess.run([*command, "replay", str(file), "--json"], capture_output=True, text=True, check=False)
+        replayed = [json.loads(line) for line in done.stdout.splitlines()]
+        lines = [[re.sub(r" \(was .*", "", alert["text"]) for alert in alerts] for alerts in (announced, replayed)]
+        assert lines[0] == lines[1], done.stderr
+        assert {alert["robot"] for alert in replayed} == {name}
