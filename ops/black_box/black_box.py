@@ -190,6 +190,9 @@ class BlackBox:
     # The thread
 
     def _step(self) -> float:
+        if self._folder is not None and not self._folder.is_there():
+            self._folder.close()
+            self._folder = None
         folder = self._folder or self._open_folder()
         with self._lock:
             recordings = list(self._recordings)
@@ -210,7 +213,7 @@ class BlackBox:
             return None
         try:
             folder = Folder(self.settings, self.wall_time_s)
-            folder.complete_files()
+            failed = folder.complete_files()
         except FolderInUseError as error:
             self.is_broken = True
             self._faults.report(PART, f"nothing is recorded: {error}")
@@ -220,7 +223,10 @@ class BlackBox:
             self._faults.report(PART, _reason(error, self.settings.folder))
             return None
         self._folder = folder
-        self._faults.clear(PART)
+        if failed:  # the next file that is written ends the fault
+            self._faults.report(PART, _reason(failed[0], self.settings.folder))
+        else:
+            self._faults.clear(PART)
         return folder
 
     def _write(self, folder: Folder, recording: Recording) -> None:
@@ -229,6 +235,7 @@ class BlackBox:
                 recording.file = RecordingFile(
                     folder.file(recording.name), recording.profile, _begin_ns(recording), _attachments(recording)
                 )
+                recording.file.write(recording.reader.first.quiet, recording.offset_s)
             is_cut = False
             while not is_cut:
                 messages = recording.reader.read(_READ_BYTES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.config import MonitorConfig
@@ -18,7 +19,7 @@ from robot_health_monitor.core.middleware import (
 from robot_health_monitor.core.patterns import matches_pattern
 from robot_health_monitor.core.signal_config import LINK
 
-from .ring import Channel
+from .ring import Channel, Message
 
 LARGE_TYPES = frozenset(
     {
@@ -40,6 +41,10 @@ LARGE_TYPES = frozenset(
 """Images, videos and clouds: recorded only if the configuration has their topic's full name."""
 
 _MOST_TOPICS = 1_000
+
+_QUIET_S = 1.0  # after the latest message
+_LARGEST_QUIET = 64 << 10
+_MOST_QUIET = 256 << 10  # bytes of all topics
 
 Add = Callable[[float, Channel, bytes], None]
 
@@ -63,6 +68,9 @@ class _Topic:
         self._format: Optional[RawFormat] = None
         self.channel: Optional[Channel] = None
         """None before the first message."""
+        self.latest = b""
+        """The latest message; empty before the first one, and if it is large."""
+        self.latest_s = 0.0
 
     def take(self, message: RawMessage, now_s: float) -> None:
         data, raw_format = message
@@ -72,7 +80,9 @@ class _Topic:
             topic = self._name if self.subscription is None else self.subscription.topic
             self.channel = None if self.is_unwanted else Channel(topic, raw_format)
         if self.channel is not None:
-            self._add(now_s if self._clock is None else self._clock(), self.channel, data)
+            time_s = now_s if self._clock is None else self._clock()
+            self.latest_s, self.latest = time_s, data if len(data) <= _LARGEST_QUIET else b""
+            self._add(time_s, self.channel, data)
 
 
 class Capture:
@@ -101,6 +111,8 @@ class Capture:
         self._topics: Dict[Tuple[str, str], _Topic] = {}
         self._duplicates: Dict[Tuple[str, str], str] = {}
         self._refused: Dict[Tuple[str, str], None] = {}
+        self._known_for_s: Dict[str, float] = {}
+        """How long the latest message of a topic with signals is as good as repeated; 0: it counts as an arrival."""
 
     @property
     def resolved(self) -> Mapping[str, str]:
@@ -113,6 +125,25 @@ class Capture:
         """Those with messages."""
         return [topic.channel for topic in self._topics.values() if topic.channel is not None]
 
+    def quiet(self, now_s: float) -> List[Message]:
+        """Returns the latest message of each topic that is quiet, at a time: of latched topics, and of slow ones.
+
+        A topic is left out if its silence matters to a signal: it may be STALE, or its statistic counts messages.
+        """
+        found: List[Message] = []
+        left = _MOST_QUIET
+        known_for_s: Dict[str, float] = {}  # by absolute name
+        for name, resolved in self.resolved.items():
+            known_s = self._known_for_s.get(name, math.inf)
+            known_for_s[resolved] = min(known_s, known_for_s.get(resolved, math.inf))
+        for topic in self._topics.values():
+            name = topic.subscription.topic if topic.subscription else ""
+            is_quiet = _QUIET_S < now_s - topic.latest_s < known_for_s.get(name, math.inf)
+            if topic.channel is not None and topic.latest and is_quiet and len(topic.latest) <= left:
+                left -= len(topic.latest)
+                found.append((now_s, topic.channel, topic.latest))
+        return found
+
     def follow(self, config: MonitorConfig) -> None:
         """Subscribes to what is to be recorded by now, and ends the rest. Does nothing if nothing has changed."""
         for key in [key for key, topic in self._topics.items() if topic.is_unwanted]:
@@ -123,7 +154,10 @@ class Capture:
             return
         self._config, self._followed = config, self.found
         types: Dict[str, str] = {}
+        self._known_for_s = {}
         for name, signal in config.signals.items():
+            known_s = (signal.stale_after_s or math.inf) if signal.statistic == "last" else 0.0
+            self._known_for_s[signal.topic] = min(known_s, self._known_for_s.get(signal.topic, math.inf))
             if name != LINK and canonical_type(signal.type) not in LARGE_TYPES:
                 types[signal.topic] = types.get(signal.topic) or signal.type
         if self.is_simulated:

@@ -71,16 +71,28 @@ class Folder:
         """Returns the path of a file."""
         return os.path.join(self.path, name)
 
-    def complete_files(self) -> List[str]:
-        """Completes the files that a killed process left, or removes them; returns the names of the completed ones."""
-        completed = []
+    def is_there(self) -> bool:
+        """Whether its path still leads to it: it may have been removed, or replaced."""
+        try:
+            return os.path.samestat(os.stat(os.path.join(self.path, _LOCK)), os.fstat(self._lock.fileno()))
+        except OSError:
+            return False
+
+    def complete_files(self) -> List[OSError]:
+        """Completes the files that a killed process left, or removes them; returns why one could be neither."""
+        failed = []
         for name in sorted(os.listdir(self.path)):
-            base = name[: -len(PART)]
-            if name.endswith(PART) and not is_file_name(base):
-                os.unlink(self.file(name))  # of a completion that was itself killed
-            elif name.endswith(PART) and recording_file.complete(self.file(base)):
-                completed.append(base)
-        return completed
+            base, path = name[: -len(PART)], self.file(name)
+            if not name.endswith(PART) or os.path.islink(path) or not os.path.isfile(path):
+                continue
+            try:
+                if is_file_name(base):
+                    recording_file.complete(self.file(base))
+                else:
+                    os.unlink(path)  # of a completion that was itself killed
+            except OSError as error:
+                failed.append(error)
+        return failed
 
     def make_room(self, open_files: Collection[str], needed_bytes: int = 0) -> bool:
         """Deletes old files, the oldest first, never one of `open_files`; returns whether the limits hold.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import struct
 from typing import IO, Any, Dict, Iterable, Mapping, Sequence, Tuple
 
 from robot_health_monitor.core.middleware import RawFormat
@@ -89,12 +91,18 @@ def complete(path: str) -> bool:
     from mcap.writer import Writer
 
     target = path + ".completed" + PART
-    with open(path + PART, "rb") as source, open(target, "wb") as stream:
-        writer = Writer(stream, chunk_size=_CHUNK_BYTES)
-        if _copy(_records(source), writer):
-            _complete(writer, stream, path, target)
-        else:
-            os.unlink(target)
+    try:
+        with open(path + PART, "rb") as source, open(target, "wb") as stream:
+            writer = Writer(stream, chunk_size=_CHUNK_BYTES)
+            if _copy(_records(source), writer):
+                _complete(writer, stream, path, target)
+            else:
+                os.unlink(target)
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            os.unlink(target)  # the disk may be full
+        if not isinstance(error, (ValueError, struct.error)):  # else a number in it is out of range
+            raise
     os.unlink(path + PART)
     return os.path.exists(path)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict, deque
-from typing import Any, Deque, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Deque, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from robot_health_monitor.core.middleware import RawFormat
 from robot_health_monitor.core.state_reader import SavedSignal
@@ -37,10 +37,16 @@ Message = Tuple[float, Channel, bytes]
 class Segment:
     """Messages of one robot in the order of their arrival. Change it with the lock of its `Ring` only."""
 
-    __slots__ = ("_gone", "begin_s", "bytes", "dropped", "messages", "readers", "states")
+    __slots__ = ("_gone", "begin_s", "bytes", "dropped", "messages", "quiet", "readers", "states")
 
-    def __init__(self, begin_s: float, states: Mapping[str, SavedSignal], state_bytes: int) -> None:
-        """Begins at a time on the robot's steady clock, with the states of its signals then."""
+    def __init__(
+        self, begin_s: float, states: Mapping[str, SavedSignal], state_bytes: int, quiet: Sequence[Message] = ()
+    ) -> None:
+        """Begins at a time on the robot's steady clock, with the states of its signals then.
+
+        `quiet` has the latest messages of topics that were quiet before, with the time at which it begins.
+        """
+        self.quiet = quiet
         self.begin_s = begin_s
         self.states = states
         self.dropped = 0
@@ -191,9 +197,12 @@ class RobotRing:
         """The segment that grows."""
         self._reader: Optional[Reader] = None
 
-    def begin_segment(self, now_s: float, states: Mapping[str, SavedSignal], changed: int) -> None:
-        """Begins a segment with states, of which so many are not those of the segment before."""
-        segment = Segment(now_s, states, changed * STATE_BYTES)
+    def begin_segment(
+        self, now_s: float, states: Mapping[str, SavedSignal], changed: int, quiet: Sequence[Message] = ()
+    ) -> None:
+        """Begins a segment with states, of which so many are not those of the segment before, and `Segment.quiet`."""
+        quiet_bytes = sum(len(data) + OVERHEAD_BYTES for _, _, data in quiet)
+        segment = Segment(now_s, states, changed * STATE_BYTES + quiet_bytes, quiet)
         with self._ring.lock:
             self._segments.append(segment)
             self._ring.begin(segment)

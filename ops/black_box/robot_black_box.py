@@ -173,7 +173,7 @@ class RobotBlackBox:
                 states[name] = monitor.snapshot(name, self._middleware.now_s(), steady_s)
                 changed += 1
         self._states, self._rest = states, rest
-        self._ring.begin_segment(steady_s, states, changed)
+        self._ring.begin_segment(steady_s, states, changed, self._capture.quiet(steady_s))
 
     def _note(self, event: Event) -> None:
         """Records what the monitor announces."""

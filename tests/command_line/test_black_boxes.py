@@ -83,3 +83,25 @@ def test_an_attachment_that_cannot_be_used_is_one_line(tmp_path: Path) -> None:
     assert "state.json: expected an object with robot, time_s and signals" in lines[0]
     assert lines[1] == "1.mcap/thresholds.yaml:2: is not valid YAML: did not find expected node content"
     assert lines[2] == "2.mcap/thresholds.yaml: is empty; expected a mapping of keys to values"
+
+
+@pytest.mark.parametrize("driving", [0.0, 1.0])
+def test_a_condition_on_a_latched_topic_holds_in_a_replay_too(tmp_path: Path, driving: float) -> None:
+    """Published once, long before the recording begins. Not driving: the low battery is no alert."""
+    signals = {
+        "battery": {**BATTERY, "only_if": {"signal": "driving", "above": 0.5}},
+        "driving": {"type": "std_msgs/Float32", "stale_after_s": 0.0},
+        "temperature": {"type": "std_msgs/Float32", "warn_above": 80.0},
+    }
+    robot = RecordedRobot(tmp_path, signals, before_s=10.0, after_s=2.0)
+    robot.publish("driving", driving)
+    for number in range(300):
+        robot.wait(0.1)
+        robot.publish("battery", 50.0 if number < 250 else 15.0)
+        robot.publish("temperature", 50.0 if number < 280 else 90.0)
+    robot.wait(4.0)
+    file = robot.files()[-1]
+    robot.close()
+    _, alerts, _ = replayed(file)
+    expected = ["battery WARN: 15 % is below 20 %"] * (driving > 0.5) + ["temperature WARN: 90 is above 80"]
+    assert [without_past(alert["text"]) for alert in alerts] == expected

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -197,3 +198,43 @@ def test_after_a_kill_the_next_start_completes_the_file_or_removes_it(tmp_path: 
 
 def test_the_time_that_a_close_may_take_is_below_two_seconds() -> None:
     assert black_box._CLOSE_TIMEOUT_S + 0.2 < 2.0
+
+
+def test_a_folder_that_vanishes_is_created_anew_for_the_next_alert(tmp_path: Path) -> None:
+    box = tmp_path / "box"
+    robot = RecordedRobot(box)
+    name = alert(robot)
+    assert [file.name for file in robot.files()] == [name]
+    shutil.rmtree(box)
+    name = alert(robot)
+    assert [file.name for file in robot.files()] == [name]
+    assert faults(robot) == []
+    robot.close()
+
+
+def test_a_folder_that_is_replaced_by_a_link_to_that_of_another_monitor_is_left_alone(tmp_path: Path) -> None:
+    other = RecordedRobot(tmp_path / "other", name="other")
+    robot = RecordedRobot(tmp_path / "box", name="r1")
+    alert(robot)
+    robot.files()
+    shutil.rmtree(tmp_path / "box")
+    (tmp_path / "box").symlink_to(tmp_path / "other")
+    alert(robot)
+    robot.files()
+    assert list((tmp_path / "other").glob("*.mcap*")) == []
+    assert faults(robot) == [
+        f"black box: nothing is recorded: {tmp_path / 'box'}: another monitor writes into this folder"
+    ]
+    for each in (robot, other):
+        each.close()
+
+
+def test_a_rest_that_cannot_be_completed_does_not_keep_others_from_being_written(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mcap.part")
+    (tmp_path / "b.mcap.part").mkdir()
+    (tmp_path / "c.mcap.part").symlink_to(tmp_path / "none")
+    robot = RecordedRobot(tmp_path)
+    name = alert(robot)
+    assert [file.name for file in robot.files()] == [name]
+    assert faults(robot) == []
+    robot.close()

@@ -129,3 +129,39 @@ def test_the_absolute_name_of_each_topic_is_known() -> None:
     robot = Robot({"/a": FLOAT})
     robot.recorded(one={"topic": "a"})
     assert robot.capture.resolved == {"a": "/a"}
+
+
+def test_the_latest_message_of_a_quiet_topic_is_kept_unless_its_silence_matters() -> None:
+    """All topics have one message at 5 s."""
+    large = {"data": "x" * 70_000}
+    robot = Robot({"/a": FLOAT, "/slow": FLOAT, "/rate": FLOAT, "/map": "std_msgs/String", "/tf_static": FLOAT},
+                  ["/map", "/tf_static"])  # fmt: skip
+    signals = {
+        "a": {"topic": "a", "stale_after_s": 0.0},
+        "slow": {"topic": "slow", "stale_after_s": 30.0},
+        "again": {"topic": "/slow", "stale_after_s": 60.0},
+        "rate": {"topic": "rate", "stale_after_s": 0.0, "statistic": "frequency_hz", "field": ""},
+    }
+    robot.recorded(**signals)
+    robot.sensor.publish("/map", large)
+
+    def quiet(now_s: float) -> List[str]:
+        found = robot.capture.quiet(now_s)
+        assert all(time_s == now_s for time_s, _, _ in found)
+        return sorted(channel.topic for _, channel, _ in found)
+
+    assert quiet(5.5) == []
+    assert quiet(10.0) == ["/a", "/slow", "/tf_static"]
+    assert quiet(40.0) == ["/a", "/tf_static"]
+    robot.sensor.publish("/map", {"data": "small"})
+    assert quiet(40.0) == ["/a", "/map", "/tf_static"]
+
+
+def test_what_is_kept_of_quiet_topics_is_bounded() -> None:
+    topics = {f"/t{number}": "std_msgs/String" for number in range(20)}
+    robot = Robot(topics, sorted(topics))
+    robot.recorded()
+    for topic in topics:
+        robot.sensor.publish(topic, {"data": "x" * 60_000})
+    found = robot.capture.quiet(10.0)
+    assert len(found) == 4  # 256 KiB hold four

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 from typing import List
@@ -10,6 +11,7 @@ import pytest
 
 pytest.importorskip("mcap")
 
+from robot_health_monitor.ops.black_box import recording_file
 from robot_health_monitor.ops.black_box.folder import Folder, FolderInUseError, is_file_name
 from robot_health_monitor.ops.configuration import BlackBoxSettings
 
@@ -91,3 +93,35 @@ def test_other_names_are_no_names_of_files(name: str) -> None:
 
 def test_a_usual_name_is_a_name() -> None:
     assert is_file_name("husky1_20261123T014559.123Z_battery_level.mcap")
+
+
+def test_a_file_that_cannot_be_completed_is_named_and_the_others_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full for the first one."""
+    for name in ("a.mcap.part", "b.mcap.part"):
+        (tmp_path / name).write_bytes(b"")
+    folder = folder_of(tmp_path)
+    complete = recording_file.complete
+
+    def fail(path: str) -> bool:
+        if path.endswith("a.mcap"):
+            raise OSError(errno.ENOSPC, "No space left on device", path)
+        return complete(path)
+
+    monkeypatch.setattr(recording_file, "complete", fail)
+    assert [error.filename for error in folder.complete_files()] == [str(tmp_path / "a.mcap")]
+    assert names(tmp_path) == ["a.mcap.part"]
+    folder.close()
+
+
+def test_a_folder_is_there_until_it_is_removed_or_replaced(tmp_path: Path) -> None:
+    box = tmp_path / "box"
+    folder = folder_of(box)
+    assert folder.is_there()
+    box.rename(tmp_path / "moved")
+    assert not folder.is_there()
+    other = folder_of(box)
+    assert (folder.is_there(), other.is_there()) == (False, True)
+    for each in (folder, other):
+        each.close()
