@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 import sys
 import time
@@ -27,6 +28,17 @@ def statuses(number: int) -> Iterator[Tuple[str, str, Dict[str, str]]]:
     for driver in range(STATUSES):
         values = {"temperature": f"{40.0 + number % 10 + driver / 10.0:.1f}", "errors": "0", "firmware": "2.4.1"}
         yield f"driver_{driver}: status", f"running for {number} s", values
+
+
+CAMERA, LEVEL = f"{WATCHED}/camera", f"{WATCHED}/level"
+FRAME_BYTES = 1_000_000
+_HEALTHY_FRAMES = 450
+
+
+def levels_of_frames() -> Iterator[float]:
+    """Yields the battery level that comes with each frame of the camera: healthy ones, then an alert."""
+    yield from itertools.repeat(60.0, _HEALTHY_FRAMES)
+    yield from itertools.repeat(10.0)
 
 
 def topics_below(name: str, count: int) -> List[str]:

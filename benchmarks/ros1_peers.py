@@ -3,17 +3,29 @@
 `empty`: a node that does nothing. `exercise`: publishes three numbers at 1 Hz and subscribes to them. `subscriber`:
 counts the messages on `/bare`, or on TOPICS topics below it, in as few lines as possible; `raw_subscriber` takes their
 bytes only. `publisher`: publishes as `pacing.serve` reads from stdin. `diagnostics_subscriber` and
-`diagnostics_publisher` do so with arrays of statuses.
+`diagnostics_publisher` do so with arrays of statuses, `camera_publisher` with frames of a camera.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 
 import rospy
 from std_msgs.msg import Float32
 
-from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, statuses, topics_below
+from benchmarks.pacing import (
+    BARE,
+    CAMERA,
+    FRAME_BYTES,
+    LEVEL,
+    WATCHED,
+    battery_levels,
+    levels_of_frames,
+    serve,
+    statuses,
+    topics_below,
+)
 
 
 def empty(topics: int) -> None:
@@ -106,8 +118,32 @@ def diagnostics_publisher(topics: int) -> None:
     serve(lambda: all(one.get_num_connections() > 0 for one in publishers), publish)
 
 
+def camera_subscriber(topics: int) -> None:
+    """Receives the bytes of the frames of a camera."""
+    rospy.Subscriber(CAMERA, rospy.AnyMsg, lambda message: None, tcp_nodelay=True)
+    rospy.spin()
+
+
+def camera_publisher(topics: int) -> None:
+    """Publishes frames of a camera, each with a battery level."""
+    from sensor_msgs.msg import Image
+
+    camera = rospy.Publisher(CAMERA, Image, queue_size=10, tcp_nodelay=True)
+    level = rospy.Publisher(LEVEL, Float32, queue_size=10, tcp_nodelay=True)
+    frame, levels = Image(data=os.urandom(FRAME_BYTES)), levels_of_frames()
+
+    def publish(number: int) -> None:
+        camera.publish(frame)
+        level.publish(next(levels))
+
+    serve(lambda: camera.get_num_connections() > 1 and level.get_num_connections() > 0, publish)
+
+
 if __name__ == "__main__":
     rospy.init_node(f"peer_{sys.argv[1]}", anonymous=True)
-    roles = (empty, exercise, subscriber, raw_subscriber, publisher, diagnostics_subscriber, diagnostics_publisher)
+    roles = (
+        empty, exercise, subscriber, raw_subscriber, publisher, diagnostics_subscriber, diagnostics_publisher,
+        camera_subscriber, camera_publisher,
+    )  # fmt: skip
     role = {role.__name__: role for role in roles}[sys.argv[1]]
     role(int(sys.argv[2]))

@@ -6,6 +6,7 @@ SingleThreadedExecutor; `events_subscriber` with its EventsExecutor, which the n
 
 from __future__ import annotations
 
+import os
 import sys
 
 import rclpy
@@ -13,7 +14,18 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.task import Future
 
-from benchmarks.pacing import BARE, WATCHED, battery_levels, serve, statuses, topics_below
+from benchmarks.pacing import (
+    BARE,
+    CAMERA,
+    FRAME_BYTES,
+    LEVEL,
+    WATCHED,
+    battery_levels,
+    levels_of_frames,
+    serve,
+    statuses,
+    topics_below,
+)
 
 
 def empty(node: Node, topics: int) -> None:
@@ -131,12 +143,38 @@ def diagnostics_publisher(node: Node, topics: int) -> None:
     serve(lambda: all(one.get_subscription_count() > 0 for one in publishers), publish)
 
 
+def camera_subscriber(node: Node, topics: int) -> None:
+    """Receives the bytes of the frames of a camera."""
+    from rclpy.experimental import EventsExecutor
+    from sensor_msgs.msg import Image
+
+    node.create_subscription(Image, CAMERA, lambda data: None, 10, raw=True)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    executor.spin_until_future_complete(Future(), 3600.0)
+
+
+def camera_publisher(node: Node, topics: int) -> None:
+    """Publishes frames of a camera, each with a battery level."""
+    from sensor_msgs.msg import Image
+    from std_msgs.msg import Float32
+
+    camera, level = node.create_publisher(Image, CAMERA, 10), node.create_publisher(Float32, LEVEL, 10)
+    frame, levels = Image(data=os.urandom(FRAME_BYTES)), levels_of_frames()
+
+    def publish(number: int) -> None:
+        camera.publish(frame)
+        level.publish(Float32(data=next(levels)))
+
+    serve(lambda: camera.get_subscription_count() > 1 and level.get_subscription_count() > 0, publish)
+
+
 if __name__ == "__main__":
     rclpy.init()
     try:
         roles = (
             empty, exercise, subscriber, events_subscriber, raw_subscriber, publisher, diagnostics_subscriber,
-            diagnostics_publisher,
+            diagnostics_publisher, camera_subscriber, camera_publisher,
         )  # fmt: skip
         role = {role.__name__: role for role in roles}[sys.argv[1]]
         role(Node(f"peer_{sys.argv[1]}"), int(sys.argv[2]))

@@ -9,6 +9,7 @@ Memory is bounded for all robots together. If it is full, the oldest messages go
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections import OrderedDict, deque
 from typing import Any, Deque, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -221,7 +222,9 @@ class RobotRing:
     def reader(self) -> Reader:
         """Begins a recording of everything that is there, and of what comes until `end_reader`."""
         with self._ring.lock:
-            segments = list(self._segments)
+            # What went before the recording is not lost for it. Only the first of these may lack its first messages.
+            gone = itertools.takewhile(lambda each: each.dropped == each.count, tuple(self._segments)[:-1])
+            segments = list(self._segments)[len(list(gone)) :]
             for segment in segments:
                 segment.readers += 1
             self._reader = Reader(self._ring, segments)

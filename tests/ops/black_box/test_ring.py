@@ -139,3 +139,23 @@ def test_dropped_messages_leave_nothing_in_memory() -> None:
     finally:
         tracemalloc.stop()
     assert everything(robot.reader()) == [float(number) for number in range(99_900, 100_000)]
+
+
+def test_what_went_before_the_recording_is_not_lost_for_it() -> None:
+    robot = RobotRing(Ring(3 * SIZE), 100.0)
+    for begin_s in (0.0, 10.0, 20.0):
+        robot.begin_segment(begin_s, {}, 0)
+        add(robot, begin_s + 1.0, begin_s + 2.0)  # of six messages, the first three go
+    reader = robot.reader()
+    assert reader.first.begin_s == 10.0
+    assert everything(reader) == [12.0, 21.0, 22.0]
+    assert reader.lost == 0
+
+
+def test_a_recording_of_which_everything_went_begins_with_the_newest_segment() -> None:
+    robot = RobotRing(Ring(SIZE // 2), 100.0)
+    for begin_s in (0.0, 10.0):
+        robot.begin_segment(begin_s, {}, 0)
+        add(robot, begin_s + 1.0)
+    reader = robot.reader()
+    assert (reader.first.begin_s, everything(reader), reader.lost) == (10.0, [], 0)
