@@ -46,6 +46,8 @@ class RobotBlackBox:
         self._rest: Dict[str, float] = {}
         self._tick: Optional[Tuple[Channel, bytes]] = None
         self._recording: Optional[Recording] = None
+        self._is_new = False
+        """Whether the recording is still to be written. It waits for the announcement of its alert."""
         self._open = dict(open_files)
         box.note_open(robot, self._open)
 
@@ -119,11 +121,12 @@ class RobotBlackBox:
             alert=transition.text,
             end_s=steady_s + after_s,
         )
-        self._box.begin(recording)
-        self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()))
+        self._is_new = True
         return recording.name
 
     def _end_recording(self) -> None:
+        if self._is_new:
+            self._begin_writing()
         if self._recording is not None:
             self._ring.end_reader()
             self._recording.is_ended = True
@@ -156,6 +159,13 @@ class RobotBlackBox:
         else:
             self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()))
 
+    def _begin_writing(self) -> None:
+        """Begins to write the recording, with the states of all signals: milliseconds that no alert waits for."""
+        self._is_new = False
+        if self._recording is not None and self._alert_system is not None:
+            self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()))
+            self._box.begin(self._recording)  # from now on its thread competes for the processor
+
     def _begin_segment(self, now_s: float, steady_s: float) -> None:
         """Saves the states of the signals. Those at rest have not changed."""
         assert self._alert_system is not None
@@ -181,6 +191,8 @@ class RobotBlackBox:
             node, silence = base_name(self._middleware), self._alert_system.silence_of(event.signal)
             self._record("alerts", STATUS_TYPE, alert_message(event, node, silence))
             self._record(DIAGNOSTICS, ARRAY_TYPE, array_message([event.status], node))
+            if self._is_new:
+                self._begin_writing()
 
     def _note_tick(self, now_s: float) -> None:
         """Records a tick, at its time."""

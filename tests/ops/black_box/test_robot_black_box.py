@@ -38,6 +38,20 @@ def test_an_alert_is_recorded_from_before_until_after_it(tmp_path: Path) -> None
     robot.close()
 
 
+def test_an_alert_is_announced_before_its_recording_begins_to_be_written(tmp_path: Path) -> None:
+    """The states of all signals, and the thread that writes, would delay it by tens of milliseconds."""
+    robot = RecordedRobot(tmp_path)
+    robot.feed(10.0, 50.0)
+    box = robot.operations.black_box
+    assert box is not None
+    at_log = []
+    robot.bus.add_log(lambda line: at_log.append(list(box._recordings)) if "battery WARN" in line.text else None)
+    robot.feed(1.0, 15.0)
+    assert at_log == [[]]
+    assert len(box._recordings) == 1
+    robot.close()
+
+
 def test_the_transition_and_the_history_name_the_file(tmp_path: Path) -> None:
     from robot_health_monitor.ops.history import queries
 
