@@ -1,7 +1,7 @@
 """The benchmarks: measures, then prints one table. `make bench` prepares their environment and starts them.
 
     make bench                     everything that can run here
-    make bench ARGS=observe        one part: observe, messages, signals, statuses, host, footprint,
+    make bench ARGS=observe        one part: observe, messages, signals, statuses, black_box, host, footprint,
                                    rosbridge, recordings, history, notifications, web, fleet,
                                    forecast, cells, samples
     make bench ARGS=--write        everything, and writes the tables of docs/reference/benchmarks.md
@@ -50,10 +50,11 @@ def statuses() -> Iterator[Row]:
 
 
 def black_box() -> Iterator[Row]:
-    """CPU time of keeping the bytes of ten topics."""
-    from benchmarks import black_box_cost
+    """CPU time of keeping the bytes of ten topics, and memory of recording a camera."""
+    from benchmarks import black_box_cost, black_box_memory
 
     yield from on_every_middleware(black_box_cost.rows, "black box of ten topics")
+    yield from on_every_middleware(black_box_memory.rows, "black box of a camera")
 
 
 def host() -> Iterator[Row]:

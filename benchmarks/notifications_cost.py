@@ -1,7 +1,7 @@
-"""Time from a sample to its alert, with a history and five targets of which four hang, and without.
+"""Time from a sample to its alert, with a history and five targets of which four hang, with a black box, and without.
 
-Two `robot-health run` take the same samples in turn from a rosbridge client. Each sample crosses the bound, so each is
-an alert. The time is that from sending the sample until both the message on `alerts` has reached the client and the
+Three `robot-health run` take the same samples in turn from a rosbridge client. Each sample crosses the bound, so each
+is an alert. The time is that from sending the sample until both the message on `alerts` has reached the client and the
 line has reached the reader of stdout.
 
 Measured in the same round, on the same disk: one write, which is the rows of one transition committed by SQLite alone.
@@ -42,7 +42,7 @@ from robot_health_monitor.ops.notifications import Notifier
 
 TRANSITIONS = 1_000
 PAUSE_S = 0.005
-"""Pause before each measurement, in s: five contestants, so an alert_system alerts 40 times a second at most."""
+"""Pause before each measurement, in s: six contestants, so an alert_system alerts 40 times a second at most."""
 
 REQUIRED_RATIO = 1.5
 DEADLINE_S = 30.0
@@ -184,7 +184,24 @@ class _Disk:
         """Commits the rows; returns the time in s."""
         execute = self._connection.execute
         text = "battery_level WARN: 10 % is below 20 % (was OK for 1 s)"
-        row = (time.time(), "r3", "battery_level", 0, 1, 10.0, "last", 20.0, 1.0, 0.0, "0" * 16, text, "x" * 120, 0, "")
+        row = (
+            time.time(),
+            "r3",
+            "battery_level",
+            0,
+            1,
+            10.0,
+            "last",
+            20.0,
+            1.0,
+            0.0,
+            "0" * 16,
+            text,
+            "x" * 120,
+            0,
+            "",
+            "",
+        )
         began_s = time.perf_counter()
         execute("BEGIN IMMEDIATE")
         number = execute(INSERT_TRANSITION, row).lastrowid
@@ -205,6 +222,8 @@ async def measure(count: int, folder: Path) -> Dict[str, List[float]]:
     ops = folder / "ops.yaml"
     notify = {name: {"type": "webhook", "url": url} for name, url in urls.items()}
     ops.write_text(json.dumps({"history": {"file": "run.db"}, "notify": notify}))
+    recording = folder / "recording.yaml"
+    recording.write_text(json.dumps({"history": {"file": "recorded.db"}, "black_box": {"folder": "black_box"}}))
     targets = [TargetSettings(name, "webhook", url=url) for name, url in urls.items()]
     async with AsyncExitStack() as stack:
         session = await stack.enter_async_context(aiohttp.ClientSession())
@@ -214,6 +233,7 @@ async def measure(count: int, folder: Path) -> Dict[str, List[float]]:
         processes = {
             "run": _Process(folder / "without"),
             "run with": _Process(folder / "with", "--ops", str(ops)),
+            "run recording": _Process(folder / "recording", "--ops", str(recording)),
         }
         for process in processes.values():
             await process.connect(session)
@@ -252,3 +272,6 @@ def rows(count: int = TRANSITIONS) -> Iterator[Row]:
         ratio = (median[f"{name} with"] - median["disk"]) / median[name]
         yield Row(what, "without history", figure(name))
         yield Row(what, "history, five targets, four hang", figure(f"{name} with"), ratio, required, remark)
+        if name == "run":
+            ratio = (median["run recording"] - median["disk"]) / median["run"]
+            yield Row(what, "history, samples, black box", figure("run recording"), ratio, required, remark)
