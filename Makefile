@@ -5,6 +5,7 @@
 # make bench   what it costs, beside bare peers
 # make soak    two thousand kills -9, which must lose nothing; ten minutes of clients: memory and threads must stay flat
 # make fuzz    random input to everything that takes input, for one minute
+# make dist    the wheel and the source distribution of the last commit, in dist/
 # make deb     the Debian packages, in dist/; each is installed, started and purged in a new root (as root)
 #
 # Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",
@@ -18,7 +19,7 @@ NOX = .venv/nox/bin/nox
 NOX_REQUIREMENTS = nox 'virtualenv<21'
 PIP_INSTALL = bin/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test lint docs bench soak fuzz deb
+.PHONY: run test lint docs bench soak fuzz dist deb
 
 run: .venv/run/installed
 	@.venv/run/bin/robot-health run $(ARGS)
@@ -39,7 +40,7 @@ bench: .venv/nox/installed
 	@$(NOX) --install-only --session ros1 ros2
 	@$(NOX) --session bench -- $(ARGS)
 
-soak fuzz deb: .venv/nox/installed
+soak fuzz dist deb: .venv/nox/installed
 	@$(NOX) --session $@ -- $(ARGS)
 
 .venv/run/installed: setup.py package.xml | .venv/run/bin/pip

@@ -67,6 +67,15 @@ TOOLS = [
 ]
 """Debian's packages that some tests use; those of a list are installed together."""
 
+DIST_TOOLS = [
+    "setuptools==80.9.0",
+    "wheel==0.46.1",
+    "twine>=6.2",
+    "check-wheel-contents",
+    "cyclonedx-python-lib[json-validation]>=11",
+]
+"""What decides about bytes has a version."""
+
 DEBIAN_TOOLS = [
     "catkin",
     "debhelper",
@@ -159,7 +168,9 @@ MEASURED = (f"core-{NEWEST}", f"processes-{NEWEST}", "ros1", "ros2")
 
 nox.options.envdir = ".venv"
 # The longest first.
-nox.options.sessions = ["core", "ros1", "processes", "packaging", "ros2", "docs", "lint", "types", "coverage"]
+nox.options.sessions = [
+    "core", "ros1", "processes", "packaging", "ros2", "dist", "docs", "lint", "types", "coverage",
+]  # fmt: skip
 nox.options.reuse_venv = "yes"
 nox.options.error_on_missing_interpreters = False
 nox.options.download_python = "never"
@@ -208,7 +219,7 @@ def core(session: nox.Session) -> None:
     if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
         for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
             session.install(package, success_codes=range(256))
-    others = ("ros1", "ros2", "packaging", "debs", "site", "chaos/test_ros1.py", "chaos/test_ros2.py")
+    others = ("ros1", "ros2", "packaging", "dist", "debs", "site", "chaos/test_ros1.py", "chaos/test_ros2.py")
     note_newest_python(session)
     ignored = [*(f"tests/{name}" for name in others), *PROCESS_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
@@ -252,6 +263,14 @@ def packaging(session: nox.Session) -> None:
     """
     set_up(session, JAZZY, *COLCON, *([] if JAZZY else ROS2_WHEELS))
     run_pytest(session, "tests/packaging")
+
+
+@nox.session(python=NEWEST)
+def dist(session: nox.Session) -> None:
+    """Builds the wheel and the source distribution of the last commit into dist/, and tries them."""
+    set_up(session, {}, *DIST_TOOLS)
+    session.run("python", "release/distributions.py", "dist")
+    run_pytest(session, "tests/dist")
 
 
 @nox.session(python=SYSTEM_PYTHON)

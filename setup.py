@@ -1,5 +1,6 @@
 """Builds the package for pip and, as ament_python, for ROS 2. ROS 1 builds with CMakeLists.txt."""
 
+import re
 import sys
 from glob import glob
 from pathlib import Path
@@ -25,6 +26,18 @@ manifest = ElementTree.parse("package.xml").getroot()
 def text(tag):
     """Returns the text of an element of package.xml, the one place that holds version, licence and maintainer."""
     return manifest.find(tag).text
+
+
+urls = {url.get("type"): url.text for url in manifest.findall("url")}
+
+
+def readme():
+    """Returns the README for a package index, where links into the repository need its address."""
+    if not Path("README.md").exists():
+        return ""
+    found = Path("README.md").read_text(encoding="utf-8")
+    found = re.sub(r"(!\[[^]]*\])\((?=docs/)", r"\1(" + urls["repository"] + "/raw/HEAD/", found)
+    return re.sub(r"\]\((?=[\w/]+\.\w+[)#])", "](" + urls["repository"] + "/blob/HEAD/", found)
 
 
 data_files = [
@@ -55,9 +68,21 @@ setup(
     name=NAME,
     version=text("version"),
     description=text("description"),
-    long_description=Path("README.md").read_text(encoding="utf-8") if Path("README.md").exists() else "",
+    long_description=readme(),
     long_description_content_type="text/markdown",
     license=text("license"),
+    url=urls["website"],
+    project_urls={"Repository": urls["repository"], "Issues": urls["bugtracker"]},
+    keywords="robotics ROS monitoring diagnostics rosbridge alerts",
+    classifiers=[
+        "Environment :: Console",
+        "Intended Audience :: Developers",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Topic :: Scientific/Engineering",
+        "Topic :: System :: Monitoring",
+        "Typing :: Typed",
+    ],
     maintainer=text("maintainer"),
     maintainer_email=manifest.find("maintainer").get("email"),
     python_requires=">=3.8",
