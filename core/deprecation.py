@@ -28,9 +28,9 @@ class RenamedWarning(FutureWarning):
         super().__init__(f"{'.'.join(self.path)}: {self.problem}")
 
 
-def warn_renamed(former: str, present: str, path: Path = (), depth: int = 1) -> None:
-    """Issues a `RenamedWarning` for the caller that is `depth` calls above the caller of this function."""
-    warnings.warn(RenamedWarning(former, present, path), stacklevel=depth + 2)
+def warn_renamed(former: str, present: str, path: Path = ()) -> None:
+    """Issues a `RenamedWarning` at the line that called the caller of this function."""
+    warnings.warn(RenamedWarning(former, present, path), stacklevel=3)
 
 
 def former_names(module: str, present: Mapping[str, str]) -> Callable[[str], Any]:
