@@ -219,7 +219,7 @@ def core(session: nox.Session) -> None:
     if session.python != "3.8":  # pip finds no version of their dependencies for Python 3.8
         for package in ("roslibpy", "selenium>=4.10", "axe-core-python"):
             session.install(package, success_codes=range(256))
-    others = ("ros1", "ros2", "packaging", "dist", "debs", "site", "chaos/test_ros1.py", "chaos/test_ros2.py")
+    others = ("ros1", "ros2", "packaging", "distributions", "debs", "site", "chaos/test_ros1.py", "chaos/test_ros2.py")
     note_newest_python(session)
     ignored = [*(f"tests/{name}" for name in others), *PROCESS_TESTS]
     run_pytest(session, "tests", *(f"--ignore={path}" for path in ignored))
@@ -270,7 +270,7 @@ def dist(session: nox.Session) -> None:
     """Builds the wheel and the source distribution of the last commit into dist/, and tries them."""
     set_up(session, {}, *DIST_TOOLS)
     session.run("python", "release/distributions.py", "dist")
-    run_pytest(session, "tests/dist")
+    run_pytest(session, "tests/distributions")
 
 
 @nox.session(python=SYSTEM_PYTHON)
