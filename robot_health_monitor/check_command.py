@@ -47,6 +47,8 @@ _NODES: Mapping[str, Callable[[Middleware], Any]] = {
 _ALIKE = 0.8
 """Similarity (difflib) from which a name counts as misspelt; battery_sensor and temperature_sensor differ."""
 
+_NAMES_SHOWN = 5
+
 _TOPIC = re.compile(r"(~/?|/)?[A-Za-z_]\w*(/\w+)*\Z", re.ASCII)
 
 
@@ -255,8 +257,12 @@ def _looks_like_ops(tree: Mapping[str, Any]) -> bool:
 
 
 def _check_fleet(file: YamlFile, problems: Problems, remarks: List[ConfigError]) -> str:
-    entries = read_entries(file, problems)
+    entries = read_entries(file, problems, needs_url=False)
     parts = [count_text(len(entries), "robot")]
+    pushing = [entry.name for entry in entries if not entry.url]
+    if pushing:
+        shown = ", ".join(pushing[:_NAMES_SHOWN]) + (", ..." if len(pushing) > _NAMES_SHOWN else "")
+        parts.append(f"{len(pushing):,} without url, for export fleet only (connect needs one): {shown}")
     thresholds = dict.fromkeys(entry.thresholds for entry in entries if entry.thresholds)
     for name in thresholds:
         _, found, errors = _check_file(name)

@@ -357,6 +357,17 @@ def test_a_fleet_file_is_checked_with_the_thresholds_that_it_names(
     assert line.startswith(f"{tmp_path}/t.yaml:1: alert_system.ros__parameters.signals.a.warn_belw: unknown key")
 
 
+def test_a_fleet_file_of_robots_that_push_needs_no_url(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "fleet.yaml"
+    file.write_text("robots: {husky1: {}, r2: {url: 'ws://r2'}}\n")
+    assert check([str(file)])
+    without = "without url, for export fleet only (connect needs one)"
+    assert capsys.readouterr().out == f"{file}: OK: 2 robots; 1 {without}: husky1\n"
+    file.write_text(f"robots: {{{', '.join(f'r{number}: {{}}' for number in range(3000))}}}\n")
+    assert check([str(file)])
+    assert capsys.readouterr().out == f"{file}: OK: 3,000 robots; 3,000 {without}: r0, r1, r2, r3, r4, ...\n"
+
+
 def test_a_remark_names_its_place_and_is_no_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "t.yaml"
     text = """\

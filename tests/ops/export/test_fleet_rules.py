@@ -91,6 +91,30 @@ def test_a_monitor_that_hangs_while_its_metrics_are_still_served_has_not_reporte
 
 
 @needs_promtool
+def test_after_an_outage_of_the_centre_no_robot_is_silent_before_it_could_report(tmp_path: Path) -> None:
+    """By hand: the robot last reported an hour before the centre starts at 0 min, evaluating once a minute.
+
+    The ninth evaluation of 15, at 8 min, is the first at which the centre ran for 60 % of the time.
+    """
+    remembered = {'robot_health:last_tick{robot="r1"}': "-3600"}
+    back = {**remembered, TICK.format("r1"): "_x5 300+60x20"}
+
+    assert findings(tmp_path, rules(), remembered, [("8m", []), ("9m", [silent("r1", "1h 9m 0s")])]) == ""
+    assert findings(tmp_path, rules(), back, [(f"{minute}m", []) for minute in range(21)]) == ""
+
+
+@needs_promtool
+def test_a_decommissioned_robot_whose_alert_fires_ends_it_and_no_other(tmp_path: Path) -> None:
+    """The rules are exported again without the robot: what the centre remembers of it raises nothing."""
+    remembered = {f'robot_health:last_tick{{robot="{name}"}}': "-3600x20" for name in ("left", "r1")}
+    remembered['robot_health:expected{robot="left"}'] = "1"  # recorded before
+
+    assert findings(tmp_path, rules(["r1"]), remembered, [("15m", [silent("r1", "1h 15m 0s")])]) == ""
+    two = [silent("left", "1h 15m 0s"), silent("r1", "1h 15m 0s")]
+    assert findings(tmp_path, rules(["left", "r1"]), remembered, [("15m", two)]) == ""
+
+
+@needs_promtool
 def test_robots_with_different_thresholds_are_judged_by_their_own(tmp_path: Path) -> None:
     low = {"battery_level": {**BATTERY["battery_level"], "warn_below": 15.0}}
     groups = [
