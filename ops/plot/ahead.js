@@ -2,20 +2,18 @@
 
    A line is {id, from: [t, value], to: [t, value], meets: [t, value] or null, text}: it begins at the newest sample of
    its forecast; `id` is that of the alert that it gave, or "". plot.js follows. */
-"use strict";
-
 const HealthPlotAhead = (() => {
 const SPACE = 30, CHARACTER = 7.2;  // pixels
 
 const inView = ({signal, view}) => (signal.ahead || []).filter(({from, to}) => to[0] >= view.from && from[0] <= view.to);
 
-/** Returns the line that stands out: that of the picked alert, else the latest; undefined where there is none. */
+/** Returns the line of the picked alert, else the latest; undefined: there is none. */
 function chosen(plot) {
   const lines = inView(plot);
   return lines.find(({id}) => id && id === plot.picked) || lines[lines.length - 1];
 }
 
-/** Returns the range of values, widened for the chosen line by at most its own height each way. */
+/** Returns the range, widened for the chosen line by at most its own height each way. */
 function widened(plot, low, high) {
   const line = chosen(plot);
   if (!line) return [low, high];
@@ -23,13 +21,13 @@ function widened(plot, low, high) {
   return [Math.max(Math.min(low, ...ends), low - room), Math.min(Math.max(high, ...ends), high + room)];
 }
 
-/** Returns the value of the chosen line at a time after the newest sample; null where there is none. */
+/** Returns the value of the chosen line at a time; null: it has none. */
 function valueAt(plot, t) {
   const {from: [begin, first], to: [end, last]} = chosen(plot) || {from: [t], to: [t]};
   return t > begin && t <= end ? first + (t - begin) / (end - begin) * (last - first) : null;
 }
 
-/** Draws the lines, and mark and text of the chosen one; of others that begin close to each other only the first. */
+/** Draws the lines; of those that begin close to each other only the first, and the chosen one with its text. */
 function draw(plot, parent, add) {
   const {left, right, top, bottom, signal, view} = plot, strong = chosen(plot);
   const point = ([t, value]) => `${plot.x(t).toFixed(1)} ${plot.y(value).toFixed(1)}`;

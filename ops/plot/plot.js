@@ -7,12 +7,12 @@
 
    signal: {
      name, unit,  // texts
-     start, width,  // begin of the first bucket and width of a bucket, in s
-     steps: [1, 1, 5, ...],  // distance of each bucket from the one before it, in buckets; first: from -1
-     low: [...], high: [...],  // smallest and largest value of each bucket
-     mean: [...],  // mean of each bucket, the line within buckets that are wider than a line; may be left out
+     start, width,  // of the first bucket and of each bucket, in s
+     steps: [1, 1, 5, ...],  // from bucket to bucket, in buckets; the first one: from -1
+     low: [...], high: [...],  // smallest and largest values
+     mean: [...],  // means, the line within wide buckets; may be left out
      bad: [t, ...],  // times of bad samples
-     gap,  // the line breaks where there is no bucket for this long, in s
+     gap,  // the line breaks where there is no bucket for so many s
      bounds: [{level: "WARN", side: "below", value: 20, clears: 22}, ...],
      levels: [[t, "OK"], [t, ""], ...],  // level from t on; "": unknown
      alerts: [{id, t, level, text}, ...],  // id: of the element that shows its text
@@ -21,26 +21,24 @@
    }
 
    All texts become text nodes: none is parsed as HTML. */
-"use strict";
-
 const HealthPlot = (() => {
 const SVG = "http://www.w3.org/2000/svg";
 const HEIGHT = {top: 18, plot: 250, gap: 8, strip: 16, axis: 20};
 const LEFT = 62, RIGHT = 10, NARROWEST = 240, PAPER_WIDTH = 680, MARKER_SPACE = 11;
 const RANK = {"": -1, OK: 0, WARN: 1, STALE: 2, ERROR: 3};
-const STRIP_SHARE = {OK: 0.3, WARN: 0.8, STALE: 1, ERROR: 1};  // levels differ in height, not in colour alone
+const STRIP_SHARE = {"": 1, OK: 0.3, WARN: 0.8, STALE: 1, ERROR: 1};  // levels differ in height, not in colour alone
 const STEPS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800,
   3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 2592000, 31536000];
 const CHARACTER = 7.4, LINE = 13, NARROW = 480, LONGEST_UNIT = 4;  // of the texts, in pixels
 let plots = 0;
 
-const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+const {clamp} = HealthPlotViews;
 const pixel = (value) => value.toFixed(1);
 const numberText = (value) => String(Number(value.toPrecision(5)));
 const shortened = (text, most) => (text.length > most ? `${text.slice(0, Math.max(1, most - 1))}…` : text);
 const withUnit = (text, unit) => (unit ? `${text} ${unit}` : text);
 
-/** Returns the local time of `t`, in s since 1970; with fractions of a second where `step` is below 1 s. */
+/** Returns the local time of `t`, with fractions of a second where `step` is below 1 s. */
 function timeText(t, utcOffset, step, withDate) {
   const local = new Date((t + utcOffset) * 1000);
   if (Number.isNaN(local.getTime())) return `${numberText(t)} s`;
@@ -49,15 +47,16 @@ function timeText(t, utcOffset, step, withDate) {
   return withDate ? `${iso.slice(0, iso.length - 14)} ${time}` : time;
 }
 
+/** Returns a new element, the last one of `parent` if that is not null. */
 function add(parent, name, attributes, text) {
   const element = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes || {})) element.setAttribute(key, value);
   if (text !== undefined) element.textContent = text;
-  parent.appendChild(element);
+  if (parent) parent.append(element);
   return element;
 }
 
-/** Returns the place of the first number in ascending `numbers` that is at least `wanted`. */
+/** Returns the place of the first of ascending numbers that is at least `wanted`. */
 function firstAtLeast(numbers, wanted) {
   let low = 0, high = numbers.length;
   while (low < high) {
@@ -79,8 +78,8 @@ class Plot extends HealthPlotViews.Gestures {
     this.view = view;
     this.picked = "";
     this.at = null;
-    this.id = `health-plot-${++plots}`;
-    element.classList.add("health-plot");
+    this.id = `plot-${++plots}`;
+    element.classList.add("plot");
     element.plot = this;
     const bar = document.createElement("div");
     bar.className = "plot-bar";
@@ -89,10 +88,8 @@ class Plot extends HealthPlotViews.Gestures {
     this.zoomIn = this.button(bar, "+", "zoom in", () => view.zoom(0.5));
     this.zoomOut = this.button(bar, "−", "zoom out", () => view.zoom(2));
     this.all = this.button(bar, "all", "show all", () => view.showAll());
-    this.svg = document.createElementNS(SVG, "svg");
-    this.svg.setAttribute("tabindex", "0");
-    this.svg.setAttribute("role", "group");
-    element.append(bar, this.svg);
+    element.append(bar);
+    this.svg = add(element, "svg", {tabindex: 0, role: "group"});
     this.listen();
     view.onChange.push(() => this.draw());
     if (typeof ResizeObserver === "function") {
@@ -129,10 +126,8 @@ class Plot extends HealthPlotViews.Gestures {
     return button;
   }
 
-  /** End of what is known, in s since 1970. */
   get until() { return this.signal.until ?? this.view.last; }
 
-  /** Edges of the plot, in pixels. */
   get left() { return LEFT; }
 
   get top() { return HEIGHT.top; }
@@ -150,7 +145,6 @@ class Plot extends HealthPlotViews.Gestures {
     return place < 0 ? "" : this.signal.levels[place][1];
   }
 
-  /** Draws for a width in pixels; 0: that of the element. */
   draw(width = 0) {
     const {svg, signal, view} = this;
     this.width = Math.max(width || this.element.clientWidth || 640, NARROWEST);
@@ -160,9 +154,11 @@ class Plot extends HealthPlotViews.Gestures {
     svg.replaceChildren();
     svg.setAttribute("viewBox", `0 0 ${this.width} ${height}`);
     const defs = add(svg, "defs");
-    const hatch = add(defs, "pattern",
-      {id: `${this.id}-hatch`, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)"});
-    add(hatch, "line", {class: "hatch", x1: 0, y1: 0, x2: 0, y2: 6});
+    for (const kind of ["hatch", "unknown"]) {
+      const hatch = add(defs, "pattern",
+        {id: `${this.id}-${kind}`, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)"});
+      add(hatch, "path", {class: kind, d: "M0 0v6"});
+    }
     add(add(defs, "clipPath", {id: `${this.id}-clip`}), "rect",
       {x: LEFT, y: HEIGHT.top - 1, width: this.right - LEFT, height: HEIGHT.plot + 2});
     this.first = Math.max(0, firstAtLeast(this.times, view.from) - 1);
@@ -171,7 +167,8 @@ class Plot extends HealthPlotViews.Gestures {
     this.drawAxes(bottom);
     if (this.until < view.to) {
       const x = Math.max(this.x(this.until), LEFT);
-      add(svg, "rect", {class: "beyond", x: pixel(x), y: HEIGHT.top, width: pixel(this.right - x), height: HEIGHT.plot});
+      add(svg, "rect",
+        {fill: `url(#${this.id}-unknown)`, x: pixel(x), y: HEIGHT.top, width: pixel(this.right - x), height: HEIGHT.plot});
     }
     const inside = add(svg, "g", {"clip-path": `url(#${this.id}-clip)`});
     this.drawBounds(inside);
@@ -230,20 +227,22 @@ class Plot extends HealthPlotViews.Gestures {
     const span = view.to - view.from;
     const time = STEPS.find((each) => span / each <= Math.max(2, (right - LEFT) / 90)) || STEPS[STEPS.length - 1];
     const axis = bottom + HEIGHT.gap + HEIGHT.strip + 15;
-    let first = true;
+    let first = true, free = LEFT;
     for (let t = Math.ceil((view.from + view.utcOffset) / time) * time - view.utcOffset; t <= view.to; t += time) {
       const x = this.x(t);
       add(svg, "line", {class: "grid", x1: pixel(x), x2: pixel(x), y1: HEIGHT.top, y2: bottom});
-      if (x > right - 24 || x < LEFT + 10) continue;
       const withDate = time >= 86400 || (first && x > LEFT + 50 && x < right - 60);
       const text = time >= 86400 ? timeText(t, view.utcOffset, time, true).slice(0, 10)
         : timeText(t, view.utcOffset, time, withDate);
+      const half = text.length * 3.2;
+      if (x > right - 24 || x < LEFT + 10 || x - half < free) continue;
       add(svg, "text", {x: pixel(x), y: axis, "text-anchor": "middle"}, text);
       first = false;
+      free = x + half;
     }
   }
 
-  /** Makes room for the names of the bounds right of the plot: in one line each, or two where it is narrow. */
+  /** Makes room for the names of the bounds: in one line each, or two where it is narrow. */
   setBoundNames() {
     const {signal, width} = this, most = width < NARROW ? 11 : 26;
     this.boundNames = signal.bounds.map((bound) => {
@@ -266,7 +265,6 @@ class Plot extends HealthPlotViews.Gestures {
     }
   }
 
-  /** Writes the names of the bounds at their lines; where lines are close, the names keep their distance. */
   drawBoundNames() {
     const names = [...this.boundNames].sort((one, other) => other.bound.value - one.bound.value);
     const height = LINE * Math.max(1, ...names.map(({lines}) => lines.length)), bottom = HEIGHT.top + HEIGHT.plot;
@@ -289,15 +287,15 @@ class Plot extends HealthPlotViews.Gestures {
 
   drawStrip(top) {
     const {svg, view, signal, right} = this;
-    const levels = signal.levels.concat([[this.until, ""]]);
+    const levels = [[view.from, ""], ...signal.levels, [this.until, ""], [Math.max(view.to, this.until), ""]];
     let drawnTo = LEFT, worst = "", began = LEFT;
     const bar = (from, to, level) => {
-      if (!level || to <= from) return;
+      if (to <= from) return;
       const height = HEIGHT.strip * STRIP_SHARE[level], y = top + HEIGHT.strip - height;
       const box = {x: pixel(from), y: pixel(y), width: pixel(Math.max(to - from, 1)), height: pixel(height)};
-      add(svg, "rect", {class: `strip ${level.toLowerCase()}`, ...box});
-      if (level === "STALE") add(svg, "rect", {fill: `url(#${this.id}-hatch)`, ...box});
-      if (level !== "OK" && to - from > 44) {
+      if (level) add(svg, "rect", {class: `strip ${level.toLowerCase()}`, ...box});
+      if (!level || level === "STALE") add(svg, "rect", {fill: `url(#${this.id}-${level ? "hatch" : "unknown"})`, ...box});
+      if (level && level !== "OK" && to - from > 44) {
         add(svg, "text", {class: "in-strip", x: pixel((from + to) / 2), y: top + 13.5, "text-anchor": "middle"}, level);
       }
     };
@@ -395,14 +393,13 @@ class Plot extends HealthPlotViews.Gestures {
       {class: "selection", x: pixel(from), y: HEIGHT.top, width: pixel(to - from), height: HEIGHT.plot});
   }
 
-  /** Returns a place within the plot. */
   inside(x) { return clamp(x, LEFT, this.right); }
 }
 
 // On paper, texts would shrink with the width of the plot.
 for (const [event, width] of [["beforeprint", PAPER_WIDTH], ["afterprint", 0]]) {
-  addEventListener(event, () => document.querySelectorAll(".health-plot").forEach(({plot}) => plot.draw(width)));
+  addEventListener(event, () => document.querySelectorAll(".plot").forEach(({plot}) => plot && plot.draw(width)));
 }
 
-return {Plot, View: HealthPlotViews.View, timeText};
+return {Plot, View: HealthPlotViews.View, add, clamp, timeText};
 })();

@@ -1,17 +1,15 @@
-/* The values of a plot: a line, or a band with a line; and its bad samples. plot.js follows this file. */
-"use strict";
-
+/* The values of a plot: a line, or a band with a line; and its bad samples. */
 const HealthPlotValues = (() => {
 const WIDE = 2;  // pixels: wider buckets are drawn as a band
 
 const pixel = (value) => value.toFixed(1);
 
-/** Draws the values and the bad samples of a plot; `add` appends an element. */
 function draw(plot, parent, bottom, add) {
   const {signal, view, left, right} = plot;
   const isWide = signal.width / (view.to - view.from) * (right - left) > WIDE;
   const drawn = isWide || signal.mean ? drawBand(plot, parent, add) : drawColumns(plot, parent, add);
   if (!drawn) add(parent, "text", {x: (left + right) / 2, y: bottom / 2 + 9, "text-anchor": "middle"}, "no samples");
+  drawDots(plot, parent, add);
   let lastX = -Infinity, crosses = "";
   for (const t of signal.bad) {
     const x = plot.x(t);
@@ -22,12 +20,21 @@ function draw(plot, parent, bottom, add) {
   if (crosses) add(add(parent, "path", {class: "bad", d: crosses}), "title", {}, "bad samples");
 }
 
-/** Returns whether the line breaks before the bucket at a place. */
 function breaks({signal, times, first}, at) {
   return at === first || signal.gap > 0 && times[at] - times[at - 1] > Math.max(signal.gap, 2.5 * signal.width);
 }
 
-/** Draws the band from the smallest to the largest values, and the means. */
+/** Draws the values between two breaks. */
+function drawDots(plot, parent, add) {
+  const {signal, times, first, end} = plot;
+  let dots = "";
+  for (let at = first; at < end; at++) {
+    if (!breaks(plot, at) || at + 1 < end && !breaks(plot, at + 1)) continue;
+    dots += `M${pixel(plot.x(times[at]))} ${pixel(plot.y(signal.high[at]))}h0`;
+  }
+  if (dots) add(parent, "path", {class: "value alone", d: dots});
+}
+
 function drawBand(plot, parent, add) {
   const {signal, times, first, end} = plot;
   const place = (at, value) => `${pixel(plot.x(times[at]))} ${pixel(plot.y(value))}`;

@@ -1,4 +1,4 @@
-/* The span of time that plots show, and what the mouse, fingers and keys do with it. plot.js follows this file. */
+/* The span of time that plots show, and what the mouse, fingers and keys do with it. */
 "use strict";
 
 const HealthPlotViews = (() => {
@@ -6,7 +6,6 @@ const CLICK = 5;  // pixels: a shorter way of the mouse selects nothing
 
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
-/** The span of time that plots show. */
 class View {
   constructor(from, to, utcOffset) {
     this.first = from;
@@ -16,7 +15,7 @@ class View {
     this.utcOffset = utcOffset || 0;
     this.onChange = [];
     this.pending = false;
-    /** Called when the whole is shown and the user zooms out; null: nothing is beyond. */
+    /** Called when the user zooms out of the whole; null: nothing is beyond. */
     this.beyond = null;
   }
 
@@ -36,7 +35,7 @@ class View {
 
   showAll() { this.show(this.first, this.last); }
 
-  /** Changes the span of the data. A part that was zoomed to stays. Draws nothing: update the plots afterwards. */
+  /** Changes the span of the data; what was zoomed to stays. Update the plots afterwards. */
   extend(first, last) {
     const {isWhole} = this;
     this.first = first;
@@ -61,18 +60,16 @@ class View {
   }
 }
 
-/** Base of a plot, which has `svg`, `view`, `t`, `inside`, `draw`, `drawCursor` and `drawSelection`. */
+/** Base of a plot. */
 class Gestures {
   constructor() {
     this.pointers = new Map();
   }
 
-  /** Returns the begin and the end of what a pointer has selected. */
   selection(pointer) {
     return [pointer.start, pointer.x].sort((one, other) => one - other).map((x) => this.inside(x));
   }
 
-  /** Returns the place of a pointer in the coordinates of the SVG. */
   place(event) {
     const box = this.svg.getBoundingClientRect();
     return (event.clientX - box.left) / box.width * this.width;
@@ -144,5 +141,5 @@ class Gestures {
   }
 }
 
-return {Gestures, View};
+return {Gestures, View, clamp};
 })();

@@ -18,10 +18,10 @@ from ..history import queries, samples
 from ..history.history import History
 from ..history.notes import MOST_TEXT, Note, add_note, notes_of
 from ..history.rows import StoredTransition
-from ..history.samples import samples_fields
+from ..history.samples import StoredSamples, samples_fields
 from ..matchers import Matcher, matchers_text
 from ..silences import Silence, read_silences
-from .requests import LARGEST_ID, ApiError, read_id, read_text
+from .requests import LARGEST_ID, ApiError, json_bytes, read_id, read_text
 
 _MOST = 1000
 _USUAL = 100
@@ -135,28 +135,36 @@ def _thresholds_at(connection: sqlite3.Connection, alert: StoredTransition) -> J
         return {}
 
 
-def past_samples(history: History, parameters: Mapping[str, str]) -> Json:
+def past_samples(history: History, parameters: Mapping[str, str]) -> bytes:
     """Returns the answer of `/api/history/samples`; raises ApiError for an invalid parameter, else as `past_alerts`."""
+    found, is_more = _stored_samples(history, parameters)
+    # One by one: encoding all at once would hold the interpreter's lock, for which the monitor waits.
+    body = b",".join([json_bytes(samples_fields(each)) for each in found])
+    return b'{"samples":[' + body + b'],"more":' + json_bytes(is_more) + b"}"
+
+
+def _stored_samples(history: History, parameters: Mapping[str, str]) -> Tuple[List[StoredSamples], bool]:
+    """Returns the samples that a request asks for, and whether there are more."""
     robot, signal = parameters.get("robot", ""), parameters.get("signal", "")
     if not robot or not signal:
         raise ApiError(400, "robot and signal: expected a name each")
     since_s, until_s = _time(parameters, "from"), _time(parameters, "to")
     seconds = _number(parameters, "seconds", 86_400)
 
-    def read(connection: sqlite3.Connection) -> Json:
+    def read(connection: sqlite3.Connection) -> Tuple[List[StoredSamples], bool]:
         if seconds is not None:
             end_s = history.wall_s() if until_s is None else until_s
             begin_s = end_s - seconds * samples.MOST_COARSE if since_s is None else since_s
             coarse = samples.read_coarse(connection, robot, signal, begin_s, end_s, float(seconds))
-            return {"samples": [samples_fields(each) for each in coarse], "more": len(coarse) >= samples.MOST_COARSE}
+            return coarse, len(coarse) >= samples.MOST_COARSE
         found = samples.read(connection, robot=robot, signal=signal, since_s=since_s, until_s=until_s)
-        some = [samples_fields(each) for each in islice(found, _MOST_SAMPLES + 1)]
-        return {"samples": some[:_MOST_SAMPLES], "more": len(some) > _MOST_SAMPLES}
+        some = [*islice(found, _MOST_SAMPLES + 1)]
+        return some[:_MOST_SAMPLES], len(some) > _MOST_SAMPLES
 
     return _read(history, read)
 
 
-def past_levels(history: History) -> Json:
+def past_levels(history: History) -> bytes:
     """Returns the answer of `/api/history/levels`; raises as `past_alerts`."""
     wall_s = history.wall_s()
     begin_s = (wall_s // samples.CELL_S - _CELLS + 1) * samples.CELL_S
@@ -170,7 +178,7 @@ def past_levels(history: History) -> Json:
 
     _read(history, read)
     robots = {robot: "".join(found) for robot, found in cells.items()}
-    return {"from": iso_time(begin_s), "seconds": samples.CELL_S, "robots": robots}
+    return json_bytes({"from": iso_time(begin_s), "seconds": samples.CELL_S, "robots": robots})
 
 
 def _read(history: History, function: Callable[[sqlite3.Connection], Result]) -> Result:

@@ -41,6 +41,7 @@ from .requests import (
     ApiError,
     Client,
     check_same_origin,
+    encoded_response,
     json_bytes,
     json_response,
     read_object,
@@ -55,6 +56,9 @@ _MOST_PENDING = 500  # requests that wait for a robot or a disk
 _READ_TIMEOUT_S = 5.0
 _ROBOTS_AT_ONCE = 10  # are read without a pause for others in the same loop
 _KEPT_S = 0.2  # how long an answer of `/api/state` serves further requests
+_LEVELS_KEPT_S = 5.0  # likewise of `/api/history/levels`: each is read from many rows
+_PAST_AT_ONCE = 1  # requests that read the history: each contends with the monitor for the interpreter
+_MOST_PAST_PENDING = 50
 
 _NO_HISTORY = "there is no history; ops.yaml configures one"
 _NO_BLACK_BOX = "nothing is recorded; ops.yaml configures a black box"
@@ -102,8 +106,9 @@ class WebInterface:
         # Reading a robot waits for its callbacks, and a history for a disk.
         self._reading = ThreadPool("web", 4, _MOST_PENDING, _READ_TIMEOUT_S) if threads else None
         self._worker = ThreadPool("web", 8, _MOST_PENDING, _READ_TIMEOUT_S)
+        self._past = ThreadPool("web history", _PAST_AT_ONCE, _MOST_PAST_PENDING, _READ_TIMEOUT_S)
         self._readers: Dict[AlertSystem, RobotReader] = {}
-        self._answers: Dict[Tuple[str, bool], asyncio.Future[bytes]] = {}
+        self._answers: Dict[Tuple[object, ...], asyncio.Future[bytes]] = {}
         self._own_state = OwnState(robots, process_faults)
         self._metrics = Metrics(notifications_waiting, wall_time_s, lambda: len(self._own_state.texts()))
         self.updates = Updates(self._read_state, self._read_samples)
@@ -153,7 +158,7 @@ class WebInterface:
     def close(self) -> None:
         """Disconnects every page. Call in the server's loop."""
         self.updates.close()
-        for pool in (self._reading, self._worker):
+        for pool in (self._reading, self._worker, self._past):
             if pool is not None:
                 pool.close()
 
@@ -209,22 +214,23 @@ class WebInterface:
         robot, window = request.query.get("robot", ""), request.query.get("window", "1") != "0"
         if robot:
             self._require_reader(robot)
-        body = await self._shared_answer(robot, window)
-        return web.Response(body=body, content_type="application/json", headers=API_HEADERS)
+        encode = partial(self._encode_state, robot, window)
+        return encoded_response(await self._shared_answer(("state", robot, window), encode, _KEPT_S))
 
-    async def _shared_answer(self, robot: str, window: bool) -> bytes:
-        """Returns `/api/state`; requests at the same time share one answer."""
-        key = robot, window
+    async def _shared_answer(
+        self, key: Tuple[object, ...], encode: Callable[[], Awaitable[bytes]], kept_s: float
+    ) -> bytes:
+        """Returns an answer that serves all requests with the same key at the same time, and `kept_s` after it came."""
         answer = self._answers.get(key)
         if answer is None:
-            answer = self._answers[key] = asyncio.ensure_future(self._encode_state(robot, window))
+            answer = self._answers[key] = asyncio.ensure_future(encode())
 
             def forget() -> None:
                 if self._answers.get(key) is answer:
                     del self._answers[key]
 
             loop = asyncio.get_event_loop()
-            answer.add_done_callback(lambda done: loop.call_later(_KEPT_S, forget))
+            answer.add_done_callback(lambda done: loop.call_later(0.0 if done.exception() else kept_s, forget))
         return await asyncio.shield(answer)
 
     async def _encode_state(self, robot: str, window: bool) -> bytes:
@@ -288,21 +294,21 @@ class WebInterface:
 
     async def _get_history(self, request: web.Request) -> web.StreamResponse:
         history, query = _required(self._history, _NO_HISTORY), query_of(request.query)
-        return json_response(await self._worker.run(partial(past_alerts, history, query)))
+        return json_response(await self._past.run(past_alerts, history, query))
 
     async def _get_past_samples(self, request: web.Request) -> web.StreamResponse:
         history, parameters = _required(self._history, _NO_HISTORY), request.query
-        return json_response(await self._worker.run(partial(past_samples, history, parameters)))
+        return encoded_response(await self._past.run(past_samples, history, parameters))
 
     async def _get_past_levels(self, request: web.Request) -> web.StreamResponse:
-        history = _required(self._history, _NO_HISTORY)
-        return json_response(await self._worker.run(partial(past_levels, history)))
+        encode = partial(self._past.run, past_levels, _required(self._history, _NO_HISTORY))
+        return encoded_response(await self._shared_answer(("levels",), encode, _LEVELS_KEPT_S))
 
     async def _get_past_alert(self, request: web.Request) -> web.StreamResponse:
         history, text = _required(self._history, _NO_HISTORY), request.match_info["id"]
         number = int(text) if text.isascii() and text.isdigit() and len(text) < 19 else -1
-        found = await self._worker.run(partial(past_alert, history, number))
-        past = _required(found, f"there is no alert {text}")
+        found = await self._past.run(past_alert, history, number)
+        past = _required(found, f"there is no alert {text[:_MOST_SHOWN]}; the history deletes old ones")
         reader = self._reader(past.alert["robot"])
         unit, bounds, forecast_s = ("", [], None) if reader is None else reader.plot_of(past.alert["signal"])
         return json_response({"unit": unit, "bounds": bounds, "forecast_s": forecast_s, **past._asdict()})

@@ -88,8 +88,13 @@ def json_bytes(value: object) -> bytes:
 
 def json_response(value: object, *, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
     """Returns an answer with JSON, which must not be cached."""
+    return encoded_response(json_bytes(value), status=status, headers=headers)
+
+
+def encoded_response(body: bytes, *, status: int = 200, headers: Optional[Mapping[str, str]] = None) -> web.Response:
+    """Returns an answer with JSON that was encoded before, which must not be cached."""
     all_headers = {**API_HEADERS, **(headers or {})}
-    return web.Response(status=status, body=json_bytes(value), content_type="application/json", headers=all_headers)
+    return web.Response(status=status, body=body, content_type="application/json", headers=all_headers)
 
 
 def check_same_origin(request: web.Request) -> None:
@@ -168,16 +173,26 @@ class _File(NamedTuple):
 
 async def serve_page_file(request: web.Request) -> web.Response:
     """Answers a request for `/` or `/NAME`: a file of the page, from memory."""
-    file = _page_files().get(request.match_info.get("name", "index.html"))
+    name = request.match_info.get("name", "index.html")
+    file = _page_files().get(name)
     if file is None:
         return ApiError(404, f"there is no path {request.path}").response()
     headers = {**_PAGE_HEADERS, "ETag": file.etag, "Vary": "Accept-Encoding"}
+    if name == "index.html":
+        headers["Link"] = _modules()
     if file.etag in request.headers.get("If-None-Match", ""):
         return web.Response(status=304, headers=headers)
     charset, body = "utf-8" if file.content_type.startswith("text/") else None, file.content
     if "gzip" in request.headers.get("Accept-Encoding", ""):
         headers, body = {**headers, "Content-Encoding": "gzip"}, file.compressed
     return web.Response(body=body, content_type=file.content_type, charset=charset, headers=headers)
+
+
+@functools.lru_cache(maxsize=None)
+def _modules() -> str:
+    """Returns a header with which browsers fetch all modules at once, not one import after the other."""
+    names = [name for name in _page_files() if name.endswith(".js") and name != "plot.js"]
+    return ", ".join(f"<{name}>; rel=modulepreload" for name in names)
 
 
 @functools.lru_cache(maxsize=None)

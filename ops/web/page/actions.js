@@ -1,12 +1,10 @@
-/* What users can change: silences and latched alerts. Dialogs stay open, with the reason, if the monitor refuses. */
+/* What users can change: silences and latched alerts. A dialog stays open if the monitor refuses. */
 import {request} from "./connection.js";
 import {byId, setText} from "./elements.js";
 import {patternOf} from "./format.js";
 
-/** Where this browser keeps the name of its user. */
 export const AUTHOR = "robot-health-author";
 
-/** A dialog with a form, which closes once its action has succeeded. */
 class ActionDialog {
   constructor(id, announce) {
     this.announce = announce;
@@ -20,7 +18,7 @@ class ActionDialog {
     });
   }
 
-  /** Shows the dialog; `action` is called when it is confirmed, may throw, and returns what screen readers say. */
+  /** `action` is called on confirmation, may throw, and returns what screen readers say. */
   ask(action) {
     this.action = action;
     setText(this.error, "");
@@ -43,18 +41,13 @@ class ActionDialog {
   }
 }
 
-/** The actions that the page offers. */
 export class Actions {
-  /** @param {function(string)} announce - says the result to screen readers. */
   constructor(announce) {
     this.silenceDialog = new ActionDialog("silence-dialog", announce);
     this.confirmDialog = new ActionDialog("confirm-dialog", announce);
   }
 
-  /**
-   * Asks for how long and why, then silences. `signal` "*": all; `isAlert`: an alert is open, whose end can be waited for;
-   * `time`: how long, as proposed.
-   */
+  /** Asks for how long and why, then silences; `isAlert`: an alert is open, whose end can be waited for. */
   silence(robot, signal, isAlert, time = "3600") {
     const field = (name) => byId(`silence-${name}`);
     field("robot").value = patternOf(robot);
@@ -79,7 +72,6 @@ export class Actions {
     field(time === "resolved" ? "reason" : "time").focus();
   }
 
-  /** Asks, then ends a silence. */
   expire(silence) {
     this.confirm("End this silence?", `Notifications for ${silence.matchers} are sent again.`, "End silence", async () => {
       await request("api/silence/expire", {id: silence.id, author: remembered(AUTHOR)});
@@ -103,7 +95,7 @@ export class Actions {
   }
 }
 
-/** Returns a text that this browser keeps; empty if there is none, or if storage is forbidden. */
+/** Returns a text that this browser keeps; empty: none, or storage is forbidden. */
 export function remembered(key) {
   try {
     return localStorage.getItem(key) || "";
@@ -112,7 +104,6 @@ export function remembered(key) {
   }
 }
 
-/** Keeps a text in this browser, if it allows that. */
 export function remember(key, text) {
   try {
     localStorage.setItem(key, text);

@@ -2,78 +2,86 @@
 import {remember, remembered, AUTHOR} from "./actions.js";
 import {request} from "./connection.js";
 import {byId, isolated, make, setText} from "./elements.js";
-import {fullTimeText, utcOffset, withHint} from "./format.js";
+import {fullTimeText, utcOffset, withDegrees, withHint} from "./format.js";
 import {Badge, kindOfLevel} from "./levels.js";
 import {drawEvidence} from "./plots.js";
-import {stored} from "./ranges.js";
+import {requestSamples, stored} from "./ranges.js";
 
-/* global HealthPlot */
-
-/** What the second plot shows on each side, in s. */
 const AROUND_S = 1800;
 const PERIOD_S = 10;
 
 const list = (items) => (items.length ? make("ul", {}, ...items.map((item) => make("li", {}, ...item))) : null);
 const link = (href, text) => make("a", {href}, isolated(text));
 
-/** Returns heading and content; null without content. */
 function part(heading, content) {
   return content && make("section", {}, make("h3", {}, heading), content);
 }
 
-/** The view of one alert. */
 export class AlertPage {
   constructor(page) {
     this.page = page;
     this.box = byId("alert-page");
+    this.id = "";
   }
 
   /** Shows the alert with this id; empty: none. */
   async show(id) {
-    if (id === this.id) return;
+    if (id === this.id && !this.hasFailed) return;
     this.id = id;
+    this.hasFailed = false;
     this.box.replaceChildren();
     if (!id) return;
     try {
-      const past = await request(`api/history/${encodeURIComponent(id)}`);
+      if (!/^\d+$/.test(id)) throw new Error("its address does not end with a number");
+      const past = await request(`api/history/${id}`);
       if (id === this.id) this.fill(past);
     } catch (error) {
-      if (id === this.id) this.box.replaceChildren(make("p.error-text", {role: "alert"}, `The alert cannot be shown: ${error.message}`));
+      if (id !== this.id) return;
+      this.hasFailed = true;
+      this.box.replaceChildren(make("p.error-text", {role: "alert"}, `The alert cannot be shown: ${error.message}`));
     }
   }
 
   fill(past) {
-    const {alert, others, silences, thresholds} = past, plot = make("div.plot"), time = Date.parse(alert.time);
+    const {alert, others, silences, thresholds} = past, time = Date.parse(alert.time);
     this.notes = make("ul.notes");
     const settings = Object.entries(thresholds).map(([key, value]) => `${key}: ${JSON.stringify(value)}`).join("\n");
     const file = alert.black_box && link(`api/black_box/${encodeURIComponent(alert.black_box)}`, alert.black_box);
     if (file) file.download = alert.black_box;
-    this.around = make("div.plot");
+    const window = make("div.plot"), around = make("div.plot");
     this.box.append(...[
       make("h3.alert-title", {}, new Badge(kindOfLevel(alert.to_level)).element, " ", isolated(withHint(alert.text, alert.hint))),
       make("p.facts", {}, `${fullTimeText(time)} · `, link(`#robots/${encodeURIComponent(alert.robot)}`, alert.robot)),
-      plot, this.around,
+      part("Samples in the window", window), part("Half an hour before and after", around),
       part("Also not OK then", list(others.map((other) => [new Badge(kindOfLevel(other.to_level)).element, " ", link(`#alerts/${other.id}`, withHint(other.text, other.hint))]))),
       part("Thresholds in force", settings ? make("pre", {}, settings) : null),
       part("Silences", list(silences.map((silence) => [isolated(`${silence.matchers}: ${silence.reason}${silence.author && ` (${silence.author})`}`)]))),
       part("Black box", file ? make("p", {}, file) : null),
       make("section", {}, make("h3", {}, "Notes"), this.notes, this.form(alert)),
     ].filter((each) => each));
-    drawEvidence(plot, past, "alert-page");
+    if (past.samples.some(([, value]) => value !== null)) drawEvidence(window, past);
+    else window.append("There was none.");
     alert.notes.forEach((note) => this.addNote(note));
-    this.drawAround(alert, time / 1000, past);
+    this.drawAround(around, past, time / 1000);
   }
 
-  /** Draws what was stored of the half hours before and after the alert, if there is any. */
-  async drawAround(alert, t, {unit, bounds}) {
-    const at = (seconds) => new Date(seconds * 1000).toISOString(), box = this.around;
-    const query = new URLSearchParams({robot: alert.robot, signal: alert.signal, seconds: PERIOD_S, from: at(t - AROUND_S), to: at(t + AROUND_S)});
-    const {samples} = await request(`api/history/samples?${query}`).catch(() => ({samples: []}));
-    if (!samples.length) return;
+  /** Draws what was stored of the half hours before and after the alert at `t`, or says why there is nothing. */
+  async drawAround(box, {alert, unit, bounds}, t) {
+    let samples = [], problem = "The history has no samples of this time.";
+    try {
+      samples = await requestSamples(alert.robot, alert.signal, PERIOD_S, t - AROUND_S, t + AROUND_S);
+    } catch (error) {
+      problem = `The history cannot be read: ${error.message}`;
+    }
+    if (samples.every(({min}) => min === null)) {
+      box.append(problem);
+      return;
+    }
     const {data, levels} = stored(samples, [null, 2 * AROUND_S, PERIOD_S], t + AROUND_S);
     const alerts = [{id: "alert-page", t, level: alert.to_level, text: alert.text}];
     const view = new HealthPlot.View(t - AROUND_S, t + AROUND_S, utcOffset(t * 1000));
-    new HealthPlot.Plot(box, {name: `${alert.signal}, half an hour before and after`, unit, bounds, ...data, levels, alerts, until: levels[levels.length - 1][0]}, view);
+    const name = `${alert.signal}, half an hour before and after`;
+    new HealthPlot.Plot(box, {name, unit: withDegrees(unit || ""), bounds, ...data, levels, alerts, until: levels[levels.length - 1][0]}, view);
   }
 
   form(alert) {

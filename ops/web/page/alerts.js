@@ -1,31 +1,18 @@
 /* Tables of past alerts, from the history. */
 import {request} from "./connection.js";
-import {byId, isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
+import {byId, isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, silencedMark} from "./elements.js";
 import {durationText, fullTimeText, patternOf, timeText, withHint} from "./format.js";
 import {Badge, kindOfLevel} from "./levels.js";
-import {drawEvidence} from "./plots.js";
 
 const PAGE_SIZE = 100;
 let tables = 0;
 
-/** A table of alerts, newest first, each with its evidence on request. */
+/** A table of alerts, newest first; each leads to its own page. */
 export class AlertTable {
-  /**
-   * @param {Object} only - parameters of /api/history: only these alerts.
-   * @param {number} size - how many at a time; `pages`: whether older ones can be shown.
-   * @param {boolean} ofSignal - whether all are of one signal: neither its robot nor buttons to acknowledge are shown.
-   */
+  /** `only`: parameters of /api/history; `size`: how many at a time; `pages`: whether older ones can be shown. */
   constructor(page, {only = {}, size = PAGE_SIZE, pages = true, ofSignal = false} = {}) {
-    this.page = page;
-    this.only = only;
-    this.size = size;
-    this.pages = pages;
-    this.ofSignal = ofSignal;
+    Object.assign(this, {page, only, size, pages, ofSignal, rows: new Map(), gaps: [], more: false, loading: false});
     this.id = `alerts-${++tables}`;
-    this.rows = new Map();
-    this.gaps = [];
-    this.more = false;
-    this.loading = false;
     const heads = ["Time", "Level", ...(ofSignal ? [] : ["Robot"]), "Alert", ...(ofSignal ? [] : ["Action"])];
     this.columns = heads.length;
     Object.assign(this, makeTable("alerts", "Alerts, newest first", heads));
@@ -35,7 +22,6 @@ export class AlertTable {
     this.element = make("div", {}, this.table, this.note, this.older);
   }
 
-  /** Shows only the alerts of these parameters of /api/history. */
   filter(only) {
     this.only = only;
     this.rows.clear();
@@ -43,7 +29,6 @@ export class AlertTable {
     this.load();
   }
 
-  /** Fetches the newest alerts, or the ones before the oldest that is shown. */
   async load(older = false) {
     this.again = this.loading;
     if (this.loading) return;
@@ -78,13 +63,13 @@ export class AlertTable {
     const shown = [...this.rows.values()];
     const oldest = Math.min(...shown.map((row) => row.time));
     const rows = [...shown, ...this.gaps.filter((gap) => gap.time >= oldest || !this.more)].sort((one, other) => other.time - one.time || other.place - one.place);
-    setChildren(this.body, rows.flatMap((row) => row.elements));
+    setChildren(this.body, rows.map(({row}) => row));
     this.table.hidden = !rows.length;
     this.tell(shown.length ? "" : Object.keys(this.only).length ? "No alert matches." : "No alerts.");
     this.refresh();
   }
 
-  /** Updates which alerts are open, and can be acknowledged: the newest of a signal that still has this level. */
+  /** Updates which alerts are open: the newest of a signal that still has this level. */
   refresh() {
     const seen = new Set(), {robots} = this.page.fleet;
     for (const row of [...this.rows.values()].sort((one, other) => other.place - one.place)) {
@@ -95,7 +80,6 @@ export class AlertTable {
     }
   }
 
-  /** Returns the id of the element that shows an alert. */
   idOf(alert) {
     return this.rows.has(alert.id) ? this.rows.get(alert.id).id : "alerts";
   }
@@ -106,7 +90,6 @@ export class AlertTable {
   }
 }
 
-/** One alert; its evidence is below it, once opened. */
 class AlertRow {
   constructor(table, alert) {
     this.page = table.page;
@@ -114,27 +97,21 @@ class AlertRow {
     this.time = Date.parse(alert.time);
     this.place = alert.id;
     this.id = `${table.id}-${alert.id}`;
-    this.cell = makeCell("", "", table.columns);
-    this.more = makeRow("details", this.cell);
-    this.more.hidden = true;
-    this.button = make("button.evidence", {"aria-expanded": "false", title: "show the samples at that moment", onclick: () => this.toggle()},
-      shape("open"), isolated(withHint(alert.text, alert.hint)));
     const {now} = this.page.fleet;
     this.acknowledge = make("button", {
       hidden: true, "aria-label": `Acknowledge ${alert.signal} of ${alert.robot}`,
       onclick: () => this.page.actions.silence(alert.robot, alert.signal, true, "resolved"),
     }, "Acknowledge…");
-    this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
+    this.silenced = silencedMark();
     this.row = makeRow("alert",
-      makeCell("time", make("a", {href: `#alerts/${alert.id}`}, make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now)))),
+      makeCell("time", make("time", {datetime: alert.time, title: fullTimeText(this.time)}, timeText(this.time, now))),
       makeCell("level", new Badge(kindOfLevel(alert.to_level)).element),
       table.ofSignal ? null : makeCell("robot-cell", this.robotLink(alert.robot)),
-      makeCell("text", this.button), table.ofSignal ? null : makeCell("action", make("span", {}, this.acknowledge, this.silenced)));
+      makeCell("text", make("a", {href: `#alerts/${alert.id}`}, isolated(withHint(alert.text, alert.hint)))), table.ofSignal ? null : makeCell("action", make("span", {}, this.acknowledge, this.silenced)));
     this.row.id = this.id;
-    this.elements = [this.row, this.more];
   }
 
-  /** Shows whether the alert is open: `signal` is its signal as in the API, null if it is not. */
+  /** `signal` is as in the API; null: the alert is not open. */
   showOpen(signal) {
     setAttribute(this.row, "class", `alert${signal ? " open" : ""}`);
     this.acknowledge.hidden = !signal || Boolean(signal.silenced) || !this.page.fleet.canSilence;
@@ -145,35 +122,16 @@ class AlertRow {
   robotLink(name) {
     return make("a", {href: `#robots/${encodeURIComponent(name)}`}, isolated(name));
   }
-
-  async toggle() {
-    const open = this.more.hidden;
-    this.more.hidden = !open;
-    setAttribute(this.button, "aria-expanded", String(open));
-    this.cell.replaceChildren();
-    if (!open) return;
-    const box = make("div.plot", {}, make("p.note", {}, "loading…"));
-    this.cell.append(box);
-    try {
-      const past = await request(`api/history/${this.alert.id}`);
-      box.replaceChildren();
-      drawEvidence(box, {...past, alert: {...this.alert, ...past.alert}}, this.id);
-    } catch (error) {
-      box.replaceChildren(make("p.error-text", {}, `The evidence cannot be read: ${error.message}`));
-    }
-  }
 }
 
-/** Returns a row for a time in which no monitor ran. */
 function gapRow(gap, columns) {
   const from = Date.parse(gap.from), time = Date.parse(gap.to);
   const text = `no monitor ran for ${durationText((time - from) / 1000)}, from ${fullTimeText(from)}`;
-  return {key: gap.from, time, place: 0, elements: [makeRow("gap", makeCell("", text, columns))]};
+  return {key: gap.from, time, place: 0, row: makeRow("gap", makeCell("", text, columns))};
 }
 
 const TYPING_MS = 300;
 
-/** All alerts, with a filter. */
 export class AlertView {
   constructor(page) {
     this.table = new AlertTable(page);
@@ -187,7 +145,6 @@ export class AlertView {
     for (const event of ["input", "change"]) this.form.addEventListener(event, apply);
   }
 
-  /** The filter, as parameters of /api/history. */
   get only() {
     const {robot, signal, level, open} = this.form.elements, only = {};
     for (const {name, value} of [robot, signal]) if (value.trim()) only[name] = `*${patternOf(value.trim(), "*?")}*`;

@@ -4,20 +4,7 @@ const FIRST_DELAY_MS = 1000;
 const LONGEST_DELAY_MS = 30000;
 const REQUEST_MS = 10000;
 
-/** A request that failed; the message is for users. */
-export class RequestError extends Error {
-  constructor(message, status = 0) {
-    super(message);
-    this.status = status;
-  }
-}
-
-/**
- * Sends a request and returns the answer.
- * @param {string} path - below the address of the page.
- * @param {Object} [body] - sent as JSON with POST; left out: GET.
- * @throws {RequestError} it was refused, or there was no answer.
- */
+/** Returns the answer to a GET, or with `body` to a POST of JSON; throws an Error with `status`, and a message for users. */
 export async function request(path, body) {
   const options = {credentials: "same-origin", cache: "no-store", signal: AbortSignal.timeout(REQUEST_MS)};
   if (body !== undefined) {
@@ -27,33 +14,31 @@ export async function request(path, body) {
   try {
     response = await fetch(path, options);
   } catch (error) {
-    throw new RequestError("no answer from the monitor");
+    throw new Error("no answer from the monitor");
   }
   const answer = await response.json().catch(() => ({}));
   if (response.ok) return answer;
   const problem = answer.error || `${response.status} ${response.statusText}`;
   const wait = response.headers.get("Retry-After");
-  throw new RequestError(wait ? `${problem}; try again in ${wait} s` : problem, response.status);
+  throw Object.assign(new Error(wait ? `${problem}; try again in ${wait} s` : problem), {status: response.status});
 }
 
-/** Keeps a stream of events open, and opens it again with growing delays. */
+/** A stream of events, opened again with growing delays. */
 export class Connection {
-  /** @param {Object} listener - takes events: `state(data)`, `change(data)`, `samples(data)`, `lost(reason)`, `loginRequired()`. */
+  /** `listener` has `state(data)`, `change(data)`, `samples(data)`, `lost(reason)` and `loginRequired()`. */
   constructor(listener) {
     this.listener = listener;
     this.failures = 0;
-    /** The robots whose samples are sent too. */
     this.robots = [];
-    /** When the next attempt is made, on the clock of `performance.now`; 0: none is planned. */
+    /** Time of the next attempt; 0: none is planned. */
     this.retryAt = 0;
     addEventListener("online", () => this.retryAt && this.open());
     document.addEventListener("visibilitychange", () => !document.hidden && this.retryAt && this.open());
-    // Browsers keep pages for going back, and their streams count among the six connections to a server.
+    // Streams of pages that are kept for going back count among the six connections to a server.
     addEventListener("pagehide", () => this.close());
     addEventListener("pageshow", ({persisted}) => persisted && this.open());
   }
 
-  /** Connects, now. */
   open() {
     this.close();
     const source = this.source = new EventSource(`api/events?${new URLSearchParams(this.robots.map((name) => ["robot", name]))}`);
@@ -62,7 +47,6 @@ export class Connection {
     this.watch();
   }
 
-  /** Asks for the samples of these robots. */
   follow(robots) {
     if (robots.every((name) => this.robots.includes(name))) return;
     this.robots = robots;

@@ -1,5 +1,5 @@
 /* The bar of a robot's last 24 hours: one cell per 15 minutes, as /api/history/levels has them. */
-import {SVG, setAttribute} from "./elements.js";
+import {addSvg, setAttribute} from "./elements.js";
 import {KINDS, kindOfLevel, rankOf} from "./levels.js";
 
 const LEVELS = {O: "OK", W: "WARN", E: "ERROR", S: "STALE"};
@@ -7,10 +7,8 @@ const LEVELS = {O: "OK", W: "WARN", E: "ERROR", S: "STALE"};
 const HEIGHT = {ok: 4, warn: 8, stale: 10, error: 12};
 const FULL = 12;
 
-/** Returns a bar without cells. */
 export function makeDay() {
-  const svg = document.createElementNS(SVG, "svg");
-  for (const [name, value] of Object.entries({class: "day", role: "img", preserveAspectRatio: "none"})) svg.setAttribute(name, value);
+  const svg = addSvg(null, "svg", {class: "day", role: "img", preserveAspectRatio: "none"});
   showDay(svg, "");
   return svg;
 }
@@ -21,15 +19,12 @@ export function showDay(svg, cells) {
   svg.cells = cells;
   svg.setAttribute("viewBox", `0 0 ${cells.length || 1} ${FULL}`);
   svg.replaceChildren();
+  let x = 0;
   for (const [run] of cells.matchAll(/(.)\1*/g)) {
     const kind = LEVELS[run[0]] ? kindOfLevel(LEVELS[run[0]]) : "unknown", height = HEIGHT[kind] || FULL;
-    const rect = document.createElementNS(SVG, "rect");
-    const place = {class: `cell ${kind}`, x: svg.at || 0, width: run.length, y: FULL - height, height};
-    for (const [name, value] of Object.entries(place)) rect.setAttribute(name, value);
-    svg.append(rect);
-    svg.at = place.x + run.length;
+    addSvg(svg, "rect", {class: `cell ${kind}`, x, width: run.length, y: FULL - height, height});
+    x += run.length;
   }
-  svg.at = 0;
   const hours = (letter) => `${[...cells].filter((each) => each === letter).length / 4} h`;
   const parts = Object.keys(LEVELS).filter((letter) => cells.includes(letter)).map((letter) => [letter, kindOfLevel(LEVELS[letter])])
     .sort(([, one], [, other]) => rankOf(one) - rankOf(other)).map(([letter, kind]) => `${KINDS.get(kind)} ${hours(letter)}`);

@@ -1,14 +1,9 @@
-/* Building and changing elements. Texts become text nodes: nothing from a robot is ever parsed as HTML. */
-export const SVG = "http://www.w3.org/2000/svg";
+/* Elements. Texts become text nodes: nothing from a robot is ever parsed as HTML. */
+export const addSvg = HealthPlot.add;
 
 export const byId = (id) => document.getElementById(id);
 
-/**
- * Returns a new element.
- * @param {string} tag - for example "button", or "button.primary" with a class.
- * @param {Object} attributes - `on…` are event listeners; null and false are left out.
- * @param {...(Node|string|null)} children - null is left out.
- */
+/** Returns a new element. `tag` may have a class, as "button.primary"; attributes `on…` are listeners; null is left out. */
 export function make(tag, attributes = {}, ...children) {
   const [name, ...classes] = tag.split(".");
   const element = document.createElement(name);
@@ -22,12 +17,11 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-/** Returns an isolated text: its direction does not affect what surrounds it. */
 export function isolated(text) {
   return make("bdi", {}, text);
 }
 
-/** Returns a table with these heads, and its empty body. The roles keep it a table where CSS lays it out otherwise. */
+/** Returns a table and its body. The roles keep it a table where CSS lays it out otherwise. */
 export function makeTable(kind, label, heads) {
   const body = make("tbody", {role: "rowgroup"});
   const table = make(`table.${kind}`, {role: "table", "aria-label": label},
@@ -35,7 +29,6 @@ export function makeTable(kind, label, heads) {
   return {table, body};
 }
 
-/** Returns a row of a table. */
 export function makeRow(kind, ...cells) {
   return make("tr", {role: "row", class: kind || null}, ...cells);
 }
@@ -45,22 +38,18 @@ export function makeCell(kind, content, span = null) {
   return make("td", {role: "cell", class: kind || null, colspan: span}, content);
 }
 
-/** Returns one of the shapes that index.html defines, hidden from screen readers. */
 export function shape(name) {
-  const svg = document.createElementNS(SVG, "svg");
-  svg.setAttribute("class", "shape");
-  svg.setAttribute("viewBox", "0 0 16 16");
-  svg.setAttribute("aria-hidden", "true");
-  const use = document.createElementNS(SVG, "use");
-  use.setAttribute("href", `#shape-${name}`);
-  svg.append(use);
+  const svg = addSvg(null, "svg", {class: "shape", viewBox: "0 0 16 16", "aria-hidden": true});
+  addSvg(svg, "use", {href: `#shape-${name}`});
   return svg;
 }
 
-/** Makes `svg`, made by `shape`, show another shape. */
+export function silencedMark() {
+  return make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
+}
+
 export function setShape(svg, name) {
-  const use = svg.firstChild;
-  if (use.getAttribute("href") !== `#shape-${name}`) use.setAttribute("href", `#shape-${name}`);
+  setAttribute(svg.firstChild, "href", `#shape-${name}`);
 }
 
 /** Sets a text only if it differs, so that an unchanged page costs nothing. */
@@ -74,7 +63,7 @@ export function setAttribute(element, name, value) {
   else if (element.getAttribute(name) !== String(value)) element.setAttribute(name, value === true ? "" : value);
 }
 
-/** Makes the children of `parent` those in `wanted`, in this order. Moves few and keeps the focus. */
+/** Makes `wanted` the children of `parent`; moves few and keeps the focus. */
 export function setChildren(parent, wanted) {
   const keep = new Set(wanted);
   for (const child of [...parent.children]) if (!keep.has(child)) child.remove();

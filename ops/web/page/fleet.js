@@ -6,16 +6,15 @@ const NAMES = new Intl.Collator("en", {numeric: true});
 
 const reasonOf = ([name, signal]) => `${name}: ${withHint(signal.message, signal.hint)}`;
 
-/** One robot. `data` is as in the API; all else is derived from it. */
+/** `data` is as in the API; all else is derived from it. */
 class Robot {
   constructor(name) {
     this.name = name;
     this.data = {signals: Object.create(null)};  // any name is possible, also __proto__
-    /** Kind of each signal. */
     this.kinds = new Map();
   }
 
-  /** Merges what changed, and returns the names of the signals whose kind changed, if only for a moment. */
+  /** Returns the names of the signals whose kind changed, if only for a moment. */
   merge(change) {
     const {signals, ...others} = change;
     Object.assign(this.data, others);
@@ -35,18 +34,16 @@ class Robot {
     /** The signals that are not OK, worst first, as [name, signal]. */
     this.bad = signals.filter(([name]) => this.kinds.get(name) !== "ok")
       .sort(([one], [other]) => rankOf(this.kinds.get(one)) - rankOf(this.kinds.get(other)));
-    /** How many further signals are not OK. With the link down, all are unknown for that one reason. */
+    /** How many more; with the link down, all are unknown for that one reason. */
     this.others = this.kinds.get(LINK) === "nolink" ? 0 : Math.max(0, this.bad.length - 1);
     this.silenced = signals.filter(([, signal]) => signal.silenced).length;
     this.kind = this.bad.length ? this.kinds.get(this.bad[0][0]) : this.isEmpty ? "waiting" : "ok";
   }
 
-  /** Whether no signal is watched. */
   get isEmpty() {
     return Object.keys(this.data.signals).every((name) => name === LINK);
   }
 
-  /** The reason for the kind, in one line; empty if OK. */
   get cause() {
     return this.bad.length ? reasonOf(this.bad[0]) : "";
   }
@@ -57,14 +54,12 @@ class Robot {
     return Math.max(...signals.map((signal) => Date.parse(signal.since)));
   }
 
-  /** Whether the filter text is in its name or in a reason. `text` is in lower case. */
   matches(text) {
     if (!text || this.name.toLowerCase().includes(text)) return true;
     return this.bad.some((each) => reasonOf(each).toLowerCase().includes(text));
   }
 }
 
-/** All robots, and the monitor's clock. */
 export class Fleet {
   constructor() {
     this.robots = new Map();
@@ -72,12 +67,10 @@ export class Fleet {
     this.clockOffset = NaN;
   }
 
-  /** Whether silences can be added. */
   get canSilence() {
     return this.state.can_change && this.state.silencing;
   }
 
-  /** Kind of the monitor itself: that of its worst fault. */
   get monitorKind() {
     return this.state.monitor ? kindOfLevel(this.state.monitor.level) : "ok";
   }
@@ -89,22 +82,18 @@ export class Fleet {
       .map(({robot, part, level, text}) => `Monitor ${level}: ${robot && this.robots.size > 1 ? `${robot}: ` : ""}${part}: ${text}`);
   }
 
-  /** The monitor's time, in ms since 1970. The clock of this machine may differ. */
+  /** The monitor's time, in ms since 1970; the browser's may differ. */
   get now() {
     return performance.now() + this.clockOffset;
   }
 
-  /** Replaces everything by a `state`; returns what `merge` returns. */
   replace(state) {
     this.state = {silences: []};
     this.robots = new Map();
     return this.merge(state);
   }
 
-  /**
-   * Merges a `change`. Returns the names of the robots that changed, the signals whose kind changed, as
-   * [robot, signal], and whether the order of robots may have changed.
-   */
+  /** Returns the names of the robots that changed, the [robot, signal] of new kinds, and whether to sort again. */
   merge(change) {
     const {robots, ...others} = change;
     Object.assign(this.state, others);
@@ -127,12 +116,11 @@ export class Fleet {
     if (!Number.isNaN(time)) this.clockOffset = time - performance.now();
   }
 
-  /** The robots, worst first, then by name. */
   get sorted() {
     return [...this.robots.values()].sort((one, other) => rankOf(one.kind) - rankOf(other.kind) || NAMES.compare(one.name, other.name));
   }
 
-  /** How many robots there are of each kind, worst first; kinds without robots are left out. */
+  /** How many robots there are of each kind that there is, worst first. */
   get counts() {
     const counts = new Map();
     for (const {kind} of this.sorted) counts.set(kind, (counts.get(kind) || 0) + 1);

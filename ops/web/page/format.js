@@ -12,17 +12,16 @@ export function durationText(seconds) {
   return `${large} ${unit}${small ? ` ${small} ${smallUnit}` : ""}`;
 }
 
-/** Returns a text with °C in place of the unit degC. */
 export function withDegrees(text) {
   return text.replace(/\bdegC\b/g, "°C");
 }
 
-/** Returns a message or alert line with the hint why there are no samples, as everything shows it. */
+/** Returns a message with the hint why there are no samples. */
 export function withHint(text, hint) {
   return withDegrees(hint ? `${text} [${hint}]` : text);
 }
 
-/** Returns a value with its unit, with at most five digits; texts as they are. */
+/** Returns a value with at most five digits and its unit; texts as they are. */
 export function valueText(value, unit) {
   if ((value ?? "") === "") return "";
   const text = typeof value === "number" ? Number(value.toPrecision(5)) : value;
@@ -35,13 +34,11 @@ export function timeText(time, now) {
   return text.slice(0, 10) === local(now).slice(0, 10) ? text.slice(11) : text;
 }
 
-/** Returns the local date and time with its zone. */
 export function fullTimeText(time) {
   const text = local(time);
   return text ? `${text} ${zoneText(time)}` : "";
 }
 
-/** Returns the name of the local time zone, for example CET. */
 export function zoneText(time) {
   const parts = new Intl.DateTimeFormat("en", {timeZoneName: "short"}).formatToParts(new Date(time));
   return parts.find((part) => part.type === "timeZoneName").value;
@@ -57,22 +54,18 @@ function local(time) {
   return Number.isNaN(shifted.getTime()) ? "" : shifted.toISOString().slice(0, 19).replace("T", " ");
 }
 
-/** Shows in a time element how long ago `since` is, and with the pointer on it when that was. */
+/** Shows how long ago `since` is; its time appears under the pointer. */
 export function showAge(element, since, now) {
   const known = Number.isFinite(since);
   setText(element, known ? durationText(Math.max(0, now - since) / 1000) : "");
   if (known && element.since !== since) element.title = `since ${fullTimeText(element.since = since)}`;
 }
 
-/** Returns "1 alert", "2 alerts". */
 export function countText(count, noun) {
   return `${count} ${noun}${count === 1 ? "" : "s"}`;
 }
 
-/**
- * Returns a pattern that matches a name: characters that patterns cannot have as such become `?`, which matches any;
- * those in `kept` stay.
- */
+/** Returns a pattern that matches a name: what patterns cannot have as such, except `kept`, becomes `?`. */
 export function patternOf(name, kept = "") {
   return name.replace(/[*?[\]"]|(?! )[\p{C}\p{Z}]/gu, (character) => (kept.includes(character) ? character : "?"));
 }

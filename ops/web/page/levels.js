@@ -1,7 +1,7 @@
 /* What a signal or robot is shown as: its level, or why the level is unknown. */
 import {make, setShape, setText, shape} from "./elements.js";
 
-/** Every kind with its label, worst first: levels, and the states of docs/rules.md in which the level is unknown. */
+/** The labels, worst first. */
 export const KINDS = new Map([
   ["error", "ERROR"],
   ["nolink", "NO LINK"],
@@ -12,17 +12,14 @@ export const KINDS = new Map([
   ["ok", "OK"],
 ]);
 
-const RANK = new Map([...KINDS.keys()].map((kind, place) => [kind, place]));
-/** Name of the signal that is the link to the robot. */
+const RANK = [...KINDS.keys()];
 export const LINK = "link";
 
-/** Returns the kind of a level as in the API. */
 export function kindOfLevel(level) {
   const kind = level.toLowerCase();
   return KINDS.has(kind) ? kind : "unknown";
 }
 
-/** Returns the kind of a signal; `signal` is as in the API. */
 export function kindOfSignal(name, signal) {
   if (signal.state === "waiting") return "waiting";
   if (signal.state === "unreachable") return "unknown";
@@ -32,15 +29,13 @@ export function kindOfSignal(name, signal) {
 
 /** Returns a number that is lower for a worse kind. */
 export function rankOf(kind) {
-  return RANK.get(kind);
+  return RANK.indexOf(kind);
 }
 
-/** Returns the worse of two kinds. */
 export function worse(kind, other) {
   return rankOf(other) < rankOf(kind) ? other : kind;
 }
 
-/** The label of a kind beside its shape. */
 export class Badge {
   constructor(kind) {
     this.shape = shape(kind);

@@ -6,7 +6,6 @@ import {Connection, request} from "./connection.js";
 import {byId, isolated, make, setAttribute, setChildren, setShape, setText} from "./elements.js";
 import {Fleet} from "./fleet.js";
 import {countText, durationText, timeText, withHint, zoneText} from "./format.js";
-import {drawIcon} from "./icon.js";
 import {KINDS, worse} from "./levels.js";
 import {RobotList} from "./robots.js";
 import {SilenceList} from "./silences.js";
@@ -28,7 +27,14 @@ function decoded(part) {
   }
 }
 
-/** The page as a whole. */
+/** Makes the icon of the tab look like a shape. */
+function drawIcon(link, svg) {
+  const id = svg.firstElementChild.getAttribute("href"), {color} = getComputedStyle(svg);
+  const content = document.querySelector(id).innerHTML.replaceAll("currentColor", color).replaceAll("var(--cut)", "#fff");
+  const icon = `data:image/svg+xml,${encodeURIComponent(`<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16">${content}</svg>`)}`;
+  if (link.href !== icon) link.href = icon;
+}
+
 class Page {
   constructor() {
     this.fleet = new Fleet();
@@ -60,13 +66,12 @@ class Page {
 
   get hasState() { return this.isLive || this.phase === "lost"; }
 
-  // Events of the connection
-
   state(state) {
     this.robots.update(this.fleet.replace(state), true);
     this.silences.update();
     this.setPhase("live");
     this.robots.follow();
+    this.alert.show(this.alert.id);
     this.loadAlerts();
     this.loadDays();
   }
@@ -92,7 +97,6 @@ class Page {
     this.loadAlerts();
   }
 
-  /** Loads the alerts that are in view. */
   loadAlerts() {
     byId("recent").hidden = !this.fleet.state.history;
     if (this.view === "alerts") this.alerts.load();
@@ -114,8 +118,6 @@ class Page {
     byId("token").focus();
   }
 
-  // What is shown
-
   setPhase(phase) {
     this.phase = phase;
     document.body.className = phase;
@@ -127,7 +129,6 @@ class Page {
     this.tick();
   }
 
-  /** Shows what is worst: heading, title, icon. */
   showSummary() {
     const {counts, robots} = this.fleet;
     const [name] = robots.size === 1 ? robots.keys() : [countText(robots.size, "robot")];
@@ -147,7 +148,6 @@ class Page {
     setChildren(byId("monitor-faults").firstChild, faults.map((fault) => make("p", {}, isolated(fault))));
   }
 
-  /** Updates what changes with time alone, once per second. */
   tick() {
     const {now} = this.fleet, text = byId("connection-text");
     if (!this.isLive) {
@@ -171,10 +171,10 @@ class Page {
     setText(byId("lost-text"), parts.join(" "));
   }
 
-  /** Shows the view that the address names: #robots, #robots/NAME, #alerts, #alerts/ID, #silences. */
+  /** Shows what the address names: #robots, #robots/NAME, #alerts, #alerts/ID, #silences. */
   showView() {
     const [view, name] = location.hash.slice(1).split("/").map(decoded);
-    // Other addresses lead to an element of the view, for example from a marker in a plot to its alert.
+    // Other addresses lead to an element of the view: from a marker in a plot to its alert.
     if (VIEWS.includes(view)) this.view = view;
     byId("tabs").hidden = !this.hasState;
     for (const each of VIEWS) {
@@ -191,9 +191,7 @@ class Page {
     this.alert.show(name || "");
   }
 
-  // For screen readers
-
-  /** Alerts are read out together, a moment later: many may come at once. */
+  /** Many alerts may come at once: they are read out together. */
   collectNews(alerts) {
     const known = alerts.filter(([robot, signal]) => !["waiting", "unknown"].includes(robot.kinds.get(signal)));
     if (known.length && !this.news.length) setTimeout(() => this.readNews(), ANNOUNCE_MS);
@@ -210,8 +208,6 @@ class Page {
   announce(text) {
     byId("announcer").replaceChildren(text);
   }
-
-  // The token
 
   async login() {
     const field = byId("token"), problem = byId("login-error");

@@ -1,16 +1,14 @@
-/* Plots of windows and of the evidence of alerts, drawn by plot.js (`HealthPlot`), which the replay report uses too. */
-import {SVG} from "./elements.js";
+/* Plots of windows and of alerts, drawn by plot.js (`HealthPlot`), which the replay report uses too. */
+import {addSvg} from "./elements.js";
 import {utcOffset, withDegrees, withHint} from "./format.js";
-
-/* global HealthPlot */
 
 const RESOLUTION_S = 0.001;
 const MOST_LEVELS = 300;
 const LEVEL_OF_KIND = {ok: "OK", warn: "WARN", error: "ERROR", stale: "STALE", nolink: "ERROR"};
-/** Statistics that have the unit and the range of the values, so that their bounds fit into a plot of the values. */
-const LIKE_VALUES = new Set(["last", "mean", "min", "max", "forecast"]);
+/** Statistics whose bounds fit into a plot of the values. */
+const LIKE_VALUES = new Set(["", "last", "mean", "min", "max", "forecast"]);
 
-/** Returns samples, [s since 1970, value] pairs, in the form that the plot takes. */
+/** Returns [s since 1970, value] pairs in the form that the plot takes. */
 function columns(samples) {
   const valid = samples.filter(([, value]) => Number.isFinite(value));
   if (!valid.length) return {start: 0, width: RESOLUTION_S, steps: [], low: [], high: []};
@@ -21,13 +19,8 @@ function columns(samples) {
 }
 
 const seconds = (time) => Date.parse(time) / 1000;
-const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
-function boundsOf(signal) {
-  return LIKE_VALUES.has(signal.statistic || "last") ? signal.bounds || [] : [];
-}
-
-/** Returns the line of a forecast as plots take it, from the newest sample at `t` in s since 1970; null without one. */
+/** Returns the line of a forecast as plots take it, from the newest sample at `t`; null without one. */
 function lineAhead(signal, t) {
   const {forecast, trend_per_min: trend, forecast_s: horizon, time_to_bound_s: meets} = signal;
   if ([forecast, trend, horizon].some((each) => !Number.isFinite(each))) return null;
@@ -35,16 +28,14 @@ function lineAhead(signal, t) {
   return {id: "", from: at(0), to: at(horizon), meets: Number.isFinite(meets) && meets <= horizon ? at(meets) : null, text: withDegrees(signal.outlook || "")};
 }
 
-/** Returns the distance at which the line breaks: a few times the usual one. */
+/** Returns at which distance the line breaks: a few times the usual one. */
 function gapOf(samples) {
   if (samples.length < 3) return 0;
   const steps = samples.slice(1).map(([t], at) => t - samples[at][0]).sort((one, other) => one - other);
   return Math.max(5, 5 * steps[steps.length >> 1]);
 }
 
-/** The live plot of a signal's window. */
 export class WindowPlot {
-  /** `beyond` is called when the whole is shown and the user zooms out. */
   constructor(element, name, beyond) {
     Object.assign(this, {element, name, beyond});
     /** Levels that were seen here, as [s since 1970, level]. */
@@ -55,14 +46,13 @@ export class WindowPlot {
     this.stored = null;
   }
 
-  /** Shows stored samples, as `Ranges` gives them, from now on; null: the window. */
   setStored(stored) {
     const length = (each) => (each ? each.length : 0);
     this.isNewRange = length(stored) !== length(this.stored);
     this.stored = stored;
   }
 
-  /** Takes the alerts of the history, newest first, each with the `element` that shows it, and when no monitor ran. */
+  /** Takes alerts, newest first, each with the id of the `element` that shows it, and when no monitor ran. */
   setPast(alerts, gaps) {
     const oldestFirst = [...alerts].reverse(), changes = [];
     if (oldestFirst.length) changes.push([seconds(oldestFirst[0].since), oldestFirst[0].from_level]);
@@ -76,7 +66,6 @@ export class WindowPlot {
     };
   }
 
-  /** Shows a signal with these samples, up to `now` in s since 1970. */
   show(signal, kind, samples, now) {
     this.noteLevel(signal, kind);
     const common = {name: this.name, unit: withDegrees(signal.judged_unit ?? signal.unit ?? ""), bounds: signal.bounds || [], alerts: this.past.alerts};
@@ -96,7 +85,7 @@ export class WindowPlot {
   windowData(signal, samples, now) {
     const from = samples.length ? samples[0][0] : now - 60;
     const last = samples.length ? samples[samples.length - 1][0] : now;
-    const until = clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
+    const until = HealthPlot.clamp(now, last, last + Math.max(60, last - from));  // what is no longer measured stays visible
     const ahead = samples.length ? lineAhead(signal, last) : null;
     const seen = this.levels.length ? this.levels[0][0] : Infinity;
     return {
@@ -110,7 +99,6 @@ export class WindowPlot {
     return {from, to: Math.max(now, from + 1), until: Math.min(until, now), ...data, levels, ahead: []};
   }
 
-  /** Keeps the levels as far as they were seen here; the history has what was before. */
   noteLevel(signal, kind) {
     const level = LEVEL_OF_KIND[kind] || "", last = this.levels[this.levels.length - 1];
     if (last && last[1] === level) return;
@@ -120,18 +108,17 @@ export class WindowPlot {
   }
 }
 
-/** Draws the evidence of an alert: `past` is the answer of /api/history/ID, `id` the id of the element that shows it. */
-export function drawEvidence(element, past, id) {
-  const {alert, samples} = past, time = Date.parse(alert.time) / 1000;
+export function drawEvidence(element, past) {
+  const {alert, samples} = past, time = seconds(alert.time);
   const times = samples.map(([t]) => t).concat(time);
   const [from, to] = [Math.min(...times), Math.max(...times)];
   const room = Math.max((to - from) * 0.03, 0.5);
   const ahead = alert.statistic === "forecast" && lineAhead({...past, forecast: alert.value}, time);
   const signal = {
     name: alert.signal, unit: withDegrees(past.unit || ""), ...columns(samples), bad: [], gap: gapOf(samples),
-    bounds: boundsOf({statistic: alert.statistic, bounds: past.bounds}),
-    levels: [[Date.parse(alert.since) / 1000 || from, alert.from_level], [time, alert.to_level]],
-    alerts: [{id, t: time, level: alert.to_level, text: withHint(alert.text, alert.hint)}],
+    bounds: LIKE_VALUES.has(alert.statistic) ? past.bounds : [],
+    levels: [[seconds(alert.since) || from, alert.from_level], [time, alert.to_level]],
+    alerts: [{id: "alert-page", t: time, level: alert.to_level, text: withHint(alert.text, alert.hint)}],
   };
   if (ahead) Object.assign(signal, {until: to, ahead: [ahead]});
   const view = new HealthPlot.View(from - room, (ahead ? ahead.to[0] : to) + room, utcOffset(time * 1000));
@@ -140,24 +127,16 @@ export function drawEvidence(element, past, id) {
 
 const SPARK = {width: 104, height: 26, edge: 3};
 
-/** Returns a small line of the samples in a window, with the bounds. */
 export function drawSpark(signal, samples) {
-  const svg = document.createElementNS(SVG, "svg"), {width, height, edge} = SPARK, bounds = signal.bounds || [];
-  svg.setAttribute("class", "spark");
-  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  svg.setAttribute("aria-hidden", "true");
+  const {width, height, edge} = SPARK, bounds = signal.bounds || [];
+  const svg = addSvg(null, "svg", {class: "spark", viewBox: `0 0 ${width} ${height}`, "aria-hidden": true});
   const valid = samples.filter(([, value]) => Number.isFinite(value));
   if (valid.length < 2) return svg;
   const values = valid.map(([, value]) => value).concat(bounds.map(({value}) => value));
   const [low, high] = [Math.min(...values), Math.max(...values)], [from, to] = [valid[0][0], valid[valid.length - 1][0]];
   const y = (value) => (high > low ? edge + (high - value) / (high - low) * (height - 2 * edge) : height / 2).toFixed(1);
   const x = (t) => ((t - from) / (to - from || 1) * (width - edge)).toFixed(1);
-  const path = (kind, d) => {
-    const element = document.createElementNS(SVG, "path");
-    element.setAttribute("class", kind);
-    element.setAttribute("d", d);
-    svg.append(element);
-  };
+  const path = (kind, d) => addSvg(svg, "path", {class: kind, d});
   for (const {level, value} of bounds) path(`spark-bound ${level.toLowerCase()}`, `M0 ${y(value)}H${width}`);
   path("spark-line", valid.map(([t, value], at) => `${at ? "L" : "M"}${x(t)} ${y(value)}`).join(""));
   path("spark-end", `M${x(to)} ${y(valid[valid.length - 1][1])}h0`);

@@ -1,9 +1,17 @@
 /* How far a plot reaches back: the live window, or stored samples of the last 10 minutes to 30 days. */
-import {make, setAttribute} from "./elements.js";
+import {make, setAttribute, setText} from "./elements.js";
 import {request} from "./connection.js";
 
 /** Name, length and period of the samples, in s; the first is the live window. */
 const RANGES = [["Live", 0, 0], ["10 min", 600, 10], ["1 hour", 3600, 10], ["24 hours", 86400, 120], ["7 days", 604800, 900], ["30 days", 2592000, 3600]];
+const RETRY_MS = 10000;
+
+/** Returns the stored samples of a span, in s since 1970, in periods of `seconds`. */
+export async function requestSamples(robot, signal, seconds, from, to = Infinity) {
+  const query = new URLSearchParams({robot, signal, seconds, from: new Date(from * 1000).toISOString()});
+  if (to < Infinity) query.set("to", new Date(to * 1000).toISOString());
+  return (await request(`api/history/samples?${query}`)).samples;
+}
 
 /** Returns stored samples, as in the API, in the form that the plot takes; `now` in s since 1970. */
 export function stored(samples, [, length, width], now) {
@@ -27,9 +35,8 @@ export function stored(samples, [, length, width], now) {
   return {from: now - length, length, data: {start, width, steps, low, high, mean, bad, gap: Math.max(2.5, 5 * (usual - 1)) * width}, levels};
 }
 
-/** The buttons of the ranges, and what they fetch. */
 export class Ranges {
-  /** @param {Function} show - takes what `stored` returns; null for the live window. */
+  /** `show` takes what `stored` returns; null: the live window. */
   constructor(page, robot, signal, show) {
     Object.assign(this, {page, robot, signal, show, at: 0, loadAt: Infinity});
     this.buttons = RANGES.map(([name], at) => make("button", {onclick: () => this.choose(at)}, name));
@@ -46,12 +53,11 @@ export class Ranges {
     this.at = at;
     this.mark();
     this.loadAt = Infinity;
-    this.problem.replaceChildren();
+    setText(this.problem, "");
     if (at) this.load();
     else this.show(null);
   }
 
-  /** Shows the next longer range; returns false at the longest. */
   widen() {
     if (this.at + 1 === RANGES.length) return false;
     this.choose(this.at + 1);
@@ -61,17 +67,19 @@ export class Ranges {
   async load() {
     const range = RANGES[this.at], {now} = this.page.fleet;
     this.loadAt = now + Math.max(range[2], 10) * 1000;
-    const from = new Date(now - range[1] * 1000).toISOString();
     try {
-      const query = new URLSearchParams({robot: this.robot, signal: this.signal, seconds: range[2], from});
-      const {samples} = await request(`api/history/samples?${query}`);
-      if (range === RANGES[this.at]) this.show(stored(samples, range, now / 1000));
+      const samples = await requestSamples(this.robot, this.signal, range[2], now / 1000 - range[1]);
+      if (range !== RANGES[this.at]) return;
+      this.show(stored(samples, range, now / 1000));
+      setText(this.problem, "");
     } catch (error) {
-      if (range === RANGES[this.at]) this.problem.replaceChildren(`The history cannot be read: ${error.message}`);
+      if (range !== RANGES[this.at]) return;
+      setText(this.problem, `The history cannot be read: ${error.message}`);
+      this.loadAt = now + RETRY_MS;
     }
   }
 
-  /** Fetches again what has become older than a period; called every second. */
+  /** Called every second. */
   refresh() {
     if (this.at && this.page.fleet.now >= this.loadAt) this.load();
   }

@@ -1,22 +1,21 @@
-/* The list of robots. Each event updates only the rows of robots that changed. */
-import {byId, isolated, make, setAttribute, setChildren, setText, shape} from "./elements.js";
+/* The list of robots. An event updates only the rows of robots that changed. */
+import {byId, isolated, make, setAttribute, setChildren, setText, shape, silencedMark} from "./elements.js";
 import {countText, showAge, valueText, withDegrees} from "./format.js";
 import {makeDay, showDay} from "./day.js";
 import {Badge, KINDS, LINK} from "./levels.js";
 import {SignalTable} from "./signals.js";
 
-/** Most robots with plots or trends; the API sends the samples of at most ten. */
+/** The API sends the samples of at most ten. */
 const MOST_PLOTTED = 10;
 let rows = 0;
 
-/** One robot: a line, and below it, once it is opened, its signals. */
 class RobotRow {
   constructor(robot, page) {
     this.page = page;
     this.badge = new Badge(robot.kind);
     this.reason = isolated("");
     this.more = make("span.more");
-    this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span"));
+    this.silenced = silencedMark();
     this.since = make("time.since");
     this.values = make("span.main-values");
     this.day = makeDay();
@@ -44,7 +43,6 @@ class RobotRow {
     if (this.isOpen) this.updateBody();
   }
 
-  /** Shows the main values, and the levels of the last 24 hours. */
   showValues() {
     const {signals, show} = this.robot.data;
     const shown = (show || []).filter((name) => name in signals && name !== LINK && !["waiting", "unknown"].includes(this.robot.kinds.get(name)));
@@ -64,7 +62,6 @@ class RobotRow {
     this.reset.hidden = !(fleet.state.can_change && Object.values(this.robot.data.signals).some((signal) => signal.latch));
   }
 
-  /** Updates what changes with time alone. */
   tick() {
     showAge(this.since, this.robot.since, this.page.fleet.now);
     if (this.isOpen) this.table.tick();
@@ -92,7 +89,6 @@ class RobotRow {
   }
 }
 
-/** The view with the filter, the counts per level and the robots. */
 export class RobotList {
   constructor(page) {
     this.page = page;
@@ -121,7 +117,6 @@ export class RobotList {
     this.arrange();
   }
 
-  /** Shows what `Fleet.replace` or `Fleet.merge` returned. */
   update({names, order}, isNew) {
     const {robots} = this.page.fleet;
     for (const name of names) {
@@ -136,7 +131,6 @@ export class RobotList {
     if (order || isNew || this.input.value || names.size && this.list.childElementCount !== this.rows.size) this.arrange();
   }
 
-  /** Sorts and filters the rows, and updates the counts. */
   arrange() {
     const {fleet} = this.page, text = this.input.value.trim().toLowerCase();
     const shown = fleet.sorted.filter((robot) => (!this.kinds.size || this.kinds.has(robot.kind)) && robot.matches(text));
@@ -160,7 +154,7 @@ export class RobotList {
     for (const row of this.rows.values()) row.showValues();
   }
 
-  /** Asks for the samples of open robots, first of those with plots. If these are too many, one is closed, but not `latest`. */
+  /** Asks for the samples of open robots, first of those with plots; of too many, one is closed, but not `latest`. */
   follow(latest) {
     const open = [...this.rows.values()].map((row) => row.table).filter((table) => table);
     const tables = open.filter((table) => table.opened.length);
@@ -178,10 +172,13 @@ export class RobotList {
     if (row && row.isOpen) row.table.addSamples(samples);
   }
 
-  /** Opens a robot and scrolls to it. */
   open(name) {
     const row = this.rows.get(name);
-    if (!row) return;
+    if (!row) {
+      setText(this.none, `There is no robot ${name}.`);
+      this.none.hidden = false;
+      return;
+    }
     this.input.value = "";
     [...this.kinds].forEach((kind) => this.toggleKind(kind));
     this.arrange();

@@ -1,24 +1,20 @@
 /* The signals of one robot: a table, and for each opened signal its plot, settings and alerts. */
 import {AlertTable} from "./alerts.js";
-import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape} from "./elements.js";
+import {isolated, make, makeCell, makeRow, makeTable, setAttribute, setChildren, setText, shape, silencedMark} from "./elements.js";
 import {request} from "./connection.js";
 import {patternOf, showAge, valueText, withDegrees, withHint} from "./format.js";
 import {Badge, LINK, rankOf} from "./levels.js";
 import {WindowPlot, drawSpark} from "./plots.js";
 import {Ranges} from "./ranges.js";
 
-/** Most alerts of the history in a plot. */
 const MOST_PAST = 300;
-/** Most healthy elements of an array that are shown without being asked for. */
+/** More healthy elements of an array are folded. */
 const MOST_ELEMENTS = 8;
 let details = 0;
 
-/** One opened signal. */
 class SignalDetails {
   constructor(robotName, name, page) {
-    this.page = page;
-    this.robotName = robotName;
-    this.name = name;
+    Object.assign(this, {page, robotName, name});
     this.plotBox = make("div.plot");
     this.ranges = new Ranges(page, robotName, name, (stored) => {
       this.plot.setStored(stored);
@@ -48,14 +44,13 @@ class SignalDetails {
     setText(this.silenced, `Silenced: ${signal.silenced}`);
   }
 
-  /** Draws the plot: of these samples of the window, or of what was stored. */
   draw(signal = this.signal, kind = this.kind, samples = this.samples) {
     Object.assign(this, {signal, kind, samples});
     this.ranges.refresh();
     this.plot.show(signal, kind, samples, this.page.fleet.now / 1000);
   }
 
-  /** Fetches what the plot shows of the time before the page was opened. Without it the plot shows less. */
+  /** Without an answer the plot shows less. */
   async loadPast() {
     if (!this.page.fleet.state.history) return;
     const answer = await request(`api/history?${new URLSearchParams({...this.only, limit: MOST_PAST})}`).catch(() => null);
@@ -81,18 +76,14 @@ function factsText(signal) {
   return facts.join(" · ");
 }
 
-/** One signal in the table. */
 class SignalRow {
   constructor(table, name, page) {
-    this.page = page;
-    this.parent = table;
-    this.name = name;
-    this.details = null;
+    Object.assign(this, {page, parent: table, name, details: null});
     this.badge = new Badge("waiting");
     this.value = isolated("");
     this.outlook = isolated("");
     this.message = isolated("");
-    this.silenced = make("span.silenced-mark", {hidden: true}, shape("silenced"), make("span", {}, "silenced"));
+    this.silenced = silencedMark();
     this.since = make("time");
     this.spark = makeCell("trend", "");
     this.cell = makeCell("", "", 6);
@@ -106,7 +97,7 @@ class SignalRow {
     this.element.addEventListener("click", (event) => this.click(event));
   }
 
-  /** A click anywhere in the row opens it, except one that ends the selection of text. */
+  /** Opens the row, unless the click ends a selection of text. */
   click(event) {
     if (event.target.closest("button") || !String(getSelection())) this.toggle();
   }
@@ -143,7 +134,6 @@ class SignalRow {
     this.tick();
   }
 
-  /** Draws the samples of the window. */
   plot() {
     if (!this.element.isConnected) return;
     const samples = this.parent.samples.get(this.name) || [];
@@ -156,7 +146,7 @@ class SignalRow {
   }
 }
 
-/** The row below an array that stands for its healthy elements. */
+/** Stands for the healthy elements of an array. */
 class ElementsRow {
   constructor(table) {
     this.names = [];
@@ -175,7 +165,6 @@ class ElementsRow {
   }
 }
 
-/** The table of one robot's signals. */
 export class SignalTable {
   constructor(robot, page) {
     this.page = page;
@@ -199,7 +188,7 @@ export class SignalTable {
     this.arrange();
   }
 
-  /** Sorts the rows, worst first, and leaves out the healthy elements of arrays that have many. */
+  /** Sorts the rows, worst first, and folds healthy elements. */
   arrange() {
     const {kinds, data: {signals}} = this.robot, rank = (name) => rankOf(kinds.get(name));
     for (const array of this.arrays.values()) array.names = [];
@@ -229,7 +218,6 @@ export class SignalTable {
     return [...this.rows.values()].filter((row) => row.details);
   }
 
-  /** Adds the samples of an event, and drops those that have left the window. */
   addSamples({full, signals, window_s: windows}) {
     for (const [name, added] of Object.entries(signals)) {
       const samples = full ? [] : this.samples.get(name) || [];

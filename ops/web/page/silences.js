@@ -2,7 +2,6 @@
 import {byId, isolated, make, makeCell, makeRow, makeTable, setChildren, setText} from "./elements.js";
 import {durationText, fullTimeText} from "./format.js";
 
-/** One silence; it never changes. */
 class SilenceRow {
   constructor(page, silence) {
     this.page = page;
@@ -23,7 +22,6 @@ class SilenceRow {
   }
 }
 
-/** All silences, and their number beside the name of the view. */
 export class SilenceList {
   constructor(page) {
     this.page = page;

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import sqlite3
+import threading
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 from unittest import mock
 
 import pytest
@@ -780,6 +782,52 @@ def test_stored_samples_and_the_levels_of_a_day(tmp_path: Path) -> None:
         # The cell of 05:00 is the last one of the 24 hours.
         cells = {"from": "2026-11-21T05:15:00.000Z", "seconds": 900.0, "robots": {"atlas": "-" * 95 + "E"}}
         assert await site.get("/api/history/levels") == (200, cells)
+
+    with_site(use, robots)
+
+
+def test_requests_for_the_past_are_read_one_at_a_time_and_only_so_many_wait(tmp_path: Path) -> None:
+    robots = Robots(history_file=str(tmp_path / "history.db"))
+    history = robots.history
+    assert history is not None
+    read, may_read, lock = history.read, threading.Event(), threading.Lock()
+    reading: List[int] = [0, 0]  # now, and most at once
+
+    def slow_read(function: Callable[[sqlite3.Connection], object], timeout_s: float = 5.0) -> object:
+        with lock:
+            reading[0] += 1
+            reading[1] = max(reading)
+        may_read.wait(30.0)
+        found = read(function, timeout_s)
+        with lock:
+            reading[0] -= 1
+        return found
+
+    async def use(site: Site) -> None:
+        path = "/api/history/samples?robot=atlas&signal=battery_level"
+        asked = [asyncio.ensure_future(site.get(path)) for _ in range(60)]
+        answered = iter(asyncio.as_completed(asked))
+        refused = [await next(answered) for _ in range(10)]
+        assert refused == [(503, {"error": "busy: 50 requests are pending"})] * 10
+        assert (await site.get("/healthz"))[0] == (await site.get("/api/state"))[0] == 200
+        may_read.set()
+        assert sum(status == 200 for status, _ in await asyncio.gather(*asked)) == 50
+        assert reading == [0, 1]
+
+    with mock.patch.object(history, "read", slow_read):
+        with_site(use, robots)
+
+
+def test_pages_share_the_levels_of_a_day(tmp_path: Path) -> None:
+    robots = Robots(history_file=str(tmp_path / "history.db"))
+    history = robots.history
+    assert history is not None
+
+    async def use(site: Site) -> None:
+        with mock.patch.object(history, "read", wraps=history.read) as read:
+            answers = await asyncio.gather(*(site.get("/api/history/levels") for _ in range(30)))
+        assert {status for status, _ in answers} == {200}
+        assert read.call_count == 1
 
     with_site(use, robots)
 

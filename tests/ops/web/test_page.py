@@ -20,8 +20,8 @@ FILES: Dict[str, str] = {
 
 def test_the_page_and_its_plot_are_small() -> None:
     contents = [text.encode("utf-8") for text in FILES.values()]
-    assert sum(len(gzip.compress(content)) for content in contents) < 52_000  # as sent
-    assert sum(map(len, contents)) < 140_000
+    assert sum(len(gzip.compress(content)) for content in contents) < 48_000  # as sent
+    assert sum(map(len, contents)) <= 130_000
 
 
 @pytest.mark.parametrize("name", FILES)

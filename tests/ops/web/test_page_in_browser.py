@@ -222,7 +222,7 @@ def test_nothing_is_wider_than_the_window(browser: Browser, served: Any, tmp_pat
     assert fits()
     browser.run("location.hash = 'alerts'")
     browser.wait_for("document.querySelectorAll('#alerts .alert').length === 4")
-    browser.run("document.querySelector('#alerts .evidence').click()")
+    browser.run("document.querySelector('#alerts .text a').click()")
     browser.wait_for("document.querySelector('#alerts .plot svg')")
     assert fits()
     browser.run("location.hash = 'silences'")
@@ -274,6 +274,15 @@ def stored(site: ServedRobots, robot: str, begin_s: float, end_s: float, low: fl
         StoredSamples(robot, "battery_level", start, 10.0, low, low + 10.0, low, low, 10, 0, level) for start in starts
     ]
     history.run(lambda connection: store(connection, rows))
+
+
+def alert_id(site: ServedRobots, signal: str, level: Level) -> int:
+    """Returns the number of the latest alert of a signal and level."""
+    history = site.robots.history
+    assert history is not None
+    query = "SELECT max(id) FROM transitions WHERE signal = ? AND to_level = ?"
+    (number,) = history.read(lambda connection: connection.execute(query, (signal, level)).fetchone())
+    return int(number)
 
 
 def test_a_plot_reaches_back_to_what_was_stored(browser: Browser, served: Any, tmp_path: Path) -> None:
@@ -412,8 +421,8 @@ def test_a_past_alert_of_a_forecast_shows_the_line_that_gave_it(browser: Browser
     site = served("atlas", signals={"soon": SOON}, history_file=str(tmp_path / "history.db"))
     rise(site)
     browser.open(site.url + "#alerts")
-    browser.wait_for("document.querySelector('#alerts .evidence')")
-    browser.click("#alerts .evidence")
+    browser.wait_for("document.querySelector('#alerts .text a')")
+    browser.click("#alerts .text a")
     browser.wait_for("document.querySelector('#alerts .plot .ahead')")
     (line,) = browser.run("return document.querySelector('#alerts .plot').plot.signal.ahead")
     assert [line["from"][1], line["to"][1]] == [pytest.approx(30.0), pytest.approx(60.0)]
@@ -565,10 +574,12 @@ def test_past_alerts_have_their_evidence(browser: Browser, served: Any, tmp_path
     browser.wait_for("document.querySelectorAll('#alerts .alert').length === 1")
     assert browser.texts("#alerts .badge-text") == ["WARN"]
     assert browser.texts("#alerts .text bdi")[0].startswith("battery_level WARN: 19 % is below 20 %")
-    browser.click("#alerts .evidence")
+    browser.click("#alerts .text a")
     browser.wait_for("document.querySelector('#alerts .plot svg')")
     label = browser.find("#alerts .plot svg").get_attribute("aria-label")
     assert label.startswith("battery_level: 19 % to 50 %, 1 alert.")
+    browser.click("#all-alerts a")
+    browser.wait_for("!document.querySelector('#alerts .plot svg')")
     site.observe(60.0)
     site.do(lambda robots: robots.all[0].reset())
     browser.wait_for("document.querySelectorAll('#alerts .alert').length === 2")  # the resolved one is on top
@@ -584,7 +595,7 @@ def test_an_alert_has_its_own_page(browser: Browser, served: Any, tmp_path: Path
     for value in (50.0, 19.0):
         site.observe(value)
     browser.open(site.url)
-    browser.click("#recent-alerts .time a")
+    browser.click("#recent-alerts .text a")
     browser.wait_for_text(".alert-title", "battery_level WARN: 19 % is below 20 % (was OK for 1 s)")
     assert browser.run("return location.hash").startswith("#alerts/")
     address = browser.run("return location.href")
@@ -593,9 +604,9 @@ def test_an_alert_has_its_own_page(browser: Browser, served: Any, tmp_path: Path
     assert around.startswith("battery_level, half an hour before and after: 70 % to 80 %, 1 alert")
     parts = "[...document.querySelectorAll('#alert-page section')]"
     assert browser.run(f"return {parts}.map((each) => each.firstChild.textContent)") == [
-        "Also not OK then", "Thresholds in force", "Notes"
+        "Samples in the window", "Half an hour before and after", "Also not OK then", "Thresholds in force", "Notes"
     ]  # fmt: skip
-    assert "temperature ERROR: 99 °C is above 95 °C" in browser.texts("#alert-page section")[0]
+    assert "temperature ERROR: 99 °C is above 95 °C" in browser.texts("#alert-page section")[2]
     assert "warn_below: 20" in browser.texts("#alert-page pre")[0]
     assert not browser.find("#alert-filter").is_displayed()
     browser.type(".note-form input", f"wheel was blocked {HOSTILE}")
@@ -614,7 +625,71 @@ def test_an_alert_that_is_no_longer_stored_is_said(browser: Browser, served: Any
     site = served("atlas", history_file=str(tmp_path / "history.db"))
     site.observe(50.0)
     browser.open(f"{site.url.rstrip('/')}/#alerts/777")
-    browser.wait_for_text("#alert-page", "The alert cannot be shown: there is no alert 777")
+    browser.wait_for_text(
+        "#alert-page", "The alert cannot be shown: there is no alert 777; the history deletes old ones"
+    )
+
+
+@pytest.mark.parametrize("name", ["abc", "-1", "1.5", "..", "levels", "%E0%A4%A", "7%2F..", HOSTILE])
+def test_an_address_without_the_number_of_an_alert_asks_for_none(
+    browser: Browser, served: Any, tmp_path: Path, name: str
+) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    browser.open(f"{site.url}#alerts/{name}")
+    browser.wait_for_text("#alert-page", "The alert cannot be shown: its address does not end with a number")
+    assert browser.console() == []  # no request was refused
+
+
+def test_a_robot_that_does_not_exist_is_said(browser: Browser, served: Any) -> None:
+    site = served("atlas", "boreas")
+    browser.open(f"{site.url}#robots/carter")
+    browser.wait_for_text("#no-robot", "There is no robot carter.")
+    assert browser.find("#no-robot").is_displayed()
+    assert kinds(browser).keys() == {"atlas", "boreas"}
+
+
+def test_the_page_of_a_stale_alert_shows_the_last_samples_before_it(
+    browser: Browser, served: Any, tmp_path: Path
+) -> None:
+    signals = {"rate": {"statistic": "rate", "window_s": 5.0, "stale_after_s": 8.0, "warn_below": 0.1}}
+    site = served("atlas", signals=signals, history_file=str(tmp_path / "history.db"))
+    for _ in range(4):
+        site.observe(1.0, "rate")
+    site.pass_time(20.0)
+    browser.open(f"{site.url}#alerts/{alert_id(site, 'rate', Level.STALE)}")
+    browser.wait_for_text(".alert-title", "rate STALE: no sample for 9 s (limit 8 s)")
+    browser.wait_for("document.querySelectorAll('#alert-page .plot svg').length === 2")
+    labels = browser.run("return [...document.querySelectorAll('#alert-page .plot svg')].map((each) => each.ariaLabel)")
+    assert labels[0].startswith("rate: 1 to 1, 1 alert.")  # the values
+    assert labels[1].startswith("rate, half an hour before and after: 0 to 0, 1 alert.")  # the rate
+    around = "document.querySelectorAll('#alert-page .plot')[1]"
+    assert browser.run(f"return {around}.plot.signal.levels.map(([, level]) => level)") == ["WARN", "STALE", ""]
+    # Hatched: the values after the last period, and the levels before the first and after the last one.
+    assert browser.run(f"return {around}.querySelectorAll('rect[fill*=unknown]').length") == 3
+
+
+def test_the_page_of_an_alert_without_any_sample_says_so(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    site.pass_time(30.0)
+    browser.open(f"{site.url}#alerts/1")
+    browser.wait_for_text(".alert-title", "battery_level STALE: no sample since the start")
+    browser.wait_for_text("#alert-page", "The history has no samples of this time.")
+    assert browser.texts("#alert-page section")[0] == "Samples in the windowThere was none."
+    assert browser.run("return document.querySelectorAll('#alert-page svg.shape + * ~ .plot svg').length") == 0
+
+
+def test_the_page_of_an_alert_is_loaded_again_after_a_lost_connection(
+    browser: Browser, served: Any, tmp_path: Path
+) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    site.observe(19.0)
+    browser.open(site.url)
+    browser.wait_for("document.querySelector('#recent .alert')")
+    real = "window.realFetch = window.fetch; window.fetch = () => Promise.reject(new TypeError('offline'))"
+    browser.run(f"{real}; location.hash = '#alerts/1'")
+    browser.wait_for_text("#alert-page", "The alert cannot be shown: no answer from the monitor")
+    browser.run("window.fetch = window.realFetch; document.getElementById('retry').click()")
+    browser.wait_for_text(".alert-title", "battery_level WARN: 19 % is below 20 %")
 
 
 def test_the_start_page_has_the_recent_alerts(browser: Browser, served: Any, tmp_path: Path) -> None:
@@ -806,14 +881,17 @@ def test_screen_readers_get_names_and_levels_without_repetitions(browser: Browse
     ) == []  # fmt: skip
 
 
-@pytest.mark.parametrize("width", [360, 1280])
-def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, width: int) -> None:
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, width: int, dark: bool) -> None:
     """axe is the accessibility checker of Lighthouse and of the browsers' developer tools."""
     axe = pytest.importorskip("axe_core_python", reason="axe-core-python, which has axe, is not installed")
     script = (Path(axe.__file__).parent / "axe.min.js").read_text("utf-8")
     signals = {**SIGNALS, "soon": SOON}
     site = served("atlas", "boreas", signals=signals, history_file=str(tmp_path / "history.db"))
     rise(site)
+    stored(site, "atlas", -600.0, -60.0, 70.0)
+    site.observe(99.0, "temperature")
     site.observe(19.0)
     site.observe(60.0, robot=1)
 
@@ -825,7 +903,7 @@ def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, w
         )
         return found
 
-    browser.open(site.url, width)
+    browser.open(site.url, width, dark=dark)
     browser.run(f"{script}; null")
     browser.wait_for("document.querySelectorAll('.robot').length === 2")
     browser.run("document.querySelectorAll('.robot-head')[0].click()")
@@ -842,6 +920,13 @@ def test_axe_finds_no_violation(browser: Browser, served: Any, tmp_path: Path, w
         browser.run("location.hash = arguments[0]", view)
         browser.wait_for("!document.getElementById(arguments[0]).hidden", view)
         assert violations() == []
+    alert = alert_id(site, "battery_level", Level.WARN)
+    browser.run("location.hash = `alerts/${arguments[0]}`", alert)
+    browser.wait_for("document.querySelectorAll('#alert-page .plot svg').length === 2")
+    browser.type(".note-form input", "wheel was blocked")
+    browser.click(".note-form button")
+    browser.wait_for_text(".notes li", "wheel was blocked")
+    assert violations() == []
     site.close()
     browser.wait_for("document.body.className === 'lost'")
     assert violations() == []
