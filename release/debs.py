@@ -141,6 +141,16 @@ def generate(source: Path, name: str, index: Mapping[str, str]) -> None:
     distro = DISTROS[name]
     options = ["--ros-distro", name, "--os-name", distro.os, "--os-version", distro.codename]
     run(["bloom-generate", distro.generator, *options], source, {**os.environ, **index})
+    if distro.generator == "debian":  # modules in /usr are compiled when they are installed, and cleaned when removed
+        replace(source / "debian" / "rules", "dh $@ -v ", "dh $@ -v --with python3 ")
+        replace(source / "debian" / "control", "${shlibs:Depends}", "${python3:Depends}")
+
+
+def replace(file: Path, old: str, new: str) -> None:
+    """Replaces a text that must be in a file."""
+    text = file.read_text("utf-8")
+    assert old in text, f"{file} has no {old}"
+    file.write_text(text.replace(old, new), "utf-8")
 
 
 def build(source: Path) -> None:
@@ -159,11 +169,15 @@ def run(command: Sequence[str], folder: Path, variables: Mapping[str, str]) -> N
         sys.exit(f"{done.stdout.decode(errors='replace')}\n{' '.join(command)} exited with {done.returncode}")
 
 
+def git(*arguments: str) -> str:
+    """Returns what git prints of the source tree."""
+    return subprocess.run(["git", *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
 def copy_sources(folder: Path) -> Path:
     """Copies the files that git knows, as they are in the work tree; returns the copy."""
     copy = folder / f"robot-health-{manifest.text('version')}"
-    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
-    for name in filter(None, names.decode().split("\0")):
+    for name in filter(None, git("ls-files", "-z").split("\0")):
         target = copy / name
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, target, follow_symlinks=False)
@@ -179,7 +193,7 @@ def main() -> None:
     unknown = set(arguments.names) - set(PACKAGES)
     if unknown:
         parser.error(f"expected names of {', '.join(PACKAGES)}, got {', '.join(sorted(unknown))}")
-    date_s = float(os.environ.get("SOURCE_DATE_EPOCH") or time.time())
+    date_s = float(os.environ.get("SOURCE_DATE_EPOCH") or git("log", "-1", "--format=%ct"))
     arguments.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="robot-health-debs-") as temporary:
         work = Path(temporary)
