@@ -6,7 +6,7 @@
 # make soak    two thousand kills -9, which must lose nothing; ten minutes of clients: memory and threads must stay flat
 # make fuzz    random input to everything that takes input, for one minute
 # make dist    the wheel and the source distribution of the last commit, in dist/
-# make deb     the Debian packages, in dist/; each is installed, started and purged in a new root (as root)
+# make deb     the Debian packages, in dist/debian; each is installed, started and purged in a new root (as root)
 #
 # Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",
 # make test ARGS="core -- -k battery" (sessions of noxfile.py, then options of pytest).

@@ -275,10 +275,10 @@ def dist(session: nox.Session) -> None:
 
 @nox.session(python=SYSTEM_PYTHON)
 def deb(session: nox.Session) -> None:
-    """Builds the Debian packages into dist/, and installs, starts and purges each in a new root. Not in `make test`."""
+    """Builds the Debian packages into dist/debian, and tries each in a new root; not in `make test`."""
     install_packages(session, [DEBIAN_TOOLS])
     set_up(session, {}, "bloom>=0.14", "rosdep>=0.27")
-    session.run("python", "release/debs.py", "dist")
+    session.run("python", "release/debs.py", "dist/debian")
     run_pytest(session, "tests/debs")
 
 

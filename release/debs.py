@@ -212,6 +212,8 @@ def main() -> None:
                 generate(source, name, index)
             build(source)
             for package in sorted(folder.glob("*.deb")):
+                for old in arguments.folder.glob(f"{package.name.partition('_')[0]}_*.deb"):
+                    old.unlink()
                 target = shutil.move(str(package), str(arguments.folder / package.name))
                 print(target)
 

@@ -1,4 +1,4 @@
-"""The packages that `make deb` has built in dist/: lintian, and each of them installed, started and purged.
+"""The packages that `make deb` has built in dist/debian: lintian, and each of them installed, started and purged.
 
 Each is installed into a new minimal Debian 12. What this does not show: systemd itself, Ubuntu, and the packages of
 Jazzy and of ROS One, which no archive here has. In their place are rclpy's wheels and Debian's ROS 1.
@@ -23,7 +23,7 @@ from harness.debian_root import DebianRoot
 from harness.packaging_workspace import NAME, NODES, ROOT, source_modules, version
 from harness.reserved import free_port, ros2_domain
 
-DIST = ROOT / "dist"
+DIST = ROOT / "dist" / "debian"
 BLOOM_TAGS = ["dir-or-file-in-opt", "package-installs-python-pycache-dir", "python3-script-but-no-python3-dep"]
 """Errors of lintian that bloom makes in every package with Python: it is installed to /opt/ros, its modules are
 compiled, and rosdep has no key for python3 alone, which comes with the other dependencies."""
