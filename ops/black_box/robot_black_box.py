@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Dict, Mapping, Optional, Tuple
+from typing import Dict, List, Mapping, Optional, Tuple
 
 from robot_health_monitor.core.attachments import TICKS, SavedMonitor
 from robot_health_monitor.core.elements import ARRAY_TYPE, STATUS_TYPE
@@ -21,6 +21,7 @@ from .ring import Channel, RobotRing
 
 _CHECK_PERIOD_S = 1.0
 _TICK_TYPE = "std_msgs/Empty"
+_MOST_NOTED = 100
 _SEGMENTS = 6  # in `before_s`
 _LONGEST_SEGMENT_S = 5.0
 
@@ -46,6 +47,8 @@ class RobotBlackBox:
         self._rest: Dict[str, float] = {}
         self._tick: Optional[Tuple[Channel, bytes]] = None
         self._recording: Optional[Recording] = None
+        self._noted: List[Tuple[float, Transition, Optional[str]]] = []
+        """What was announced and is still to be recorded: time on the steady clock, transition and silence."""
         self._is_new = False
         """Whether the recording is still to be written. It waits for the announcement of its alert."""
         self._open = dict(open_files)
@@ -125,9 +128,9 @@ class RobotBlackBox:
         return recording.name
 
     def _end_recording(self) -> None:
-        if self._is_new:
-            self._begin_writing()
+        self._begin_writing()
         if self._recording is not None:
+            self._record_noted()
             self._ring.end_reader()
             self._recording.is_ended = True
             self._recording = None
@@ -151,20 +154,19 @@ class RobotBlackBox:
         current = self._ring.current
         if current is None or steady_s - current.begin_s >= self._segment_s - _CHECK_PERIOD_S / 2.0:
             self._begin_segment(now_s, steady_s)
+        self._record_noted()
         recording = self._recording
         if recording is None:
             return
+        self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()), steady_s)
         if recording.is_failed or recording.is_large or steady_s >= recording.end_s:
             self._end_recording()
-        else:
-            self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()))
 
     def _begin_writing(self) -> None:
-        """Begins to write the recording, with the states of all signals: milliseconds that no alert waits for."""
-        self._is_new = False
-        if self._recording is not None and self._alert_system is not None:
-            self._record(DIAGNOSTICS, ARRAY_TYPE, self._alert_system.diagnostics(self._middleware.now_s()))
-            self._box.begin(self._recording)  # from now on its thread competes for the processor
+        """Wakes the thread that writes if the recording is new: from now on, it competes for the processor."""
+        if self._is_new and self._recording is not None:
+            self._is_new = False
+            self._box.begin(self._recording)
 
     def _begin_segment(self, now_s: float, steady_s: float) -> None:
         """Saves the states of the signals. Those at rest have not changed."""
@@ -186,13 +188,20 @@ class RobotBlackBox:
         self._ring.begin_segment(steady_s, states, changed, self._capture.quiet(steady_s))
 
     def _note(self, event: Event) -> None:
-        """Records what the monitor announces."""
+        """Notes what the monitor announces; some outlets send it only when this has returned."""
         if isinstance(event, Transition) and self._alert_system is not None:
-            node, silence = base_name(self._middleware), self._alert_system.silence_of(event.signal)
-            self._record("alerts", STATUS_TYPE, alert_message(event, node, silence))
-            self._record(DIAGNOSTICS, ARRAY_TYPE, array_message([event.status], node))
-            if self._is_new:
-                self._begin_writing()
+            self._noted.append((self._middleware.steady_s(), event, self._alert_system.silence_of(event.signal)))
+            self._begin_writing()
+            if len(self._noted) >= _MOST_NOTED:
+                self._record_noted()
+
+    def _record_noted(self) -> None:
+        """Records what was announced since the last call, at its time."""
+        noted, self._noted = self._noted, []
+        node = base_name(self._middleware)
+        for steady_s, transition, silence in noted:
+            self._record("alerts", STATUS_TYPE, alert_message(transition, node, silence), steady_s)
+            self._record(DIAGNOSTICS, ARRAY_TYPE, array_message([transition.status], node), steady_s)
 
     def _note_tick(self, now_s: float) -> None:
         """Records a tick, at its time."""
@@ -201,7 +210,7 @@ class RobotBlackBox:
             self._tick = Channel(TICKS, found), data
         self._ring.add(now_s, *self._tick)
 
-    def _record(self, topic: str, type_name: str, message: Mapped) -> None:
+    def _record(self, topic: str, type_name: str, message: Mapped, steady_s: float) -> None:
         try:
             data, found = self._middleware.serialize(type_name, message)
         except (ConfigError, MessageError) as error:
@@ -210,7 +219,7 @@ class RobotBlackBox:
         channel = self._channels.get(type_name)
         if channel is None or channel.format is not found:
             channel = self._channels[type_name] = Channel(self._topics[type_name], found)
-        self._ring.add(self._middleware.steady_s(), channel, data)
+        self._ring.add(steady_s, channel, data)
 
     def _note_topics(self, topics: Mapping[str, str]) -> None:
         self._capture.found = topics
