@@ -7,6 +7,7 @@
 # make fuzz    random input to everything that takes input, for one minute
 # make dist    the wheel and the source distribution of the last commit, in dist/
 # make deb     the Debian packages, in dist/debian; each is installed, started and purged in a new root (as root)
+# make release VERSION=1.0.0   everything up to the upload: version, changelog, tag, every test, packages
 #
 # Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",
 # make test ARGS="core -- -k battery" (sessions of noxfile.py, then options of pytest).
@@ -19,7 +20,7 @@ NOX = .venv/nox/bin/nox
 NOX_REQUIREMENTS = nox 'virtualenv<21'
 PIP_INSTALL = bin/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test lint docs bench soak fuzz dist deb
+.PHONY: run test lint docs bench soak fuzz dist deb release
 
 run: .venv/run/installed
 	@.venv/run/bin/robot-health run $(ARGS)
@@ -42,6 +43,9 @@ bench: .venv/nox/installed
 
 soak fuzz dist deb: .venv/nox/installed
 	@$(NOX) --session $@ -- $(ARGS)
+
+release: .venv/nox/installed
+	@$(NOX) --session release -- $(VERSION)
 
 .venv/run/installed: setup.py package.xml | .venv/run/bin/pip
 	@echo "installing the requirements into .venv/run" >&2

@@ -113,7 +113,7 @@ KILTED_WHEELS = [
 
 COVERAGE = ["coverage[toml]>=7.6"]
 COLCON = ["colcon-core>=0.21", "colcon-ros", "colcon-recursive-crawl", "colcon-bash", "colcon-test-result"]
-LINTERS = ["ruff==0.17.6"]
+LINTERS = ["ruff==0.17.6", "zizmor==1.32.0"]
 CHECKERS = ["mypy", "import-linter", "types-PyYAML", "types-psutil"]
 SITE = ["sphinx>=7.2", "myst-parser>=2", "furo"]
 
@@ -273,6 +273,13 @@ def dist(session: nox.Session) -> None:
     run_pytest(session, "tests/distributions")
 
 
+@nox.session(python=NEWEST)
+def release(session: nox.Session) -> None:
+    """Makes the release of a version, all but its upload."""
+    set_up(session, {})
+    session.run("python", "release/make_release.py", *session.posargs)
+
+
 @nox.session(python=SYSTEM_PYTHON)
 def deb(session: nox.Session) -> None:
     """Builds the Debian packages into dist/debian, and tries each in a new root; not in `make test`."""
@@ -300,10 +307,11 @@ def coverage(session: nox.Session) -> None:
 
 @nox.session(python=NEWEST)
 def lint(session: nox.Session) -> None:
-    """The linter and the formatter."""
+    """The linter, the formatter, and what audits the workflows."""
     session.install(*LINTERS)
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")
+    session.run("zizmor", "--offline", "--no-progress", "--persona", "pedantic", ".github")
 
 
 @nox.session(python=NEWEST)

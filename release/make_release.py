@@ -1,0 +1,152 @@
+"""Makes a release, all but its upload; `make release VERSION=1.0.0` calls it.
+
+    python3 release/make_release.py VERSION
+
+It works in a new clone: sets the version, turns `Forthcoming` of the changelog into the release, generates documents,
+commits and tags, runs every test, and builds what is uploaded. The commit and the tag come into the repository at the
+end only, so that a release that fails leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import List, Sequence, Tuple
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT)]
+
+from release import manifest  # noqa: E402  # found through the line above
+
+_VERSION = re.compile(r"(0|[1-9]\d*)\.(0|[1-9]\d*)\.(0|[1-9]\d*)\Z")
+_FORTHCOMING = re.compile(r"^Forthcoming\n-+\n", re.MULTILINE)
+_NEXT_SECTION = re.compile(r"^\d+\.\d+\.\d+ \(", re.MULTILINE)
+GENERATORS = ("docs/generate.py", "docs/draw_structure.py", "docs/list_names.py")
+COMMANDS: Sequence[Sequence[str]] = (("make", "test"), *([("make", "deb")] if os.geteuid() == 0 else []))
+"""They test everything, and leave in dist/ what is uploaded."""
+
+
+class Refused(Exception):
+    """There can be no release; `str()` is one line that says why."""
+
+
+def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = COMMANDS) -> List[Path]:
+    """Makes a release of the branch that is checked out; returns the files to upload. Raises Refused."""
+    _check_repository(repository, version)
+    with tempfile.TemporaryDirectory() as place:
+        clone = Path(place, "clone")
+        _git(Path(place), "clone", "--quiet", str(repository), str(clone))
+        _check_documents(clone)
+        _prepare(clone, version)
+        for command in commands:
+            _run(clone, command)
+        built = clone / "dist"
+        built.mkdir(exist_ok=True)
+        names = sorted(file.relative_to(built) for file in built.rglob("*") if file.is_file())
+        _git(repository, "fetch", "--quiet", str(clone), "HEAD", f"refs/tags/{version}:refs/tags/{version}")
+        _git(repository, "merge", "--quiet", "--ff-only", "FETCH_HEAD")
+        target = repository / "dist"
+        shutil.copytree(built, target, dirs_exist_ok=True)
+    sums = "".join(f"{hashlib.sha256((target / name).read_bytes()).hexdigest()}  {name}\n" for name in names)
+    (target / "SHA256SUMS").write_text(sums)
+    return [target / name for name in names]
+
+
+def _check_repository(repository: Path, version: str) -> None:
+    number = _number(version)
+    changed = _git(repository, "status", "--porcelain").splitlines()
+    if changed:
+        raise Refused(f"uncommitted changes, such as {changed[0][3:]}; commit or remove them")
+    package = repository / "package.xml"
+    present = manifest.text("version", package)
+    if number <= _number(present):
+        raise Refused(f"expected a version above {present}, got {version}")
+    if _git(repository, "tag", "--list", version):
+        raise Refused(f"the tag {version} exists already")
+    for placeholder in manifest.placeholders(package):
+        raise Refused(placeholder)
+    text = (repository / "CHANGELOG.rst").read_text("utf-8")
+    begin = _FORTHCOMING.search(text)
+    if begin is None:
+        raise Refused("CHANGELOG.rst: expected a section Forthcoming with what is new")
+    end = _NEXT_SECTION.search(text, begin.end())
+    if "* " not in text[begin.end() : end.start() if end else len(text)]:
+        raise Refused("CHANGELOG.rst: expected lines that begin with * in the section Forthcoming, got none")
+
+
+def _number(version: str) -> Tuple[int, ...]:
+    found = _VERSION.match(version)
+    if found is None:
+        raise Refused(f"expected a version such as 1.0.0, got {version!r}")
+    return tuple(map(int, found.groups()))
+
+
+def _check_documents(clone: Path) -> None:
+    for script in GENERATORS:
+        _run(clone, [sys.executable, script])
+        changed = _git(clone, "status", "--porcelain").splitlines()
+        if changed:
+            raise Refused(f"{changed[0][3:]} is out of date; run python {script} and commit")
+
+
+def _prepare(clone: Path, version: str) -> None:
+    """Commits and tags the version."""
+    package, changelog = clone / "package.xml", clone / "CHANGELOG.rst"
+    package.write_text(
+        re.sub(r"<version>[^<]*</version>", f"<version>{version}</version>", package.read_text("utf-8"), count=1),
+        "utf-8",
+    )
+    title = f"{version} ({datetime.now(timezone.utc):%Y-%m-%d})"
+    changelog.write_text(
+        _FORTHCOMING.sub(f"{title}\n{'-' * len(title)}\n", changelog.read_text("utf-8"), count=1), "utf-8"
+    )
+    for script in GENERATORS:
+        _run(clone, [sys.executable, script])
+    _git(clone, "commit", "--quiet", "--all", "--message", version)
+    _git(clone, "tag", "--annotate", version, "--message", version)
+
+
+def _run(folder: Path, command: Sequence[str]) -> None:
+    # The tools of make have an environment of their own.
+    own = ("VIRTUAL_ENV", "PYTHONPATH", "MAKEFLAGS", "MAKELEVEL", "NOX_")
+    variables = {name: value for name, value in os.environ.items() if not name.startswith(own)}
+    if subprocess.run(command, cwd=folder, env=variables).returncode:
+        raise Refused(f"{' '.join(command)} failed")
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True)
+    if done.returncode:
+        raise Refused(f"git {arguments[0]} failed: {done.stderr.strip()}")
+    return done.stdout.strip("\n")
+
+
+def main() -> int:
+    """Makes a release; returns the exit code."""
+    if len(sys.argv) != 2 or not sys.argv[1]:
+        print("release: expected a version: make release VERSION=1.0.0", file=sys.stderr)
+        return 2
+    version = sys.argv[1]
+    try:
+        files = release(ROOT, version)
+    except Refused as problem:
+        print(f"release: {problem}", file=sys.stderr)
+        return 1
+    print(
+        f"{version} is committed and tagged, and these are built:",
+        *(f"  {file.relative_to(ROOT)}" for file in files),
+        sep="\n",
+    )
+    print(f"To publish it: git push origin HEAD {version}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

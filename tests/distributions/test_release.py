@@ -1,0 +1,141 @@
+"""`make release`: what it refuses, in one line each, and what it leaves in the repository."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Callable, Dict
+
+import pytest
+
+from release.make_release import GENERATORS, Refused, release
+
+BUILDS = ["sh", "-c", "mkdir -p dist && echo wheel > dist/a.whl"]
+PACKAGE = """<package format="3">
+  <name>robot_health_monitor</name>
+  <version>0.1.0</version>
+  <maintainer email="somebody@robots.dev">Somebody</maintainer>
+</package>
+"""
+CHANGELOG = """Changelog
+^^^^^^^^^
+
+Forthcoming
+-----------
+* A new thing.
+
+0.1.0 (2026-01-02)
+------------------
+* The first things.
+"""
+
+
+def git(folder: Path, *arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=folder, check=True, capture_output=True, text=True)
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository that could be released; its only generated document has the version."""
+    for variable in ("AUTHOR", "COMMITTER"):
+        monkeypatch.setenv(f"GIT_{variable}_NAME", "Somebody")
+        monkeypatch.setenv(f"GIT_{variable}_EMAIL", "somebody@robots.dev")
+    folder = tmp_path / "repository"
+    files: Dict[str, str] = {
+        "package.xml": PACKAGE,
+        "CHANGELOG.rst": CHANGELOG,
+        ".gitignore": "/dist/\n",
+        "docs/version.txt": "0.1.0\n",
+        **dict.fromkeys(GENERATORS, ""),
+        GENERATORS[0]: (
+            "import re, pathlib\n"
+            "found = re.search('<version>(.*)</version>', pathlib.Path('package.xml').read_text())\n"
+            "pathlib.Path('docs/version.txt').write_text(found[1] + '\\n')\n"
+        ),
+    }
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    git(folder, "init", "--quiet", "--initial-branch", "main")
+    git(folder, "add", ".")
+    git(folder, "commit", "--quiet", "--message", "first")
+    return folder
+
+
+def test_a_release_is_a_commit_a_tag_and_files(repository: Path) -> None:
+    files = release(repository, "1.0.0", [BUILDS])
+    assert [file.name for file in files] == ["a.whl"]
+    check = subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=repository / "dist")
+    assert check.returncode == 0
+    assert "<version>1.0.0</version>" in (repository / "package.xml").read_text()
+    assert (repository / "docs/version.txt").read_text() == "1.0.0\n"
+    changelog = (repository / "CHANGELOG.rst").read_text().splitlines()
+    assert changelog[3].startswith("1.0.0 (20")
+    assert changelog[4] == "-" * len(changelog[3])
+    assert changelog[5:8] == ["* A new thing.", "", "0.1.0 (2026-01-02)"]
+    assert git(repository, "rev-parse", "1.0.0^{commit}") == git(repository, "rev-parse", "HEAD")
+    assert git(repository, "status", "--porcelain") == ""
+
+
+def changed(name: str, old: str, new: str) -> Callable[[Path], None]:
+    """Returns a commit that replaces a text in a file."""
+
+    def change(repository: Path) -> None:
+        text = (repository / name).read_text()
+        assert old in text
+        (repository / name).write_text(text.replace(old, new))
+        git(repository, "commit", "--quiet", "--all", "--message", "a change")
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("prepare", "version", "problem"),
+    [
+        (lambda _: None, "1.0", "expected a version such as 1.0.0, got '1.0'"),
+        (lambda _: None, "v1.0.0", "expected a version such as 1.0.0, got 'v1.0.0'"),
+        (lambda _: None, "01.0.0", "expected a version such as 1.0.0, got '01.0.0'"),
+        (lambda _: None, "0.1.0", "expected a version above 0.1.0, got 0.1.0"),
+        (lambda _: None, "0.0.9", "expected a version above 0.1.0, got 0.0.9"),
+        (lambda repository: git(repository, "tag", "1.0.0"), "1.0.0", "the tag 1.0.0 exists already"),
+        (
+            lambda repository: (repository / "new.py").write_text(""), "1.0.0",
+            "uncommitted changes, such as new.py; commit or remove them",
+        ),
+        (
+            changed("package.xml", "robots.dev", "robots.example"), "1.0.0",
+            "package.xml:4: somebody@robots.example is a placeholder; expected a real address",
+        ),
+        (
+            changed("CHANGELOG.rst", "Forthcoming", "Later"), "1.0.0",
+            "CHANGELOG.rst: expected a section Forthcoming with what is new",
+        ),
+        (
+            changed("CHANGELOG.rst", "* A new thing.\n", ""), "1.0.0",
+            "CHANGELOG.rst: expected lines that begin with * in the section Forthcoming, got none",
+        ),
+        (
+            changed("docs/version.txt", "0.1.0", "0.0.9"), "1.0.0",
+            "docs/version.txt is out of date; run python docs/generate.py and commit",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_not_ready_is_refused_and_nothing_changes(
+    repository: Path, prepare: Callable[[Path], object], version: str, problem: str
+) -> None:
+    prepare(repository)
+    before = git(repository, "rev-parse", "HEAD"), git(repository, "tag"), git(repository, "status", "--porcelain")
+    with pytest.raises(Refused) as refused:
+        release(repository, version, [BUILDS])
+    assert str(refused.value) == problem
+    after = git(repository, "rev-parse", "HEAD"), git(repository, "tag"), git(repository, "status", "--porcelain")
+    assert after == before
+
+
+def test_a_test_that_fails_leaves_nothing_behind(repository: Path) -> None:
+    before = git(repository, "rev-parse", "HEAD")
+    with pytest.raises(Refused, match="false failed"):
+        release(repository, "1.0.0", [BUILDS, ["false"]])
+    assert (git(repository, "rev-parse", "HEAD"), git(repository, "tag")) == (before, "")
+    assert not (repository / "dist").exists()
