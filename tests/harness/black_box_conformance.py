@@ -76,6 +76,25 @@ def _check_with_mcap(path: Path) -> None:
     assert any(topic.endswith("/alerts") for topic in topics)
     # Over rosbridge, the robot's messages are raw and those of the monitor are JSON.
     assert (profile, encodings) in [("ros1", {"ros1"}), ("ros2", {"cdr"}), ("", {"json"}), ("", {"json", "ros1"})]
+    if profile == "ros2":
+        _check_for_rosbag2(summary)
+
+
+def _check_for_rosbag2(summary: Any) -> None:
+    """What the plug-in of rosbag2 reads a bare file by: `read_metadata` and `set_read_order` of its mcap_storage.cpp.
+
+    Statistics, a schema for each channel, and an index in each chunk, without which messages come in another order. A
+    metadata record `rosbag2` is optional: this file has none.
+    """
+    statistics = summary.statistics
+    assert statistics.message_count == sum(statistics.channel_message_counts.values()) > 0
+    assert statistics.message_end_time > statistics.message_start_time > 0
+    schemas = {channel.topic: summary.schemas[channel.schema_id] for channel in summary.channels.values()}
+    assert {schema.encoding for schema in schemas.values()} == {"ros2msg"}
+    assert schemas["/robot1/battery_level"].name == "std_msgs/msg/Float32"
+    assert schemas["/diagnostics"].name == "diagnostic_msgs/msg/DiagnosticArray"
+    assert summary.chunk_indexes
+    assert all(index.message_index_length > 0 for index in summary.chunk_indexes)
 
 
 def _check_with_rosbags(path: Path) -> None:
