@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import collections
 import functools
-import time
 from dataclasses import dataclass
-from typing import Any, Callable, Container, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT, Getter
-from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
 from robot_health_monitor.core.middleware import Callback, Message, OnChange, RawCallback, RawFormat, Severity
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.runtime.native_node import NativeNode
@@ -30,6 +27,7 @@ from robot_health_monitor.runtime.native_node import NativeNode
 from . import messages
 from .definitions import raw_format
 from .parameters import NodeParameters, ParameterNode
+from .publishers import PublisherLookup, are_latched, has_best_effort
 
 _QUEUE_SIZE = 1000
 """Outgoing messages that a reliable subscriber may still request, then the oldest are lost: room for many alerts."""
@@ -46,8 +44,6 @@ _LOG: Mapping[Severity, Callable[[Any, str], object]] = {
 }
 """One line each: rclpy remembers the severity of each calling line."""
 _MOST_WAITING_FOR_CLOCK = 1000
-_TOPICS_PERIOD_S = 1.0
-"""Reading the list of all topics takes milliseconds on a large graph; several signals may need it at once."""
 _QOS_CHECK_PERIOD_S = 1.0
 """Period of the check for publishers with an incompatible QoS, in s."""
 
@@ -232,6 +228,8 @@ class Ros2Middleware(NativeNode):
         if subscription.is_raw:
             raw = raw_format(type_name)
             subscription.get = lambda data: (data, raw)
+            if (topic, cls, False) not in self._channels:  # else it receives what the signals do
+                subscription.is_latched = subscription.is_latched or are_latched(self.node, topic)
         elif field is not None:
             native, serialized = messages.field_getter(topic, type_name, field), messages.serialized_getter(cls, field)
             subscription.get, subscription.needs_message = serialized or native, serialized is None
@@ -287,7 +285,7 @@ class Ros2Middleware(NativeNode):
                         except Exception as error:
                             log_failure(error)
 
-        channel.is_best_effort = self._has_best_effort_publisher(topic)
+        channel.is_best_effort = has_best_effort(self.node, topic)
         reliability = ReliabilityPolicy.BEST_EFFORT if channel.is_best_effort else ReliabilityPolicy.RELIABLE
         # rclpy's default event handlers only log, and the executor checks each of them for every message.
         channel.native = self.node.create_subscription(
@@ -303,10 +301,6 @@ class Ros2Middleware(NativeNode):
         """Returns the type of a topic, empty if it is unknown."""
         types = dict(self.node.get_topic_names_and_types()).get(topic, [])
         return types[0] if types else ""
-
-    def _has_best_effort_publisher(self, topic: str) -> bool:
-        publishers = self.node.get_publishers_info_by_topic(topic)
-        return any(publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for publisher in publishers)
 
     def _check_publishers(self) -> None:
         """Starts subscriptions whose type is known by now; makes those best effort whose publishers require it.
@@ -328,7 +322,7 @@ class Ros2Middleware(NativeNode):
                 if not channel.is_best_effort:
                     topic, _, _ = channel.key
                     unheard = self.node.count_publishers(topic) > channel.native.get_publisher_count()
-                    if unheard and self._has_best_effort_publisher(topic):
+                    if unheard and has_best_effort(self.node, topic):
                         self.node.destroy_subscription(channel.native)
                         self._open(channel)
 
@@ -370,48 +364,6 @@ class _Channel:
     native: Any = None
     is_best_effort: bool = False
     readers: Tuple[Subscription, ...] = ()
-
-
-class PublisherLookup:
-    """Reads the graph, which does not wait for the network."""
-
-    def __init__(
-        self, node: Node, own_topics: Callable[[], Container[str]], qos_of: Callable[[str], Sequence[QoSProfile]]
-    ) -> None:
-        """Reads nothing yet.
-
-        `own_topics` returns the resolved topics that the node uses, `qos_of` the QoS of its subscriptions to one.
-        """
-        self._node = node
-        self._own_topics = own_topics
-        self._qos_of = qos_of
-        self._topics: Mapping[str, str] = {}
-        self._read_s = float("-inf")
-
-    def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
-        """Answers at once: why a topic brings no samples; None if nothing is known. See `hints.Hints`."""
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        types = [publisher.topic_type for publisher in publishers]
-        text = explain(topic, type_name, types, self._similar(topic, type_name))
-        if publishers and text is None:
-            wanted = self._qos_of(topic)
-            offered = [publisher.qos_profile for publisher in publishers]
-            if wanted and not any(_is_compatible(one, other) for one in offered for other in wanted):
-                text = INCOMPATIBLE_QOS
-        answer(text)
-
-    def _similar(self, topic: str, type_name: str) -> Iterator[str]:
-        now_s = time.monotonic()
-        if now_s - self._read_s >= _TOPICS_PERIOD_S:
-            self._topics = {name: types[0] for name, types in self._node.get_topic_names_and_types() if types}
-            self._read_s = now_s
-        similar = similar_topics(topic, type_name, self._topics, self._own_topics())
-        return (name for name in similar if self._node.count_publishers(name))
-
-
-def _is_compatible(offered: QoSProfile, wanted: QoSProfile) -> bool:
-    compatibility, _ = qos_check_compatible(offered, wanted)
-    return bool(compatibility != QoSCompatibility.ERROR)
 
 
 class _Timer:

@@ -35,6 +35,9 @@ FULL_PART = "black box folder"
 LOST_PART = "black box messages"
 """The part whose fault counts messages that are missing in a recording."""
 
+LARGE_PART = "black box memory"
+"""The part whose fault names a topic whose messages are too large for the memory."""
+
 _READ_BYTES = 512 << 10  # that are written at a time
 _STEP_S = 0.2
 _IDLE_S = 5.0
@@ -301,6 +304,11 @@ class BlackBox:
             memory_mb = f"memory_mb {self.settings.memory_mb:g}"
             text = f"{lost} messages are missing in recordings: the disk was too slow for {memory_mb}"
             self._faults.report(LOST_PART, text, Level.WARN)
+
+        if self.ring.too_large is not None:
+            topic, size = self.ring.too_large
+            text = f"{topic} is not recorded: a message of {size / 1e6:.3g} MB is too large for memory_mb"
+            self._faults.report(LARGE_PART, f"{text} {self.settings.memory_mb:g}", Level.WARN)
 
     def _report_full(self) -> None:
         text = f"nothing is recorded: the recordings of open alerts take keep_mb ({self.settings.keep_mb:g})"

@@ -145,6 +145,8 @@ class Ring:
         self.used_bytes = 0
         self.dropped = 0
         """Messages that went before they were too old, because memory was full."""
+        self.too_large: Optional[Tuple[str, int]] = None
+        """Topic and bytes of the latest message that alone does not fit; it would cost all others."""
         self._memory_bytes = memory_bytes
         self._segments: OrderedDict[Segment, None] = OrderedDict()  # oldest first
 
@@ -152,6 +154,10 @@ class Ring:
         """Adds a message to a segment, which must be the last one of its robot."""
         size = len(message[2]) + OVERHEAD_BYTES
         with self.lock:
+            if size > self._memory_bytes:
+                self.dropped += 1
+                self.too_large = message[1].topic, len(message[2])
+                return
             segment.messages.append(message)
             segment.bytes += size
             self.used_bytes += size

@@ -233,7 +233,7 @@ def test_a_type_of_a_package_that_is_not_installed_is_rejected(ros: Any) -> None
 
 
 def lookup(ros: Any, wanted: Sequence[Any]) -> Any:
-    from robot_health_monitor.ros2.middleware import PublisherLookup
+    from robot_health_monitor.ros2.publishers import PublisherLookup
 
     return PublisherLookup(ros.node("alert_system").node, lambda: (), lambda topic: wanted)
 

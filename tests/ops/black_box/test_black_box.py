@@ -176,6 +176,22 @@ def test_a_camera_does_not_exceed_the_memory(tmp_path: Path) -> None:
     robot.close()
 
 
+def test_a_message_that_does_not_fit_into_the_memory_is_named_and_costs_no_other(tmp_path: Path) -> None:
+    """Half of memory_mb is for messages that wait."""
+    robot = RecordedRobot(tmp_path, memory_mb=4.0, topics=("/map",))
+    robot.feed(1.0, 50.0)
+    robot.publish("/map", {"data": "x" * 3_000_000}, "std_msgs/String")
+    robot.feed(1.0, 15.0)
+    robot.wait(30.0)
+    (file, *_) = robot.files()
+    assert len(recorded(file)["/battery"]) >= 20
+    wait_for(lambda: faults(robot))
+    (fault,) = faults(robot)
+    assert fault.startswith("black box memory: /map is not recorded: a message of 3")
+    assert fault.endswith(" MB is too large for memory_mb 4")
+    robot.close()
+
+
 @pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.3])
 def test_after_a_kill_the_next_start_completes_the_file_or_removes_it(tmp_path: Path, delay_s: float) -> None:
     program = KILLED.format(folder=str(tmp_path))

@@ -92,8 +92,10 @@ def test_a_message_larger_than_the_memory_is_not_kept() -> None:
     ring = Ring(1000)
     robot = RobotRing(ring, 10.0)
     robot.begin_segment(0.0, {}, 0)
+    add(robot, 0.5)
     robot.add(1.0, CHANNEL, bytes(5000))
-    assert (ring.used_bytes, ring.dropped) == (0, 1)
+    assert (ring.used_bytes, ring.dropped, ring.too_large) == (SIZE, 1, ("/a", 5000))
+    assert everything(robot.reader()) == [0.5]
 
 
 def test_memory_is_bounded_and_released_whatever_happens() -> None:

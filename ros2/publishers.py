@@ -1,0 +1,69 @@
+"""What discovery has found about the publishers of a topic. Reading the graph does not wait for the network."""
+
+from __future__ import annotations
+
+import time
+from typing import Callable, Container, Iterator, Mapping, Sequence
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+
+from robot_health_monitor.core.hints import INCOMPATIBLE_QOS, Answer, explain, similar_topics
+
+_TOPICS_PERIOD_S = 1.0
+"""Reading the list of all topics takes milliseconds on a large graph; several signals may need it at once."""
+
+
+def has_best_effort(node: Node, topic: str) -> bool:
+    """Whether a publisher is best effort, so that a reliable subscription does not hear it."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    return any(publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for publisher in publishers)
+
+
+def are_latched(node: Node, topic: str) -> bool:
+    """Whether there are publishers, and all of them keep messages for later subscribers (`transient_local`)."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    durabilities = {publisher.qos_profile.durability for publisher in publishers}
+    return durabilities == {DurabilityPolicy.TRANSIENT_LOCAL}
+
+
+class PublisherLookup:
+    """Why a topic brings no samples."""
+
+    def __init__(
+        self, node: Node, own_topics: Callable[[], Container[str]], qos_of: Callable[[str], Sequence[QoSProfile]]
+    ) -> None:
+        """Reads nothing yet.
+
+        `own_topics` returns the resolved topics that the node uses, `qos_of` the QoS of its subscriptions to one.
+        """
+        self._node = node
+        self._own_topics = own_topics
+        self._qos_of = qos_of
+        self._topics: Mapping[str, str] = {}
+        self._read_s = float("-inf")
+
+    def look_up(self, topic: str, type_name: str, answer: Answer) -> None:
+        """Answers at once: why a topic brings no samples; None if nothing is known. See `hints.Hints`."""
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        types = [publisher.topic_type for publisher in publishers]
+        text = explain(topic, type_name, types, self._similar(topic, type_name))
+        if publishers and text is None:
+            wanted = self._qos_of(topic)
+            offered = [publisher.qos_profile for publisher in publishers]
+            if wanted and not any(_is_compatible(one, other) for one in offered for other in wanted):
+                text = INCOMPATIBLE_QOS
+        answer(text)
+
+    def _similar(self, topic: str, type_name: str) -> Iterator[str]:
+        now_s = time.monotonic()
+        if now_s - self._read_s >= _TOPICS_PERIOD_S:
+            self._topics = {name: types[0] for name, types in self._node.get_topic_names_and_types() if types}
+            self._read_s = now_s
+        similar = similar_topics(topic, type_name, self._topics, self._own_topics())
+        return (name for name in similar if self._node.count_publishers(name))
+
+
+def _is_compatible(offered: QoSProfile, wanted: QoSProfile) -> bool:
+    compatibility, _ = qos_check_compatible(offered, wanted)
+    return bool(compatibility != QoSCompatibility.ERROR)

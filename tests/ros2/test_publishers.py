@@ -1,0 +1,70 @@
+"""What discovery has found about publishers; test_middleware.py shows why a topic brings no samples."""
+
+from __future__ import annotations
+
+from typing import Any, List, Tuple
+
+import pytest
+
+FLOAT32 = "std_msgs/Float32"
+
+
+def publisher_of(ros: Any, topic: str, **qos: Any) -> Any:
+    from rclpy.qos import QoSProfile
+    from std_msgs.msg import Float32
+
+    return ros._me.create_publisher(Float32, topic, QoSProfile(depth=1, **qos))
+
+
+def known(ros: Any, topic: str, count: int) -> Any:
+    """Returns the node under test once it knows so many publishers of a topic."""
+    node = ros.node("alert_system", sim_time=False).node
+    ros.wait_until(lambda: len(node.get_publishers_info_by_topic(topic)) == count)
+    return node
+
+
+def test_a_topic_is_latched_if_all_of_its_publishers_are(ros: Any) -> None:
+    from rclpy.qos import DurabilityPolicy
+
+    from robot_health_monitor.ros2.publishers import are_latched
+
+    latched = {"durability": DurabilityPolicy.TRANSIENT_LOCAL}
+    publishers = [publisher_of(ros, "/map", **latched), publisher_of(ros, "/mixed", **latched)]
+    publishers += [publisher_of(ros, "/mixed"), publisher_of(ros, "/plain")]
+    node = known(ros, "/mixed", 2)
+    ros.wait_until(lambda: node.count_publishers("/map") == node.count_publishers("/plain") == 1)
+    assert [are_latched(node, topic) for topic in ("/map", "/mixed", "/plain", "/none")] == [True, False, False, False]
+    for publisher in publishers:
+        ros._me.destroy_publisher(publisher)
+
+
+def test_a_topic_is_best_effort_if_one_of_its_publishers_is(ros: Any) -> None:
+    from rclpy.qos import ReliabilityPolicy
+
+    from robot_health_monitor.ros2.publishers import has_best_effort
+
+    publishers = [publisher_of(ros, "/both"), publisher_of(ros, "/both", reliability=ReliabilityPolicy.BEST_EFFORT)]
+    publishers.append(publisher_of(ros, "/reliable"))
+    node = known(ros, "/both", 2)
+    ros.wait_until(lambda: node.count_publishers("/reliable") == 1)
+    assert [has_best_effort(node, topic) for topic in ("/both", "/reliable", "/none")] == [True, False, False]
+    for publisher in publishers:
+        ros._me.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize("type_name", ["", FLOAT32])
+def test_what_was_published_on_a_latched_topic_is_received_raw(ros: Any, type_name: str) -> None:
+    """So a black box subscribes to /tf_static or /map: published once, before the node began."""
+    from rclpy.qos import DurabilityPolicy
+    from std_msgs.msg import Float32
+
+    publisher = publisher_of(ros, "/early", durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher.publish(Float32(data=2.5))
+    node = ros.node("alert_system", sim_time=False)
+    ros.wait_until(lambda: node.node.count_publishers("/early") == 1)
+    heard: List[Tuple[bytes, str]] = []
+    node.subscribe_raw("/early", type_name, lambda message, now_s: heard.append((message[0], message[1].schema_name)))
+    ros.wait_until(lambda: bool(heard))
+    ((data, schema_name),) = heard
+    assert (data[-4:], schema_name) == (b"\x00\x00\x20\x40", "std_msgs/msg/Float32")
+    ros._me.destroy_publisher(publisher)
