@@ -17,7 +17,9 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 DOCS = Path(__file__).resolve().parent
-ROOT = DOCS.parent
+# rosdoc2 builds in a copy of docs/, whose conf.py names the original.
+_original = re.search(r'^exec\(open\("(.+)/docs/conf\.py"\)', Path(__file__).read_text("utf-8"), re.MULTILINE)
+ROOT = Path(_original[1]) if _original else DOCS.parent
 sys.path.insert(0, str(ROOT))
 
 _manifest = ElementTree.parse(ROOT / "package.xml").getroot()
@@ -83,8 +85,9 @@ def _link_to_repository(app: Sphinx, doctree: nodes.document) -> None:
     for node in list(doctree.findall(nodes.Element)):
         if node.get("reftype") != "myst":
             continue
-        target = _existing(Path(os.path.normpath(folder / node["reftarget"].partition("#")[0])))
-        if target and DOCS not in (target, *target.parents):
+        linked = os.path.relpath(folder / node["reftarget"].partition("#")[0], DOCS.parent)
+        target = _existing(ROOT / linked)
+        if target and ROOT / "docs" not in (target, *target.parents):
             path = target.relative_to(ROOT).as_posix()
             anchor = f"#{node['reftargetid']}" if node.get("reftargetid") else ""
             node.replace_self(nodes.reference("", "", *node.children, refuri=f"{REPOSITORY}/blob/HEAD/{path}{anchor}"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -115,3 +116,10 @@ def test_a_dead_link_fails_the_build(tmp_path: Path) -> None:
     done = subprocess.run(build, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     assert done.returncode != 0
     assert "gone.md" in done.stdout
+
+
+def test_the_settings_work_in_the_copy_that_rosdoc2_builds(tmp_path: Path) -> None:
+    wrapper = tmp_path / "conf.py"
+    wrapper.write_text(f'import os\n\nexec(open("{ROOT}/docs/conf.py").read())\n')
+    settings = runpy.run_path(str(wrapper))
+    assert (settings["DOCS"], settings["ROOT"]) == (tmp_path.resolve(), ROOT)
