@@ -52,7 +52,7 @@ RECORDER_TEST = "test_the_real_recorder_of_ros1_writes_what_is_read"
 
 PROCESS_TESTS = [
     "tests/command_line",
-    *(f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "pushing_fleet", "two_engines")),
+    *(f"tests/ops/export/test_{name}.py" for name in ("delayed_truth", "fleet_readme", "pushing_fleet", "two_engines")),
 ]
 """Command lines, fleets and their centres, which run for minutes: beside the other sessions, since most of that time
 passes with waiting."""

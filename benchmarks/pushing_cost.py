@@ -20,7 +20,7 @@ from typing import Dict, List, Sequence
 
 import psutil
 
-from benchmarks.pushing_fleet import Scraped, get, pushing_fleet, until
+from benchmarks.pushing_fleet import PushingFleet, Scraped, get, pushing_fleet, until
 from robot_health_monitor.core.config import load_config
 
 SIGNALS = 10
@@ -81,7 +81,7 @@ def measure(robots: int, scrapes: int, engine: str) -> Dict[str, object]:
         lasted_s = time.monotonic() - began_s
         used = {name: (sum(each.cpu_times()[:2]) - cpu_s[name]) / lasted_s for name, each in processes.items()}
         memory = {name: process.memory_info().rss / 1e6 for name, process in processes.items()}
-        rules_s = rule_seconds(fleet.port) if engine == "prometheus" else None
+        rules = rule_figures(fleet, engine)
         for target in targets:
             target.stop()
         end_s = time.monotonic() + 120.0
@@ -100,7 +100,7 @@ def measure(robots: int, scrapes: int, engine: str) -> Dict[str, object]:
         "lost": sum(expected.values()) - sum(stored.values()),
         "cpu_cores": {name: round(value, 3) for name, value in used.items()},
         "memory_mb": {name: round(value) for name, value in memory.items()},
-        "rules_s": rules_s,
+        **rules,
         "paged": len(paged),
         "robots_to_page": len([robot for robot in range(robots) if robot % 1000 == 7]),
     }
@@ -115,11 +115,22 @@ def served(targets: Sequence[Scraped]) -> Dict[str, float]:
     return total
 
 
-def rule_seconds(port: int) -> float:
-    """Returns how long the slowest group of rules took."""
-    text = get(f"http://127.0.0.1:{port}/metrics").decode()
-    found = re.findall(r"^prometheus_rule_group_last_duration_seconds\{.*\} (\S+)$", text, re.MULTILINE)
-    return max(map(float, found))
+def rule_figures(fleet: PushingFleet, engine: str) -> Dict[str, float]:
+    """Returns how long the slowest group of rules took, all of them together, and how many evaluations were skipped."""
+    if engine == "prometheus":
+        address, took, skipped = (
+            f"127.0.0.1:{fleet.port}",
+            r"prometheus_rule_group_last_duration_seconds\{.*\}",
+            ("prometheus_rule_group_iterations_missed_total"),
+        )
+    else:
+        command = fleet.processes["centre vmalert"].args
+        address = next(word for word in command if word.startswith("-httpListenAddr=")).partition("=")[2]
+        took, skipped = r'vmalert_iteration_duration_seconds\{.*quantile="1"\}', "vmalert_iteration_missed_total"
+    text = get(f"http://{address}/metrics").decode()
+    seconds = [float(each) for each in re.findall(rf"^{took} (\S+)$", text, re.MULTILINE)]
+    missed = [float(each) for each in re.findall(rf"^{skipped}(?:\{{.*\}})? (\S+)$", text, re.MULTILINE)]
+    return {"slowest_group_s": max(seconds), "all_groups_s": sum(seconds), "skipped": sum(missed)}
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ import base64
 import contextlib
 import json
 import re
+import select
 import shlex
+import socket
 import subprocess
 import threading
 import time
@@ -42,8 +44,18 @@ def get(url: str) -> bytes:
     return body
 
 
+def has_read_all(connection: socket.socket) -> bool:
+    """Returns whether the client has read the answer: if it gave up before, its kernel has reset the connection."""
+    connection.settimeout(_LIMIT_S)
+    connection.shutdown(socket.SHUT_WR)
+    try:
+        return connection.recv(1) == b"" and connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) == 0
+    except OSError:
+        return False
+
+
 class Scraped:
-    """Serves an exposition, and keeps how many series of each name it has served."""
+    """Serves an exposition, and keeps how many series of each name an agent has read to the end."""
 
     def __init__(self, exposition: Callable[[], bytes]) -> None:
         """Serves what `exposition` returns; it is called in several threads."""
@@ -63,12 +75,15 @@ class Scraped:
                     self.send_error(503)  # an agent that no longer waits would not have what is counted
                     return
                 with contextlib.suppress(OSError):
+                    if select.select([self.connection], [], [], 0.0)[0]:
+                        return  # it has closed the connection
                     self.send_response(200)
                     self.send_header("Content-Type", "text/plain; version=0.0.4")
                     self.send_header("Content-Length", str(len(body)))
                     self.end_headers()
                     self.wfile.write(body)
-                    owner._note(body)
+                    if has_read_all(self.connection):
+                        owner._note(body)
 
             def log_message(self, *arguments: object) -> None:
                 """Writes nothing."""

@@ -11,7 +11,7 @@ from typing import List, NamedTuple, Optional, Sequence
 from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.formatting import duration_text
 
-from .prometheus import Export, alert, duration, group_head, promql_string, record, rule_group
+from .prometheus import Export, alert, duration, group_head, promql_string, record, rule_groups
 
 LAST_TICK = "robot_health:last_tick"
 """Recorded series: the last tick of a robot's monitor, also while the robot is silent, as long as it is expected."""
@@ -58,7 +58,7 @@ def export_fleet_rules(
     lines = _HEADER.format(interval=duration(interval_s), expected=known).splitlines()
     lines.append("groups:")
     for name, config, robots in judged:
-        lines += [*rule_group(name, config, robots, interval_s, problems), ""]
+        lines += [*rule_groups(name, config, robots, interval_s, problems), ""]
     lines += _silent_group(expected, interval_s, silent_after_s)
     return Export("\n".join(lines) + "\n", problems)
 

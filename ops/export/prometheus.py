@@ -93,20 +93,24 @@ def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_
     lines: List[str] = header.splitlines()
     problems: List[str] = []
     name = "robot_health" + "".join(f" {name}" for name in robots)
-    lines += ["groups:", *rule_group(name, config, robots, interval_s, problems)]
+    lines += ["groups:", *rule_groups(name, config, robots, interval_s, problems)]
     lines += _monitor_rules(robots, interval_s)
     return Export("\n".join(lines) + "\n", problems)
 
 
-def rule_group(
+def rule_groups(
     name: str, config: MonitorConfig, robots: Sequence[str], interval_s: float, problems: List[str]
 ) -> List[str]:
-    """Returns the lines of a group with the rules of every signal and of the link; appends to `problems`."""
-    lines = group_head(name, interval_s)
+    """Returns the lines of a group for each signal, and of one for the link; appends to `problems`.
+
+    Groups are evaluated at the same time, on all cores, and rules in a group one after the other.
+    """
+    lines: List[str] = []
     for signal in config.signals.values():
         if signal.name != LINK:
-            lines += _Rules(config, signal, robots, interval_s, problems).lines()
-    return lines + _link_rule(robots)
+            lines += group_head(f"{name} {signal.name}", interval_s)
+            lines += [*_Rules(config, signal, robots, interval_s, problems).lines(), ""]
+    return [*lines, *group_head(name, interval_s), *_link_rule(robots)]
 
 
 def group_head(name: str, interval_s: float) -> List[str]:
@@ -183,19 +187,22 @@ class _Rules:
             value = self._metric("value", condition=" == 2" if level == "ERROR" else " >= 1")
             return record(BEYOND, value, f"{self._recorded}, level: {level}, side: {side}")
         operator = _OPERATORS[side]
-        value = self._judged(side)
-        expression = f"{value} {operator} {_number(bound)}"
+        expression = self._judged(side, f" {operator} {_number(bound)}")
         if self._signal.hysteresis:
             clears_at = _number(self._clears_at(side, bound))
             before = self._beyond(level, f', side="{side}"')
-            expression += f"\nor ({value} {operator} {clears_at} and on (robot, signal) {before})"
+            held = self._judged(side, f" {operator} {clears_at}")
+            expression += f"\nor ({held} and on (robot, signal) {before})"
         return record(BEYOND, expression, f"{self._recorded}, level: {level}, side: {side}")
 
-    def _judged(self, side: str) -> str:
-        """Returns the statistic that the bounds of a side apply to; of several monitors, the worst counts."""
+    def _judged(self, side: str, condition: str) -> str:
+        """Returns where the statistic that the bounds of a side apply to fulfils a condition.
+
+        Of several monitors, the worst counts. What does not fulfil it is dropped first, which is cheaper.
+        """
         if self._forecasts:
-            return FORECAST + selector(self._robots, signal_matcher(self._signal))
-        return self._metric("value", "min" if side == "below" else "max")
+            return FORECAST + selector(self._robots, signal_matcher(self._signal)) + condition
+        return self._metric("value", "min" if side == "below" else "max", condition=condition)
 
     def _forecast_rule(self) -> List[str]:
         """Returns the rule that records the forecast. Prometheus predicts from the evaluation, also with `offset`."""
@@ -313,12 +320,17 @@ class _Rules:
 
     def _stale(self) -> List[str]:
         signal = self._signal
-        level, samples = self._metric("level"), self._metric("samples_total", "sum")
-        longer_than_grace = duration(signal.startup_grace_s + 0.001)
+        own = selector(self._robots, signal_matcher(signal, with_template=True))
+        level, longer_than_grace = f"robot_health_level{own}", duration(signal.startup_grace_s + 0.001)
         expression = (
-            f"{level} == 3\n"
-            f"and ({samples} > 0 or {level[:-1]} offset {longer_than_grace}) == 3)\n"
-            f"unless on (robot) robot_health_link_up{selector(self._robots)} == 0"
+            "max by (robot, signal) (\n"
+            f"  {level} == 3\n"
+            f"  and on (robot, signal) (\n"
+            f"    robot_health_samples_total{own} > 0\n"
+            f"    or on (robot, signal) {level} offset {longer_than_grace} == 3\n"
+            "  )\n"
+            f"  unless on (robot) robot_health_link_up{selector(self._robots)} == 0\n"
+            ")"
         )
         reason = f"no sample (limit {duration_text(signal.stale_after_s)})" if signal.stale_after_s > 0.0 else ""
         reported = "reported as stale" if signal.is_status else ""

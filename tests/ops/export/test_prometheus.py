@@ -543,9 +543,18 @@ def test_the_link_alert_of_a_robot_that_is_no_longer_watched_ends_at_once(tmp_pa
     assert promtool(tmp_path, "test", "rules", "test.yaml") == ""
 
 
+def test_every_signal_is_a_group_so_that_they_are_evaluated_on_all_cores() -> None:
+    text = exported({"a": {"warn_below": 20.0}, "b": {"warn_above": 1.0}}).text
+    groups = {group["name"]: group for group in yaml.safe_load(text)["groups"]}
+    labels = {
+        name: {rule["labels"]["signal"] for rule in group["rules"] if "alert" in rule} for name, group in groups.items()
+    }
+    assert labels == {"robot_health a": {"a"}, "robot_health b": {"b"}, "robot_health": {"link", "monitor"}}
+
+
 def test_every_alert_has_the_labels_and_the_summary_of_a_notification() -> None:
     text = exported({"a": {"warn_below": 20.0, "error_above": 50.0, "error_for_s": 5.0}, "b": {"warn_above": 1.0}}).text
-    rules = [rule for rule in yaml.safe_load(text)["groups"][0]["rules"] if "alert" in rule]
+    rules = [rule for group in yaml.safe_load(text)["groups"] for rule in group["rules"] if "alert" in rule]
     assert {rule["alert"] for rule in rules} == {"RobotHealth"}
     assert all(set(rule["labels"]) == {"signal", "level", "severity"} for rule in rules)  # and robot, of the series
     labels = [tuple(rule["labels"].values()) for rule in rules]

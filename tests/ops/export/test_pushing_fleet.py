@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Dict, Iterator, List
 
@@ -136,6 +138,37 @@ def test_every_sample_arrives_once_although_the_receiver_is_gone_and_a_robot_is_
         )
         assert sorted(firing(fleet.pager)) == [f"r{number}" for number in range(ROBOTS)]
         proxy.end()
+
+
+def test_a_scrape_that_the_agent_gave_up_is_not_counted() -> None:
+    """Otherwise a busy machine looks like a lost sample."""
+    text = b'a{robot="r1"} 1\n' * 100
+    gone = threading.Event()
+    asked = threading.Event()
+
+    def exposition() -> bytes:
+        asked.set()
+        gone.wait(0.4)
+        return text
+
+    robot = Scraped(exposition)
+    host, port = robot.address.split(":")
+    for reads_some in (False, True):
+        gone.clear()
+        asked.clear()
+        if reads_some:
+            gone.set()
+        with socket.create_connection((host, int(port))) as client:
+            client.sendall(b"GET / HTTP/1.1\r\nHost: r1\r\n\r\n")
+            assert asked.wait(10.0)
+            if reads_some:
+                assert client.recv(10)
+        gone.set()
+    get(f"http://{robot.address}/")
+    until(lambda: robot.series)
+    robot.end()
+
+    assert robot.series == {"a": 100}
 
 
 def serves(monitor: Scraped) -> bool:
