@@ -72,12 +72,12 @@ def one_robot(folder: Path, variables: Dict[str, str], pictures: Path) -> None:
         time.sleep(1.0)
         driver.save_screenshot(str(pictures / "web_page_day.png"))
         _run(driver, "location.hash = '#alerts'")
-        _wait(driver, "document.querySelector('#alert-history .time a')")
+        _wait(driver, "document.querySelector('#alert-history .text a')")
         time.sleep(15.0)  # the samples after the alert, and its black box
         _run(
             driver,
             "[...document.querySelectorAll('#alert-history .alert')]"
-            ".find((e) => e.textContent.includes('battery_level')).querySelector('.time a').click()",
+            ".find((e) => e.textContent.includes('battery_level')).querySelector('.text a').click()",
         )
         _wait(driver, "document.querySelectorAll('#alert-page .plot svg').length === 2")
         _run(driver, _NOTE)

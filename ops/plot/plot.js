@@ -287,7 +287,7 @@ class Plot extends HealthPlotViews.Gestures {
 
   drawStrip(top) {
     const {svg, view, signal, right} = this;
-    const levels = [[view.from, ""], ...signal.levels, [this.until, ""], [Math.max(view.to, this.until), ""]];
+    const levels = [...signal.levels, [this.until, ""], [Math.max(view.to, this.until), ""]];
     let drawnTo = LEFT, worst = "", began = LEFT;
     const bar = (from, to, level) => {
       if (to <= from) return;

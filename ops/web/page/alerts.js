@@ -7,7 +7,6 @@ import {Badge, kindOfLevel} from "./levels.js";
 const PAGE_SIZE = 100;
 let tables = 0;
 
-/** A table of alerts, newest first; each leads to its own page. */
 export class AlertTable {
   /** `only`: parameters of /api/history; `size`: how many at a time; `pages`: whether older ones can be shown. */
   constructor(page, {only = {}, size = PAGE_SIZE, pages = true, ofSignal = false} = {}) {

@@ -354,6 +354,23 @@ def test_a_history_that_cannot_be_read_is_said_beside_the_ranges(browser: Browse
     browser.wait_for_text(".ranges .error-text", "The history cannot be read: ")
 
 
+def test_a_range_that_could_not_be_read_is_read_again(browser: Browser, served: Any, tmp_path: Path) -> None:
+    site = served("atlas", history_file=str(tmp_path / "history.db"))
+    stored(site, "atlas", -7200.0, -6000.0, 10.0)
+    site.observe(50.0)
+    browser.open(site.url)
+    browser.click(".signal-name")
+    buttons = "[...document.querySelectorAll('.ranges button')]"
+    browser.run("window.realFetch = window.fetch; window.fetch = () => Promise.reject(new TypeError('offline'))")
+    browser.run(f"{buttons}[5].click()")
+    browser.wait_for_text(".ranges .error-text", "The history cannot be read: no answer from the monitor")
+    browser.run("window.fetch = window.realFetch")
+    site.pass_time(11.0)
+    plot = "document.querySelector('.plot').plot"
+    browser.wait_for(f"{plot}.view.to - {plot}.view.from > 29 * 86400 && {plot}.signal.width === 3600")
+    assert browser.texts(".ranges .error-text") == [""]
+
+
 def test_a_robot_shows_its_main_values_and_the_levels_of_the_last_day(
     browser: Browser, served: Any, tmp_path: Path
 ) -> None:
@@ -664,8 +681,8 @@ def test_the_page_of_a_stale_alert_shows_the_last_samples_before_it(
     assert labels[1].startswith("rate, half an hour before and after: 0 to 0, 1 alert.")  # the rate
     around = "document.querySelectorAll('#alert-page .plot')[1]"
     assert browser.run(f"return {around}.plot.signal.levels.map(([, level]) => level)") == ["WARN", "STALE", ""]
-    # Hatched: the values after the last period, and the levels before the first and after the last one.
-    assert browser.run(f"return {around}.querySelectorAll('rect[fill*=unknown]').length") == 3
+    # Hatched: values and levels after the last period.
+    assert browser.run(f"return {around}.querySelectorAll('rect[fill*=unknown]').length") == 2
 
 
 def test_the_page_of_an_alert_without_any_sample_says_so(browser: Browser, served: Any, tmp_path: Path) -> None:
