@@ -40,9 +40,11 @@ class Refused(Exception):
 def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = COMMANDS) -> List[Path]:
     """Makes a release of the branch that is checked out; returns the files to upload. Raises Refused."""
     _check_repository(repository, version)
+    identity = _identity(repository)
+    begun = _git(repository, "rev-parse", "HEAD")
     with tempfile.TemporaryDirectory() as place:
         clone = Path(place, "clone")
-        _git(Path(place), "clone", "--quiet", str(repository), str(clone))
+        _git(Path(place), "clone", "--quiet", *identity, str(repository), str(clone))
         _check_documents(clone)
         _prepare(clone, version)
         for command in commands:
@@ -50,8 +52,11 @@ def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = 
         built = clone / "dist"
         built.mkdir(exist_ok=True)
         names = sorted(file.relative_to(built) for file in built.rglob("*") if file.is_file())
-        _git(repository, "fetch", "--quiet", str(clone), "HEAD", f"refs/tags/{version}:refs/tags/{version}")
+        if _git(repository, "rev-parse", "HEAD") != begun or _git(repository, "status", "--porcelain"):
+            raise Refused("this repository was changed meanwhile; run make release again")
+        _git(repository, "fetch", "--quiet", "--no-tags", str(clone), "HEAD")
         _git(repository, "merge", "--quiet", "--ff-only", "FETCH_HEAD")
+        _git(repository, "fetch", "--quiet", "--no-tags", str(clone), f"refs/tags/{version}:refs/tags/{version}")
         target = repository / "dist"
         shutil.copytree(built, target, dirs_exist_ok=True)
     sums = "".join(f"{hashlib.sha256((target / name).read_bytes()).hexdigest()}  {name}\n" for name in names)
@@ -79,6 +84,17 @@ def _check_repository(repository: Path, version: str) -> None:
     end = _NEXT_SECTION.search(text, begin.end())
     if "* " not in text[begin.end() : end.start() if end else len(text)]:
         raise Refused("CHANGELOG.rst: expected lines that begin with * in the section Forthcoming, got none")
+
+
+def _identity(repository: Path) -> List[str]:
+    """Returns the options with which a clone commits under the same name as the repository."""
+    try:
+        found = re.match("(.*) <(.*)> ", _git(repository, "var", "GIT_COMMITTER_IDENT"))
+    except Refused:
+        found = None
+    if found is None:
+        raise Refused("git does not know who commits; set user.name and user.email by git config")
+    return ["--config", f"user.name={found[1]}", "--config", f"user.email={found[2]}"]
 
 
 def _number(version: str) -> Tuple[int, ...]:

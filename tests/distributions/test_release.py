@@ -139,3 +139,25 @@ def test_a_test_that_fails_leaves_nothing_behind(repository: Path) -> None:
         release(repository, "1.0.0", [BUILDS, ["false"]])
     assert (git(repository, "rev-parse", "HEAD"), git(repository, "tag")) == (before, "")
     assert not (repository / "dist").exists()
+
+
+def test_who_commits_may_be_known_to_this_repository_only(repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("AUTHOR_NAME", "AUTHOR_EMAIL", "COMMITTER_NAME", "COMMITTER_EMAIL"):
+        monkeypatch.delenv(f"GIT_{variable}")
+    monkeypatch.setenv("GIT_CONFIG_GLOBAL", "/dev/null")
+    monkeypatch.setenv("GIT_CONFIG_SYSTEM", "/dev/null")
+    git(repository, "config", "user.useConfigOnly", "true")
+    with pytest.raises(Refused, match=r"^git does not know who commits; set user\.name and user\.email by git config$"):
+        release(repository, "1.0.0", [BUILDS])
+    git(repository, "config", "user.name", "Ann Maintainer")
+    git(repository, "config", "user.email", "ann@robots.dev")
+    release(repository, "1.0.0", [BUILDS])
+    assert git(repository, "log", "-1", "--format=%an %ae") == "Ann Maintainer ann@robots.dev"
+
+
+@pytest.mark.parametrize("change", ["git commit --quiet --allow-empty --message later", "touch later.py"])
+def test_a_change_while_the_tests_run_is_no_release(repository: Path, change: str) -> None:
+    with pytest.raises(Refused, match=r"^this repository was changed meanwhile; run make release again$"):
+        release(repository, "1.0.0", [BUILDS, ["sh", "-c", f"cd '{repository}' && {change}"]])
+    assert git(repository, "tag") == ""
+    assert not (repository / "dist").exists()

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import List, Set
 
 import pytest
+from harness.packaging_workspace import version
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (".", "docs", "docs/reference", "tests", "examples", "benchmarks", "config")
 PAGES = [page for folder in FOLDERS for page in sorted((ROOT / folder).glob("*.md"))]
+CHANGES = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
 
 
 def without_code(page: Path) -> str:
@@ -76,7 +78,12 @@ def test_a_file_that_is_named_exists(page: str) -> None:
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
+def test_the_changelog_begins_with_what_is_new_or_with_this_version() -> None:
+    latest, *former = re.findall(r"^(\S.*)\n-+$", CHANGES, re.MULTILINE)
+    assert re.fullmatch(rf"Forthcoming|{re.escape(version())} \(\d{{4}}-\d\d-\d\d\)", latest)
+    assert "Forthcoming" not in former
+
+
 def test_the_first_release_takes_nothing_back() -> None:
-    changes = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
-    assert changes.count("Forthcoming") == 1
-    assert re.findall(r"\b(?:no longer|is gone|are gone|removed|deprecated)\b", changes) == []
+    first = re.split(r"^\S.*\n-+$", CHANGES, flags=re.MULTILINE)[-1]
+    assert re.findall(r"\b(?:no longer|is gone|are gone|removed|deprecated)\b", first) == []
