@@ -1,6 +1,7 @@
 """The commands of the README of `robot-health export fleet`, run as printed; what they install then works.
 
 Only /etc and /var become folders of the test, and what changes a machine is recorded: apt-get, systemctl, groups.
+With https, the certificate of the centre is real, of an authority that only this test's agents trust.
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ import os
 import re
 import shlex
 import shutil
+import ssl
 import subprocess
 import urllib.error
 import urllib.request
 from pathlib import Path
-from typing import Dict, Iterator, List
+from typing import Iterator, List
 
 import pytest
 from harness.prometheus_server import needs_prometheus
@@ -42,12 +44,14 @@ STANDINS = {
 class Installed:
     """What the commands have installed, and what they asked of the machine."""
 
-    def __init__(self, root: Path, port: int, address: str) -> None:
+    def __init__(self, root: Path, scheme: str, address: str) -> None:
         """Exports the files, and runs the commands."""
         self.root = root
-        self.port = port
+        self.port = port = free_port()
+        self._receiver = f"{scheme}://localhost:{port}"
+        self._trusted = ""
         config = load_config({"signals": {"battery_level": {"warn_below": 20.0}}})
-        settings = FleetSettings(f"http://127.0.0.1:{port}/api/v1/write", 86_400.0, 1.0, 900.0, [address])
+        settings = FleetSettings(f"{self._receiver}/api/v1/write", 86_400.0, 1.0, 900.0, [address])
         exported = export_fleet(settings, [Judged("robot_health", config, ())]).files
         write_files(str(root / "out"), exported)
         for name, text in STANDINS.items():
@@ -57,6 +61,9 @@ class Installed:
                 (root / "bin" / name).chmod(0o755)
         for folder in ("etc/systemd/system", "etc/robot-health"):  # the second is the monitor's own
             (root / folder).mkdir(parents=True)
+        if scheme == "https":
+            (root / "etc/robot-health-centre").mkdir()
+            self._trusted = certify(root / "etc/robot-health-centre", root / "authority")
         commands = [each for each in re.findall(r"`([^`]+)`", exported["README.md"]) if " " in each]
         assert len(commands) == 12, commands
         environment = {"PATH": f"{root / 'bin'}:{os.environ['PATH']}", "DONE": str(root / "done")}
@@ -66,8 +73,8 @@ class Installed:
         self.password = (root / "etc/robot-health/receiver.password").read_text().strip()
         self._processes: List[subprocess.Popen[bytes]] = []
 
-    def start(self, unit: str) -> None:
-        """Starts the command of an installed unit."""
+    def start(self, unit: str, *, trusting: bool = True) -> None:
+        """Starts the command of an installed unit, on a machine that trusts the authority of the centre."""
         text = (self.root / f"etc/systemd/system/{unit}.service").read_text()
         for old, new in {
             "=/etc/": f"={self.root}/etc/",
@@ -79,7 +86,7 @@ class Installed:
             text = text.replace(old, new)
         command = re.search(r"ExecStart=((?:.|\\\n)*?)\nExec", text)
         assert command is not None
-        environment: Dict[str, str] = {}
+        environment = {"SSL_CERT_FILE": self._trusted if trusting else "/dev/null", "SSL_CERT_DIR": "/nonexistent"}
         for file in re.findall(r"EnvironmentFile=(.+)", text):
             environment.update(line.split("=", 1) for line in Path(file).read_text().splitlines())
         with (self.root / f"{unit}.log").open("wb") as log:
@@ -89,11 +96,12 @@ class Installed:
     def query(self, user: str, password: str) -> str:
         """Returns the result of a query, or the code of a refusal."""
         manager = urllib.request.HTTPPasswordMgrWithPriorAuth()
-        url = f"http://127.0.0.1:{self.port}/api/v1/query?query=robot_health_value&nocache=1"
+        url = f"{self._receiver}/api/v1/query?query=robot_health_value&nocache=1"
         manager.add_password(None, url, user, password, is_authenticated=True)
-        handler = urllib.request.HTTPBasicAuthHandler(manager)
+        tls = urllib.request.HTTPSHandler(context=ssl.create_default_context(cafile=self._trusted or None))
+        basic = urllib.request.HTTPBasicAuthHandler(manager)
         try:
-            opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), handler)
+            opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), tls, basic)
             with opener.open(url, timeout=10.0) as answer:
                 text: str = answer.read().decode()
                 return text
@@ -110,11 +118,25 @@ class Installed:
         self._processes.clear()
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installed]:
+def certify(centre: Path, authority: Path) -> str:
+    """Makes an authority, and a certificate of it for the centre; returns the file that clients must trust."""
+    authority.mkdir()
+    key = ["openssl", "req", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-x509"]
+    ca = ["-keyout", str(authority / "ca.key"), "-out", str(authority / "ca.crt"), "-subj", "/CN=authority"]
+    ca += ["-addext", "keyUsage=critical,keyCertSign"]
+    own = ["-CA", str(authority / "ca.crt"), "-CAkey", str(authority / "ca.key"), "-subj", "/CN=localhost"]
+    own += ["-addext", "subjectAltName=DNS:localhost", "-addext", "basicConstraints=critical,CA:FALSE"]
+    files = ["-keyout", str(centre / "tls.key"), "-out", str(centre / "tls.crt")]
+    for command in ([*key, *ca], [*key, *own, *files]):
+        subprocess.run(command, check=True, capture_output=True, timeout=60)
+    return str(authority / "ca.crt")
+
+
+@pytest.fixture(scope="module", params=["http", "https"])
+def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installed]:
     folder = tmp_path_factory.mktemp("installed")
     robot = Scraped(lambda: b'robot_health_value{robot="r1",signal="battery_level"} 80\n')
-    made = Installed(folder, free_port(), robot.address)
+    made = Installed(folder, request.param, robot.address)
     for file in (folder / "etc").rglob("*.y*ml"):  # the folders that files name
         file.write_text(file.read_text().replace(" /etc/", f" {folder}/etc/"))
     yield made
@@ -170,5 +192,19 @@ def test_what_is_installed_receives_from_a_robot_with_the_password_and_from_no_o
     try:
         until(lambda: '"r1"' in installed.query("robots", installed.password), lambda: installed.query("robots", "x"))
         assert installed.query("robots", "wrong") == "401"
+    finally:
+        installed.end()
+
+
+@pytest.mark.parametrize("agent", ["robot-health-agent", "robot-health-vmagent"])
+@pytest.mark.parametrize("installed", ["https"], indirect=True)
+def test_an_agent_gives_its_password_to_no_centre_whose_certificate_it_does_not_trust(
+    installed: Installed, agent: str
+) -> None:
+    installed.start("robot-health-prometheus")
+    installed.start(agent, trusting=False)
+    try:
+        log = installed.root / f"{agent}.log"
+        until(lambda: "certificate signed by unknown authority" in log.read_text(), log.read_text)
     finally:
         installed.end()
