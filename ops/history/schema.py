@@ -289,7 +289,8 @@ def version_of(connection: sqlite3.Connection) -> int:
         raise UnknownSchemaError("it is an SQLite database, but not a history")
     if version > SCHEMA_VERSION:
         raise UnknownSchemaError(
-            f"it was written by a newer version (schema {version}; this version knows up to {SCHEMA_VERSION})"
+            f"it was written by a newer version (schema {version}; this version knows up to {SCHEMA_VERSION}): "
+            "install that version again, or name another file"
         )
     return version
 
