@@ -39,7 +39,7 @@ def test_rules_are_written_on_stdout_and_what_they_lack_on_stderr(robot_health: 
 
     assert code == 0
     assert err == ["WARN: battery_level WARN: not expressed: latch: the alert ends when the rule no longer fires"]
-    assert '          min by (robot, signal) (robot_health_value{robot=~"r1|r2", signal="battery_level"}) < 20' in out
+    assert '          min by (robot, signal) (robot_health_value{robot=~"r1|r2", signal="battery_level"} < 20)' in out
     assert "    interval: 5s" in out
 
 
