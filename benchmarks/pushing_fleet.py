@@ -60,6 +60,8 @@ class Scraped:
     def __init__(self, exposition: Callable[[], bytes]) -> None:
         """Serves what `exposition` returns; it is called in several threads."""
         self.series: Dict[str, int] = {}
+        self.exposition = exposition
+        """Call it to ask without being counted."""
         self._lock = threading.Lock()
         self._stopped = False
         owner = self

@@ -86,7 +86,7 @@ class Robot:
     def serves(self) -> bool:
         """Returns whether it has started."""
         try:
-            return b"robot_health_value" in get(f"http://{self.scraped.address}/")
+            return b"robot_health_value" in self.scraped.exposition()
         except OSError:
             return False
 
@@ -123,8 +123,6 @@ def measure(folder: Path, number: int, length_s: float) -> Dict[str, object]:
     cut, wrong, others = robots[:tenth], robots[tenth : 2 * tenth], robots[2 * tenth :]
     try:
         until(lambda: all(robot.serves() for robot in robots), limit_s=300.0)
-        for robot in robots:
-            robot.scraped.series.clear()
         config = load_config({"signals": SIGNALS})
         with pushing_fleet(folder, config, free_port, interval_s=INTERVAL_S) as fleet:
             for unit in ("alertmanager", "prometheus"):
