@@ -264,7 +264,8 @@ API: Mapping[str, Mapping[str, str]] = {
         "message": "reason for the level",
         "hint": "why there are no samples, such as `no publisher on /battery`, or why the statistic is questionable; "
         "may be empty. Show `message [hint]`",
-        "since": "since when the level has lasted",
+        "since": "since when the level has lasted, by the present wall clock: a clock that is set moves it, so the age "
+        "is right",
         "silenced": "`null`, or why and until when notifications are suppressed",
         "bounds": "in the unit of the statistic: `level`, `side`, `value`; `clears`: where the alert ends (hysteresis)",
         "window": "at most 300 samples of the window, extremes kept, oldest first. If the statistic is not `last`, its "

@@ -215,6 +215,13 @@ def duration(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def robot_name(text: str) -> str:
+    """Accepts the name of a robot."""
+    if not text.isprintable():
+        raise argparse.ArgumentTypeError(f"expected printable text, got {text!r}")
+    return text
+
+
 def port(text: str) -> int:
     """Returns the number of a port; 0 is one too."""
     if not (text.isascii() and text.isdigit()) or len(text) > 5 or int(text) > 65535:

@@ -13,7 +13,7 @@ from robot_health_monitor.ops.configuration import ServerOptions
 from robot_health_monitor.runtime.interrupts import Interrupts
 from robot_health_monitor.runtime.tokens import TokenFiles
 
-from .arguments import Parser, add_monitoring_options, add_token_file, find_installed, port
+from .arguments import Parser, add_monitoring_options, add_token_file, find_installed, port, robot_name
 from .embedded import EmbeddedMonitor, sections_of_nodes
 from .exit_codes import ExitCode
 from .live_session import choose_output, run_session, served
@@ -29,7 +29,9 @@ def add_arguments(parser: Parser) -> None:
         "Runs battery_sensor, aggregator and alert_system in one process, without ROS, and serves them to "
         "rosbridge clients. Shows a live table on a terminal and plain lines in a pipe."
     )
-    parser.add_argument("--robot", metavar="NAME", default="", help="name of the robot (default: the host name)")
+    parser.add_argument(
+        "--robot", metavar="NAME", type=robot_name, default="", help="name of the robot (default: the host name)"
+    )
     parser.add_argument(
         "--source",
         choices=("simulated", "host", "none"),

@@ -23,6 +23,8 @@ from ..plot import plot_bounds
 MOST_SAMPLES = 300  # of one signal in an answer
 _OFFSET_TOLERANCE_S = 0.25
 """Wall time and the monitor's time may drift apart by this much before samples get other wall times."""
+_CLOCK_SET_S = 1.0
+"""A wall clock that moved by more against the steady clock was set: levels began at other wall times."""
 
 Json = Dict[str, Any]
 _OwnFault = Tuple[Optional[str], str, Fault]  # robot (None: the process), part, fault
@@ -98,15 +100,21 @@ class RobotReader:
     """Reads the state of one robot. May be used in any thread."""
 
     def __init__(
-        self, alert_system: AlertSystem, own_state: OwnState, wall_time_s: Callable[[], float] = time.time
+        self,
+        alert_system: AlertSystem,
+        own_state: OwnState,
+        wall_time_s: Callable[[], float] = time.time,
+        steady_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Reads nothing yet; `wall_time_s` returns seconds since 1970."""
+        """Reads nothing yet; `wall_time_s` returns seconds since 1970, `steady_s` monotonic seconds."""
         self.alert_system = alert_system
         self._own_state = own_state
         self._wall_time_s = wall_time_s
+        self._steady_s = steady_s
         self._lock = threading.Lock()
         self._known: Dict[str, _Known] = {}
         self._offset_s = math.nan
+        self._started_s = math.nan  # wall time at 0 of the steady clock
 
     def state(self, *, window: bool) -> Json:
         """Returns the robot's state as in `/api/state`; its samples only with `window`."""
@@ -147,9 +155,13 @@ class RobotReader:
         return unit, plot_bounds(config), config.forecast_s
 
     def _follow_clock(self, now_s: float) -> None:
-        offset_s = self._wall_time_s() - now_s
+        wall_s = self._wall_time_s()
+        offset_s, started_s = wall_s - now_s, wall_s - self._steady_s()
         if not abs(offset_s - self._offset_s) <= _OFFSET_TOLERANCE_S:  # also the first time
             self._offset_s = offset_s
+        if not abs(started_s - self._started_s) <= _CLOCK_SET_S:
+            self._started_s = started_s
+            self._known.clear()
 
     def _robot(self, monitor: Monitor, judgements: Mapping[str, Judgement], *, window: bool) -> Json:
         signals = {}

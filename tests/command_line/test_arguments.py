@@ -112,6 +112,7 @@ def test_connect_takes_several_addresses() -> None:
         (["run", "--duration", "0"], "--duration"),
         (["run", "--duration", "nan"], "--duration"),
         (["run", "--source", "imagined"], "--source"),
+        (["run", "--robot", "a\nb"], r"robot-health run: argument --robot: expected printable text, got 'a\nb'; see"),
         (["run", "--jso"], "robot-health run: unrecognized arguments: --jso; see robot-health run --help"),
         (["silence", "list", "--jso"], "robot-health silence list: unrecognized arguments: --jso; see"),
         (["connect"], "robot-health connect: expected the URL of a robot, or --fleet FILE; see robot-health connect"),

@@ -94,6 +94,7 @@ export class AlertPage {
     form.addEventListener("submit", async (event) => {
       event.preventDefault();
       setText(problem, "");
+      button.disabled = true;
       remember(AUTHOR, author.value.trim());
       try {
         const {note} = await request("api/note", {id: alert.id, text: text.value, author: author.value.trim()});
@@ -102,6 +103,7 @@ export class AlertPage {
       } catch (error) {
         setText(problem, `Failed: ${error.message}`);
       }
+      button.disabled = false;
     });
     return form;
   }

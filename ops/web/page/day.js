@@ -1,8 +1,8 @@
 /* The bar of a robot's last 24 hours: one cell per 15 minutes, as /api/history/levels has them. */
 import {addSvg, setAttribute} from "./elements.js";
-import {KINDS, kindOfLevel, rankOf} from "./levels.js";
+import {KINDS, rankOf} from "./levels.js";
 
-const LEVELS = {O: "OK", W: "WARN", E: "ERROR", S: "STALE"};
+const LETTERS = {O: "ok", W: "warn", E: "error", S: "stale"};
 /** Levels differ in height, not in colour alone. */
 const HEIGHT = {ok: 4, warn: 8, stale: 10, error: 12};
 const FULL = 12;
@@ -21,12 +21,12 @@ export function showDay(svg, cells) {
   svg.replaceChildren();
   let x = 0;
   for (const [run] of cells.matchAll(/(.)\1*/g)) {
-    const kind = LEVELS[run[0]] ? kindOfLevel(LEVELS[run[0]]) : "unknown", height = HEIGHT[kind] || FULL;
+    const kind = LETTERS[run[0]] || "unknown", height = HEIGHT[kind] || FULL;
     addSvg(svg, "rect", {class: `cell ${kind}`, x, width: run.length, y: FULL - height, height});
     x += run.length;
   }
   const hours = (letter) => `${[...cells].filter((each) => each === letter).length / 4} h`;
-  const parts = Object.keys(LEVELS).filter((letter) => cells.includes(letter)).map((letter) => [letter, kindOfLevel(LEVELS[letter])])
+  const parts = Object.keys(LETTERS).filter((letter) => cells.includes(letter)).map((letter) => [letter, LETTERS[letter]])
     .sort(([, one], [, other]) => rankOf(one) - rankOf(other)).map(([letter, kind]) => `${KINDS.get(kind)} ${hours(letter)}`);
   if (cells.includes("-")) parts.push(`unknown ${hours("-")}`);
   setAttribute(svg, "aria-label", `last 24 hours: ${parts.join(", ") || "unknown"}`);

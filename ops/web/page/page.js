@@ -181,7 +181,7 @@ class Page {
       byId(each).hidden = !this.hasState || each !== this.view;
       setAttribute(byId("tabs").querySelector(`[href="#${each}"]`), "aria-current", each === this.view ? "page" : null);
     }
-    if (!this.isLive || location.hash === this.shown) return;
+    if (!this.hasState || location.hash === this.shown) return;
     this.shown = location.hash;
     this.loadAlerts();
     if (view === "robots" && name) this.robots.open(name);

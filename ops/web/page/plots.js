@@ -100,11 +100,11 @@ export class WindowPlot {
   }
 
   noteLevel(signal, kind) {
-    const level = LEVEL_OF_KIND[kind] || "", last = this.levels[this.levels.length - 1];
-    if (last && last[1] === level) return;
-    const since = seconds(signal.since);
-    if (!Number.isNaN(since)) this.levels.push([Math.max(since, last ? last[0] : -Infinity), level]);
-    if (this.levels.length > MOST_LEVELS) this.levels.shift();
+    const {levels} = this, level = LEVEL_OF_KIND[kind] || "", since = seconds(signal.since), last = levels[levels.length - 1] || [];
+    if (since < last[0]) levels.length = 0;  // the clock was set back
+    else if (level === last[1] || Number.isNaN(since)) return;
+    levels.push([since, level]);
+    if (levels.length > MOST_LEVELS) levels.shift();
   }
 }
 

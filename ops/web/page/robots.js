@@ -44,11 +44,11 @@ class RobotRow {
   }
 
   showValues() {
-    const {signals, show} = this.robot.data;
-    const shown = (show || []).filter((name) => name in signals && name !== LINK && !["waiting", "unknown"].includes(this.robot.kinds.get(name)));
+    const {data: {signals, show}, kinds} = this.robot;
+    const shown = (show || []).filter((name) => name in signals && name !== LINK && !["waiting", "unknown"].includes(kinds.get(name)));
     setChildren(this.values, shown.map((name) => {
       const {text, value, unit} = signals[name];
-      return make("span", {}, isolated(name), " ", make("b", {}, withDegrees(text ?? valueText(value, unit)) || "–"), " ");
+      return make("span", {}, isolated(name), " ", make("b", {}, kinds.get(name) === "stale" ? "STALE" : withDegrees(text ?? valueText(value, unit)) || "–"), " ");
     }));
     const cells = this.page.robots && this.page.robots.days[this.robot.name];
     setAttribute(this.day, "hidden", cells ? null : "");

@@ -392,6 +392,34 @@ def test_a_robot_shows_its_main_values_and_the_levels_of_the_last_day(
     assert heights[:4] == ["cell unknown", "cell ok", "cell error", "cell unknown"]
 
 
+def test_a_main_value_that_is_stale_is_not_shown_as_if_it_were_present(browser: Browser, served: Any) -> None:
+    site = served("atlas", signals=SIGNALS)
+    site.observe(50.0)
+    site.observe(99.0, "temperature")
+    for _ in range(8):  # no more of the battery
+        site.observe(99.0, "temperature")
+    browser.open(site.url)
+    browser.wait_for_text(".main-values", "temperature 99 °C")
+    assert browser.texts(".main-values")[0].strip() == "battery_level STALE temperature 99 °C"
+
+
+def test_a_wall_clock_that_is_set_moves_levels_with_the_samples(browser: Browser, served: Any) -> None:
+    site = served("atlas")
+    for _ in range(30):
+        site.observe(50.0)
+    browser.open(site.url)
+    browser.click(".signal-name")
+    plot = "document.querySelector('.plot').plot"
+    browser.wait_for(f"{plot} && {plot}.times.length === 30")
+    for hours in (-1, 2):
+        site.do(lambda robots, hours=hours: setattr(robots, "wall_offset_s", robots.wall_offset_s + hours * 3600.0))
+        start_s = START_S + 1.0 + (3600.0 if hours > 0 else -3600.0)  # as if the clock had always been so
+        browser.wait_for(f"Math.abs({plot}.times[0] - {start_s}) < 1")
+        browser.wait_for(f"{plot}.signal.levels.length === 1 && {plot}.signal.levels[0][0] <= {start_s}")
+        browser.wait_for("document.querySelector('.signal .since').textContent === '30 s'")
+        assert browser.run(f"return {plot}.signal.levels[0][1]") == "OK"
+
+
 SOON: Mapping[str, Any] = {
     "statistic": "forecast",
     "unit": "degC",
@@ -630,6 +658,12 @@ def test_an_alert_has_its_own_page(browser: Browser, served: Any, tmp_path: Path
     browser.type(".note-form input:nth-of-type(2)", "ana")
     browser.click(".note-form button")
     browser.wait_for_text(".notes li", f"wheel was blocked {HOSTILE}")
+    slow = "const {fetch} = window; window.sent = 0; window.fetch = (...all) => (sent++, new Promise((done) =>"
+    browser.run(f"{slow} (window.answer = () => done(fetch(...all)))));")
+    browser.type(".note-form input", "once")
+    browser.find(".note-form input").send_keys(Keys.ENTER, Keys.ENTER)  # the second while the first is sent
+    assert browser.run("const count = sent; answer(); return count;") == 1
+    browser.wait_for("document.querySelectorAll('.notes li').length === 2")
     browser.open(address)  # a colleague
     browser.wait_for_text(".notes li", "ana, ")
     browser.click("#all-alerts a")
@@ -707,6 +741,10 @@ def test_the_page_of_an_alert_is_loaded_again_after_a_lost_connection(
     browser.wait_for_text("#alert-page", "The alert cannot be shown: no answer from the monitor")
     browser.run("window.fetch = window.realFetch; document.getElementById('retry').click()")
     browser.wait_for_text(".alert-title", "battery_level WARN: 19 % is below 20 %")
+    site.close()
+    browser.wait_for("document.body.className === 'lost'")
+    browser.run("location.hash = '#alerts/2'")  # not the alert before under the address of another one
+    browser.wait_for_text("#alert-page", "The alert cannot be shown: no answer from the monitor")
 
 
 def test_the_start_page_has_the_recent_alerts(browser: Browser, served: Any, tmp_path: Path) -> None:

@@ -64,13 +64,27 @@ def test_a_link_that_is_down_is_the_cause_and_the_others_are_unreachable() -> No
     assert (signal["level"], signal["state"], signal["value"]) == ("STALE", "unreachable", 19.0)
 
 
-def test_since_does_not_change_with_the_drift_of_clocks_nor_when_the_wall_clock_is_set() -> None:
+def test_since_does_not_change_with_the_drift_of_simulated_time() -> None:
     robots = Robots()
     robots.observe(19.0)
-    state = reader(robots)
+    steady_s = 7.0
+    state = RobotReader(robots.all[0], OwnState(lambda: robots.all, dict), robots.wall_s, lambda: steady_s)
     before = state.state(window=False)["since"]
-    robots.wall_offset_s += 3600.0
-    assert state.state(window=False)["since"] == before
+    for _ in range(60):  # simulated time stands still
+        steady_s += 1.0
+        robots.wall_offset_s += 1.0
+        assert state.state(window=False)["since"] == before
+
+
+def test_a_wall_clock_that_is_set_makes_no_level_older() -> None:
+    robots = Robots()
+    robots.observe(19.0)
+    state = RobotReader(robots.all[0], OwnState(lambda: robots.all, dict), robots.wall_s, lambda: robots.bus.now_s)
+    assert state.state(window=False)["since"] == "2026-11-22T05:06:40.000Z"
+    robots.at(105.0)
+    robots.wall_offset_s += 3600.0  # at 05:06:45, set to 06:06:45
+    assert state.state(window=False)["since"] == "2026-11-22T06:06:40.000Z"
+    assert state.state(window=False)["signals"]["battery_level"]["since"] == "2026-11-22T06:06:40.000Z"
 
 
 def test_bounds_apply_to_the_statistic() -> None:
