@@ -21,7 +21,12 @@ ROOT = Path(__file__).resolve().parent
 sys.path.append(str(ROOT / "tests"))
 
 from harness.interpreters import find_pythons  # noqa: E402  # found through the line above
-from harness.requirements import recordings_requirements, runtime_requirements, test_requirements  # noqa: E402
+from harness.requirements import (  # noqa: E402
+    ROS2_WHEELS,
+    recordings_requirements,
+    runtime_requirements,
+    test_requirements,
+)
 
 RESULTS = ROOT / ".venv" / "results"
 SESSION_TIMEOUT = "40m"
@@ -90,16 +95,6 @@ DEBIAN_TOOLS = [
     "systemd",
 ]
 """What `make deb` builds and checks with."""
-
-ROS2_WHEELS = [
-    "ros-jazzy-rclpy",
-    "ros-jazzy-rmw-fastrtps-cpp",
-    "ros-jazzy-std-msgs",
-    "ros-jazzy-diagnostic-msgs",
-    "ros-std-srvs==5.3.6",
-    "ros-sensor-msgs==5.3.6",
-]
-"""ROS 2 from PyPI, for machines without Jazzy."""
 
 KILTED_WHEELS = [
     "ros-kilted-rclpy",

@@ -112,7 +112,7 @@ def _source_distribution(archive: bytes, metadata: bytes, folder: Path, time_s: 
 
 
 def _with_sbom(wheel: Path, folder: Path, time_s: int) -> Path:
-    """Writes a wheel anew: sorted, with one time, and with an SBOM in its metadata."""
+    """Rewrites a wheel: sorted, with one time, and with an SBOM in its metadata."""
     date_time = time.gmtime(time_s)[:6]
     target = folder / wheel.name
     with zipfile.ZipFile(wheel) as found, WheelFile(str(target), "w", compression=zipfile.ZIP_DEFLATED) as written:
@@ -147,7 +147,7 @@ def main() -> None:
     """Builds and checks both; prints their sizes and hashes."""
     changed = _git(ROOT, "status", "--porcelain")
     if changed:
-        print("WARN: uncommitted changes are not in it: the last commit is built", file=sys.stderr)
+        print("WARN: builds the last commit; uncommitted changes are not included", file=sys.stderr)
     files = build(Path(sys.argv[1]))
     check(files)
     for file in files:

@@ -2,7 +2,7 @@
 
     python3 release/make_release.py VERSION
 
-It works in a new clone: sets the version, turns `Forthcoming` of the changelog into the release, generates documents,
+In a new clone it sets the version, turns `Forthcoming` of the changelog into the release, generates documents,
 commits and tags, runs every test, and builds what is uploaded. The commit and the tag come into the repository at the
 end only, so that a release that fails leaves nothing behind.
 """
@@ -34,7 +34,7 @@ COMMANDS: Sequence[Sequence[str]] = (("make", "test"), *([("make", "deb")] if os
 
 
 class Refused(Exception):
-    """There can be no release; `str()` is one line that says why."""
+    """The release is refused; `str()` is one line with the reason."""
 
 
 def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = COMMANDS) -> List[Path]:
@@ -75,8 +75,9 @@ def _check_repository(repository: Path, version: str) -> None:
         raise Refused(f"expected a version above {present}, got {version}")
     if _git(repository, "tag", "--list", version):
         raise Refused(f"the tag {version} exists already")
-    for placeholder in manifest.placeholders(package):
-        raise Refused(placeholder)
+    placeholders = manifest.placeholders(package)
+    if placeholders:
+        raise Refused(placeholders[0])
     text = (repository / "CHANGELOG.rst").read_text("utf-8")
     begin = _FORTHCOMING.search(text)
     if begin is None:
@@ -93,7 +94,7 @@ def _identity(repository: Path) -> List[str]:
     except Refused:
         found = None
     if found is None:
-        raise Refused("git does not know who commits; set user.name and user.email by git config")
+        raise Refused("git does not know who commits; set user.name and user.email with git config")
     return ["--config", f"user.name={found[1]}", "--config", f"user.email={found[2]}"]
 
 

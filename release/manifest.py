@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MANIFEST = ROOT / "package.xml"
 
 _PLACEHOLDER = re.compile(r"[\w.@/:+-]*\b(example\.(com|net|org)|[\w-]+\.(example|invalid|test))\b[\w./-]*")
-"""Addresses that never exist (RFC 2606)."""
+"""Domains reserved for examples (RFC 2606)."""
 _ROLES = ("build_depend", "buildtool_depend", "exec_depend", "test_depend")
 
 
@@ -39,7 +39,7 @@ def keys(role: str = "exec_depend", condition: str = "") -> List[str]:
 
 
 def placeholders(manifest: Path = MANIFEST) -> List[str]:
-    """Returns one line for each address that nobody can reach; a release must have none."""
+    """Returns one line for each placeholder address; a release must have none."""
     lines = re.sub(r"<!--.*?-->", _blank, manifest.read_text("utf-8"), flags=re.DOTALL).splitlines()
     return [
         f"{manifest.name}:{number}: {found[0]} is a placeholder; expected a real address"

@@ -109,7 +109,7 @@ def conditions(signal: SignalConfig, recorded: RecordedAlert, stored: Mapping[st
 
 
 def _assumed_text(names: Iterable[str]) -> str:
-    return f"samples of {list_text(sorted(names))} are not stored: values that meet the condition stand for them"
+    return f"samples of {list_text(sorted(names))} are not stored; values that meet the condition are assumed"
 
 
 def _value_for(condition: Condition, *, holds: bool) -> float:
@@ -151,10 +151,10 @@ def attempts(signal: SignalConfig, recorded: RecordedAlert) -> Iterator[Attempt]
             held = f"where samples are not stored, {what} is repeated ({duration_text(held_s)} in all)"
             pasts.append(Attempt(joined, _remarks(bad_remark, held if held_s else "")))
     yield from sorted(pasts, key=lambda past: past.remark != bad_remark)  # what is recorded completely, first
-    recorded_text = f"recorded are the {duration_text(-base[0][0])} before it"
+    recorded_text = f"{duration_text(-base[0][0])} before the alert are recorded"
     for samples, text in filter(lambda found: found[0], _preceded(signal, recorded, base, step_s)):
         seconds = duration_text(base[0][0] - samples[0][0])
-        yield Attempt([*samples, *base], _remarks(bad_remark, f"{recorded_text}; {text} for {seconds} before them"))
+        yield Attempt([*samples, *base], _remarks(bad_remark, f"{recorded_text}; {text} for {seconds} before that"))
 
 
 def window_begin_s(signal: SignalConfig, recorded: RecordedAlert) -> Optional[float]:
@@ -233,15 +233,18 @@ def _preceded(
             times = _times_s(from_s, min(begin_s, -for_s) - step_s / 4.0, step_s)
             if for_s and -for_s < begin_s - step_s / 4.0:
                 times += _times_s(-for_s, begin_s, step_s)
-            for value, text in ((first, "the first value is repeated"), (judged, "its own value is repeated")):
+            for value, text in ((first, "the first value is repeated"), (judged, "the value of the alert is repeated")):
                 if not math.isnan(value):
                     yield [(time_s, value) for time_s in times], text
             if slope:
                 trend = [(time_s, first + slope * (time_s - begin_s)) for time_s in times]
-                yield trend, "their trend is continued"
+                yield trend, "the trend is continued"
     if recorded.before and recorded.before[-1].is_invalid(signal):
         needed_s = signal.invalid_for_s + 2.0
-        yield [(time_s, math.nan) for time_s in _times_s(begin_s - needed_s, begin_s, step_s)], "bad samples stand"
+        yield (
+            [(time_s, math.nan) for time_s in _times_s(begin_s - needed_s, begin_s, step_s)],
+            "bad samples are assumed",
+        )
     # A course that gives the level before, until the samples, or until it must have left the window.
     longest_s = max(signal.for_s, signal.error_for_s) + window_min_s + signal.window_s + 2.0 * step_s + 2.0
     ends_s = {begin_s: None}
@@ -330,7 +333,7 @@ def _slope(samples: Samples) -> float:
 
 def _arrivals(signal: SignalConfig, recorded: RecordedAlert) -> Iterator[Attempt]:
     """Yields arrivals at assumed times, in stages that have the recorded rates or gaps."""
-    remark = "the times of arrivals are not stored: even ones stand for them"
+    remark = "arrival times are not stored; evenly spaced ones are assumed"
     sample = min(max(1.0, signal.valid_min or 1.0), signal.valid_max or math.inf)
     is_gap = signal.statistic == "largest_gap_s"
     stored = [value for _, value in recorded.samples if _is_positive(value)]

@@ -70,7 +70,7 @@ class BatterySensor:
         }
         named = {*configuration.METRICS, *(tree.get(configuration.HOST_SECTION) or {})}
         self._of_preset = {metric for metric in metrics if metric not in named}
-        """Metrics that nobody has asked for by name: that this machine lacks them is no warning."""
+        """Metrics that only `host_preset` adds: one that this machine lacks is logged as INFO, not as WARN."""
         self._simulated = [metric for metric, kind in self._kinds.items() if kind == "simulated"]
         self._middleware.advertise(node.SIMULATED_SENSORS, node.STRING_TYPE, latched=True)
         self._topics = {metric: self._middleware.advertise(metric, node.FLOAT_TYPE) for metric in metrics}

@@ -100,8 +100,8 @@ def complete(path: str) -> bool:
                 os.unlink(target)
     except BaseException as error:
         with contextlib.suppress(OSError):
-            os.unlink(target)  # the disk may be full
-        if not isinstance(error, (ValueError, struct.error)):  # else a number in it is out of range
+            os.unlink(target)
+        if not isinstance(error, (ValueError, struct.error)):  # these: a number in the file is out of range
             raise
     os.unlink(path + PART)
     return os.path.exists(path)

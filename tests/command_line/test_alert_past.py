@@ -28,7 +28,7 @@ def each_second(first_s: float, last_s: float, value: float) -> List[Tuple[float
 def joined(signal: SignalConfig, recorded: RecordedAlert) -> List[Attempt]:
     """Returns the attempts that have earlier windows."""
     found = list(attempts(signal, recorded))
-    return [each for each in found[1:] if "recorded are the" not in each.remark]
+    return [each for each in found[1:] if "before the alert are recorded" not in each.remark]
 
 
 def test_the_first_attempt_is_what_is_recorded() -> None:

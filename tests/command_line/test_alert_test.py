@@ -155,7 +155,7 @@ def test_what_is_assumed_is_one_comment_line(tmp_path: Path, capsys: pytest.Capt
     file = watched(tmp_path / "history.db", signals, "b", every_second([25.0] * 5 + [19.5] * 40))
     text = written(capsys, file, 1)
     (comment,) = [line for line in text.splitlines()[1:] if line.startswith("#")]
-    assert comment.startswith("# Assumed: recorded are the 10 s before it; the first value is repeated for ")
+    assert comment.startswith("# Assumed: 10 s before the alert are recorded; the first value is repeated for ")
     passes(capsys, tmp_path, text)
 
 

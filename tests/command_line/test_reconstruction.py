@@ -66,7 +66,7 @@ def test_the_series_of_a_condition_is_that_of_its_samples() -> None:
 def test_a_condition_without_samples_is_assumed_to_be_met() -> None:
     samples = [(100.0 + number, 25.0 if number < 10 else 15.0) for number in range(11)]
     found = reconstruct(load_config({"signals": SIGNALS}), recorded_alert(samples, 100.0))
-    assert found.remark == "samples of driving are not stored: values that meet the condition stand for them"
+    assert found.remark == "samples of driving are not stored; values that meet the condition are assumed"
     assert found.series["driving"] == [1.5] * 11
     assert [(alert.at_s, alert.signal, alert.level) for alert in found.alerts] == [(10.0, "b", Level.WARN)]
 

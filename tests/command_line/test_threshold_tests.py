@@ -6,10 +6,9 @@ import math
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Optional, Tuple
+from typing import Any, List, Mapping, Optional, Tuple
 
 import pytest
-from harness.line_process import LineProcess
 
 from robot_health_monitor.core import Level, load_config
 from robot_health_monitor.core.errors import ConfigError
@@ -23,42 +22,7 @@ from robot_health_monitor.threshold_tests import (
     run_test,
 )
 
-Start = Callable[..., LineProcess]
 PROMTOOL = shutil.which("promtool")
-
-THRESHOLDS = """
-alert_system:
-  ros__parameters:
-    signals:
-      battery_level: {unit: "%", warn_below: 20.0, for_s: 5.0}
-      temperature: {warn_above: 80.0}
-"""
-
-TESTS = """
-thresholds: thresholds.yaml
-tests:
-  - name: a sag under load is no alert
-    interval_s: 1.0
-    input: {battery_level: "25x9 15x3 25x10"}
-    alerts: []
-  - name: a low battery is one WARN
-    interval_s: 1.0
-    input: {battery_level: "25x9 15x60"}
-    alerts: [{at_s: 15.0, signal: battery_level, level: WARN}]
-"""
-
-
-@pytest.fixture
-def files(tmp_path: Path) -> Path:
-    (tmp_path / "thresholds.yaml").write_text(THRESHOLDS)
-    (tmp_path / "passes.yaml").write_text(TESTS)
-    (tmp_path / "fails.yaml").write_text(TESTS.replace("at_s: 15.0", "at_s: 14.0"))
-    (tmp_path / "invalid.yaml").write_text(TESTS.replace("25x9", "25y9"))
-    return tmp_path
-
-
-def lines(process: LineProcess, stream: str) -> List[str]:
-    return [line.text for line in process.lines if line.stream == stream]
 
 
 def elements_tested(tmp_path: Path, text: str) -> List[str]:

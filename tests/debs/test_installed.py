@@ -21,20 +21,13 @@ from typing import Dict, Iterator, List
 import pytest
 from harness.debian_root import DebianRoot
 from harness.packaging_workspace import NAME, NODES, ROOT, source_modules, version
+from harness.requirements import ROS2_WHEELS
 from harness.reserved import free_port, ros2_domain
 
 DIST = ROOT / "dist" / "debian"
 BLOOM_TAGS = ["dir-or-file-in-opt", "package-installs-python-pycache-dir", "python3-script-but-no-python3-dep"]
 """Errors of lintian that bloom makes in every package with Python: it is installed to /opt/ros, its modules are
 compiled, and rosdep has no key for python3 alone, which comes with the other dependencies."""
-ROS2_WHEELS = [
-    "ros-jazzy-rclpy",
-    "ros-jazzy-rmw-fastrtps-cpp",
-    "ros-jazzy-std-msgs",
-    "ros-jazzy-diagnostic-msgs",
-    "ros-std-srvs==5.3.6",
-    "ros-sensor-msgs==5.3.6",
-]
 
 pytestmark = pytest.mark.skipif(
     os.geteuid() != 0 or not shutil.which("mmdebstrap"), reason="a new Debian needs root and mmdebstrap"

@@ -147,7 +147,9 @@ def test_who_commits_may_be_known_to_this_repository_only(repository: Path, monk
     monkeypatch.setenv("GIT_CONFIG_GLOBAL", "/dev/null")
     monkeypatch.setenv("GIT_CONFIG_SYSTEM", "/dev/null")
     git(repository, "config", "user.useConfigOnly", "true")
-    with pytest.raises(Refused, match=r"^git does not know who commits; set user\.name and user\.email by git config$"):
+    with pytest.raises(
+        Refused, match=r"^git does not know who commits; set user\.name and user\.email with git config$"
+    ):
         release(repository, "1.0.0", [BUILDS])
     git(repository, "config", "user.name", "Ann Maintainer")
     git(repository, "config", "user.email", "ann@robots.dev")

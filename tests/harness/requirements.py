@@ -1,4 +1,4 @@
-"""Reads the lists in setup.py, which is the only place that holds them: requirements and top-level folders."""
+"""What the tests install: the lists in setup.py, its only place for requirements and folders, and ROS 2 from PyPI."""
 
 from __future__ import annotations
 
@@ -7,6 +7,16 @@ from pathlib import Path
 from typing import Any, List
 
 ROOT = Path(__file__).resolve().parents[2]
+
+ROS2_WHEELS = [
+    "ros-jazzy-rclpy",
+    "ros-jazzy-rmw-fastrtps-cpp",
+    "ros-jazzy-std-msgs",
+    "ros-jazzy-diagnostic-msgs",
+    "ros-std-srvs==5.3.6",
+    "ros-sensor-msgs==5.3.6",
+]
+"""ROS 2 from PyPI, for machines without Jazzy."""
 
 
 def runtime_requirements() -> List[str]:
