@@ -368,7 +368,7 @@ def require_ros1(session: nox.Session) -> None:
 
 
 def note_newest_python(session: nox.Session) -> None:
-    """Tells tests/conftest.py where the tests run that do not depend on the version of Python."""
+    """Names the session that runs the tests that do not depend on the version of Python, for tests/conftest.py."""
     if session.python != NEWEST:
         session.env["NEWEST_PYTHON_SESSION"] = f"{session.name.rpartition('-')[0]}-{NEWEST}"
 

@@ -2,8 +2,8 @@
 
     python docs/list_names.py
 
-A test compares the file with the code. Names may be added at any time. Once the version is 1.0.0, a name leaves the
-file only with a new major version: this program refuses to remove it.
+A test compares the file with the code. Names may be added at any time. From version 1.0.0 on, a name
+may be removed only with a new major version; otherwise this program refuses to remove it.
 """
 
 from __future__ import annotations

@@ -74,14 +74,14 @@ def _add_fleet_arguments(fleet: Parser) -> None:
         default="",
         help="a fleet.yaml: its robots must report (default: those that reported in the last 24 h)",
     )
-    fleet.add_argument("--receiver", metavar="URL", required=True, help="of the centre's remote write, in full")
+    fleet.add_argument("--receiver", metavar="URL", required=True, help="full URL of the centre's remote write")
     fleet.add_argument("--to", metavar="FOLDER", required=True, help="folder to write the files to")
     fleet.add_argument(
         "--outage",
         metavar="TIME",
         type=duration,
         default=86_400.0,
-        help="longest outage after which nothing is lost (default: 24h)",
+        help="longest outage in which no data are lost (default: 24h)",
     )
     fleet.add_argument(
         "--interval", metavar="SECONDS", type=seconds, default=15.0, help="interval of scrapes (default: 15)"
@@ -91,7 +91,7 @@ def _add_fleet_arguments(fleet: Parser) -> None:
         metavar="TIME",
         type=duration,
         default=900.0,
-        help="silence of a robot that is an alert (default: 15m)",
+        help="time without a report after which a robot is an alert (default: 15m)",
     )
     fleet.add_argument(
         "--monitor",
@@ -108,7 +108,7 @@ def _add_policy_arguments(sros2: Parser) -> None:
         "--sensors",
         choices=("simulated", "host", "none"),
         default="simulated",
-        help="the launch argument (default: simulated)",
+        help="the launch argument sensors (default: simulated)",
     )
     sros2.add_argument(
         "--remap",
@@ -118,7 +118,7 @@ def _add_policy_arguments(sros2: Parser) -> None:
         default=[],
         help="name that the launch file remaps (repeatable)",
     )
-    sros2.add_argument("--ops", metavar="FILE", default="", help="the ops.yaml: topics of a black box, the server")
+    sros2.add_argument("--ops", metavar="FILE", default="", help="an ops.yaml: its black box and its server")
     sros2.add_argument(
         "--enclave", metavar="PATH", default="", help="the enclave (default: health_monitor in the namespace)"
     )
