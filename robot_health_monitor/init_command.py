@@ -15,6 +15,7 @@ from .arguments import Parser, add_namespace, add_token_file, seconds
 from .exit_codes import ExitCode
 
 _SHORTEST_S = 1.0
+_USUAL_S = 60.0
 
 
 def add_arguments(parser: Parser) -> None:
@@ -33,7 +34,11 @@ def add_arguments(parser: Parser) -> None:
         "sourced here)",
     )
     parser.add_argument(
-        "--seconds", metavar="SECONDS", type=seconds, default=60.0, help="how long to listen (default: 60)"
+        "--seconds",
+        metavar="SECONDS",
+        type=seconds,
+        default=_USUAL_S,
+        help=f"how long to listen (default: {_USUAL_S:g})",
     )
     parser.add_argument("--ros1", action="store_true", help="listen over ROS 1, if both are there")
     parser.add_argument("--ros2", action="store_true", help="listen over ROS 2, if both are there")
@@ -72,8 +77,11 @@ def run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     proposed = proposal.result()
     heard = f"{count_text(len(proposal.topics), 'topic')}, {count_text(proposal.samples, 'message')}"
     if not proposed.signals:
-        reasons = sorted(proposed.not_watched.items())
+        # First a topic that has messages, but not enough.
+        reasons = sorted(proposed.not_watched.items(), key=lambda item: (item[1].startswith("no "), item))
         more = f" ({reasons[0][0]}: {reasons[0][1]})" if reasons else ""
+        if proposal.samples and listened_s < _USUAL_S:
+            more += f"; --seconds {_USUAL_S:g} listens longer"
         raise ServiceError(f"nothing to watch on {robot}: {heard} in {duration_text(listened_s)}{more}")
     if watched is not None:
         watched.remove_from(proposed)

@@ -67,6 +67,19 @@ def test_a_robot_behind_rosbridge_gets_a_file_that_check_accepts(
     assert not any("battery_level_rate" in line for line in out(watched))
 
 
+def test_what_was_heard_for_too_short_a_time_is_said_with_what_to_do(robot_health: Start, tmp_path: Path) -> None:
+    port = reserved.free_port()
+    file = tmp_path / "robot.yaml"
+    file.write_text(FAST.replace("PORT", str(port)).replace("20.0", "2.0"))
+    robot_health("run", "--thresholds", file, "--port", port).wait_for_text("battery_sensor")
+    process = robot_health("init", f"127.0.0.1:{port}", "--seconds", "3")
+    assert process.wait() == 3, process.text
+    (line,) = err(process)
+    assert re.search(
+        r"\(/battery_level: \d messages in \d s; expected at least 20\); --seconds 60 listens longer$", line
+    )
+
+
 def test_progress_is_shown_on_a_terminal_and_an_interrupt_ends_the_listening(
     on_terminal: Any, robot: str, tmp_path: Path
 ) -> None:
