@@ -175,7 +175,7 @@ def schedule(
         steps.append(Step(down_s + 30.0, lambda: fleet.start("prometheus")))
     lasts_s = length_s / 10.0
     for number, robot in enumerate(robots):
-        # One that nobody hears of is no alert late: those of robots that are cut off come before or after.
+        # An alert must come and go while its robot is connected, or it would not be sent: before the cut, or after it.
         free = [(0.02, 0.25), (0.6, 0.8)] if number < len(proxies) else [(0.02, 0.8)]
         begin_s = length_s * chance.uniform(*chance.choice(free))
         steps.append(Step(begin_s, lambda robot=robot: robot.set_temperature(ALERTING_DEGC)))

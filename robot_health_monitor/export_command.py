@@ -84,7 +84,7 @@ def _add_fleet_arguments(fleet: Parser) -> None:
         help="longest outage in which no data are lost (default: 24h)",
     )
     fleet.add_argument(
-        "--interval", metavar="SECONDS", type=seconds, default=15.0, help="interval of scrapes (default: 15)"
+        "--interval", metavar="SECONDS", type=seconds, default=15.0, help="scrape interval (default: 15)"
     )
     fleet.add_argument(
         "--silent-after",

@@ -39,7 +39,7 @@ def add_history_options(parser: argparse.ArgumentParser) -> None:
 
 def add_author(parser: argparse.ArgumentParser) -> None:
     """Adds the option for `author_of`."""
-    parser.add_argument("--author", metavar="NAME", help="who (default: the login name)")
+    parser.add_argument("--author", metavar="NAME", help="author (default: the login name)")
 
 
 def author_of(arguments: argparse.Namespace) -> str:

@@ -34,13 +34,16 @@ def add_arguments(parser: Parser) -> None:
         help="the alert, as `history` shows it (41 or #41), or the .mcap file of a black box",
     )
     parser.add_argument(
-        "--number", metavar="N", type=_number, help="with --from-alert FILE: which of its alerts, if it has several"
+        "--number",
+        metavar="N",
+        type=_number,
+        help="with --from-alert FILE: number of the alert, of several",
     )
     parser.add_argument(
         "--thresholds",
         metavar="FILE",
-        help="with --from-alert: the path that the test names, relative to the current folder, where the test belongs "
-        "(default: it contains the thresholds in force then)",
+        help="with --from-alert: a thresholds.yaml that the test names in place of the thresholds in force then; save "
+        "the test in the current folder, because paths are relative to it",
     )
     add_history_options(parser)
     parser.check = _check_task

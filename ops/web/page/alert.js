@@ -60,7 +60,7 @@ export class AlertPage {
       make("section", {}, make("h3", {}, "Notes"), this.notes, this.form(alert)),
     ].filter((each) => each));
     if (past.samples.some(([, value]) => value !== null)) drawEvidence(window, past);
-    else window.append("There was none.");
+    else window.append("No samples.");
     alert.notes.forEach((note) => this.addNote(note));
     this.drawAround(around, past, time / 1000);
   }

@@ -725,7 +725,7 @@ def test_the_page_of_an_alert_without_any_sample_says_so(browser: Browser, serve
     browser.open(f"{site.url}#alerts/1")
     browser.wait_for_text(".alert-title", "battery_level STALE: no sample since the start")
     browser.wait_for_text("#alert-page", "The history has no samples of this time.")
-    assert browser.texts("#alert-page section")[0] == "Samples in the windowThere was none."
+    assert browser.texts("#alert-page section")[0] == "Samples in the windowNo samples."
     assert browser.run("return document.querySelectorAll('#alert-page svg.shape + * ~ .plot svg').length") == 0
 
 
