@@ -76,7 +76,7 @@ def test_what_was_heard_for_too_short_a_time_is_said_with_what_to_do(robot_healt
     assert process.wait() == 3, process.text
     (line,) = err(process)
     assert re.search(
-        r"\(/battery_level: \d messages in \d s; expected at least 20\); --seconds 60 listens longer$", line
+        r"\(/battery_level: \d messages in [\d.]+ s; expected at least 20\); --seconds 60 listens longer$", line
     )
 
 
