@@ -98,7 +98,7 @@ class McapFile(ChunkedFile):
         for index in StreamReader(io.BytesIO(summary), skip_magic=True).records:
             if not isinstance(index, AttachmentIndex) or index.name not in (THRESHOLDS, STATE):
                 continue
-            if index.length > _LARGEST_ATTACHMENT:
+            if not _PREFIX_SIZE < index.length <= _LARGEST_ATTACHMENT:
                 raise Damaged(f"an attachment of {index.length} bytes")
             file.seek(index.offset + _PREFIX_SIZE)
             found = McapAttachment.read(ReadDataStream(io.BytesIO(file.read(index.length - _PREFIX_SIZE))))

@@ -303,11 +303,12 @@ class Ros2Middleware(NativeNode):
         return types[0] if types else ""
 
     def _check_publishers(self) -> None:
-        """Starts subscriptions whose type is known by now; makes those best effort whose publishers require it.
+        """Starts subscriptions whose type is known by now; makes those best effort or volatile that must be.
 
         A best-effort subscription receives from both kinds of publishers, but loses messages on a bad network. So a
         subscription is reliable until a best-effort publisher (sensor-data QoS) appears. DDS has an event for that, but
-        each event handler costs time for every message of the node.
+        each event handler costs time for every message of the node. Likewise, a subscription that receives what was
+        published before it began does not hear volatile publishers.
         """
         with self._lock:
             for subscription in self._subscriptions:
@@ -318,13 +319,20 @@ class Ros2Middleware(NativeNode):
                         self._start(subscription, type_name)
                     except ConfigError as error:
                         self.log(Severity.ERROR, str(error))
-            for channel in self._channels.values():
-                if not channel.is_best_effort:
-                    topic, _, _ = channel.key
-                    unheard = self.node.count_publishers(topic) > channel.native.get_publisher_count()
-                    if unheard and has_best_effort(self.node, topic):
-                        self.node.destroy_subscription(channel.native)
-                        self._open(channel)
+            for channel in tuple(self._channels.values()):
+                topic, cls, _ = channel.key
+                unheard = self.node.count_publishers(topic) > channel.native.get_publisher_count()
+                if not unheard:
+                    continue
+                own = (topic, cls, False)
+                becomes_volatile = channel.may_be_volatile and own not in self._channels
+                if becomes_volatile and not are_latched(self.node, topic):
+                    del self._channels[channel.key]
+                    channel.key, self._channels[own] = own, channel
+                elif channel.is_best_effort or not has_best_effort(self.node, topic):
+                    continue
+                self.node.destroy_subscription(channel.native)
+                self._open(channel)
 
 
 def _arrival(native: Any) -> float:
@@ -364,6 +372,11 @@ class _Channel:
     native: Any = None
     is_best_effort: bool = False
     readers: Tuple[Subscription, ...] = ()
+
+    @property
+    def may_be_volatile(self) -> bool:
+        """Whether it receives latched messages only because all publishers were latched when it began."""
+        return self.key[2] and all(reader.is_raw or not reader.is_latched for reader in self.readers)
 
 
 class _Timer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -122,3 +123,26 @@ def test_only_chunks_with_wanted_messages_are_unpacked(tmp_path: Path) -> None:
     file = McapFile(write_mcap(tmp_path / "a.mcap", messages, compression="zstd", chunk_size=500))
     (wanted,) = [channel for channel in file.channels if channel.topic == "/y"]
     assert len(list(file.messages({wanted: "y"}))) == 100
+
+
+@pytest.mark.parametrize(("offset", "length"), [(9, 2**64 - 1), (17, 0), (17, 8), (17, 2**40)])
+def test_an_attachment_of_an_impossible_place_or_size_is_not_read(tmp_path: Path, offset: int, length: int) -> None:
+    """A size below that of a record's prefix would read all that follows, of a file of any size."""
+    from mcap.opcode import Opcode
+    from mcap.writer import Writer
+
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, enable_crcs=False)
+        writer.start()
+        writer.add_attachment(0, 0, "thresholds.yaml", "text/yaml", b"signals: {}")
+        writer.finish()
+    assert McapFile(str(path)).attachments["thresholds.yaml"].text == "signals: {}"
+    data = bytearray(path.read_bytes())
+    # The name follows the prefix (9 bytes), four numbers of 8 bytes, the size of the data and its own (8 and 4).
+    index = data.rindex(b"thresholds.yaml") - 4 - 5 * 8 - 9
+    assert data[index] == Opcode.ATTACHMENT_INDEX
+    struct.pack_into("<Q", data, index + offset, length)
+    path.write_bytes(data)
+    file = McapFile(str(path))
+    assert (file.attachments, file.problem) == ({}, f"{path}: its summary is damaged: read to its end")

@@ -68,3 +68,31 @@ def test_what_was_published_on_a_latched_topic_is_received_raw(ros: Any, type_na
     ((data, schema_name),) = heard
     assert (data[-4:], schema_name) == (b"\x00\x00\x20\x40", "std_msgs/msg/Float32")
     ros._me.destroy_publisher(publisher)
+
+
+def test_a_volatile_publisher_that_replaces_a_latched_one_is_received(ros: Any) -> None:
+    """A signal that shares the black box's subscription would be STALE otherwise."""
+    from rclpy.qos import DurabilityPolicy
+    from std_msgs.msg import Float32
+
+    latched = publisher_of(ros, "/early", durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    latched.publish(Float32(data=2.5))
+    node = ros.node("alert_system", sim_time=False)
+    ros.wait_until(lambda: node.node.count_publishers("/early") == 1)
+    captured: List[float] = []
+    judged: List[float] = []
+    node.subscribe_raw("/early", FLOAT32, lambda message, now_s: captured.append(message[0][-1]))
+    node.subscribe("/early", FLOAT32, lambda value, now_s: judged.append(value), field="data")
+    ros.wait_until(lambda: bool(captured) and bool(judged))
+    volatile = publisher_of(ros, "/early")
+
+    def both_are_heard() -> bool:
+        volatile.publish(Float32(data=-2.0))
+        return captured[-1] == 0xC0 and judged[-1] == -2.0
+
+    ros.wait_until(both_are_heard)
+    assert judged.count(2.5) == 1, "the latched message was delivered again"
+    latched.publish(Float32(data=3.0))
+    ros.wait_until(lambda: 3.0 in judged)
+    for publisher in (latched, volatile):
+        ros._me.destroy_publisher(publisher)
