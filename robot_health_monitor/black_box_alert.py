@@ -17,9 +17,9 @@ from robot_health_monitor.recordings.judging import Judge, JudgedEvent
 from robot_health_monitor.recordings.middleware import Player, Subscription
 from robot_health_monitor.recordings.reading import Recordings
 
-from .alert_past import RecordedAlert, depends_on
-from .alert_test import FROM_ALERT, PastAlert, needed_settings
+from .alert_attempts import RecordedAlert, depends_on
 from .black_box_file import attached_file, attached_section, attached_states
+from .past_alert import FROM_ALERT, PastAlert, needed_settings
 
 _JUDGED = "black box"  # name of its configuration within `Judge`
 

@@ -13,13 +13,11 @@ from robot_health_monitor.core.signal_config import SignalConfig, template_name
 from robot_health_monitor.ops.history import queries, samples
 from robot_health_monitor.ops.history.rows import StoredTransition
 
-from .alert_past import RecordedAlert, Samples, depends_on
-from .alert_test import FROM_ALERT, PastAlert, needed_settings
+from .alert_attempts import LONGEST_BEFORE_S, SAME_TIME_S, RecordedAlert, Samples, depends_on
+from .past_alert import FROM_ALERT, PastAlert, needed_settings
 
 _MOST_BEFORE = 5
 _MOST_READ = 500
-_BEFORE_S = 3600.0
-_SAME_TIME_S = 0.001
 
 
 def history_alert(connection: sqlite3.Connection, number: int) -> PastAlert:
@@ -88,8 +86,8 @@ def _others(
                 connection,
                 robot=transition.robot,
                 signal=name,
-                since_s=transition.wall_s - _BEFORE_S,
-                until_s=transition.wall_s + _SAME_TIME_S,
+                since_s=transition.wall_s - LONGEST_BEFORE_S,
+                until_s=transition.wall_s + SAME_TIME_S,
             )
             named = [each for each in rows if (each.robot, each.signal) == (transition.robot, name)]
             found[name] = [

@@ -16,7 +16,7 @@ from robot_health_monitor.core.formatting import duration_text, list_text, numbe
 from robot_health_monitor.core.model import Level
 from robot_health_monitor.core.signal_config import LINK, LINK_CONFIG, SignalConfig, template_name
 
-from .alert_past import (
+from .alert_attempts import (
     SAME_TIME_S,
     Attempt,
     Conditions,
@@ -49,10 +49,6 @@ class Reconstruction(NamedTuple):
     """What is assumed beyond the recorded samples; empty: nothing."""
     missing: str
     """Why the alert does not occur; empty: it does."""
-
-    def test(self, name: str = "") -> ThresholdTest:
-        """Returns it as a test."""
-        return ThresholdTest(name, self.interval_s, self.series, self.alerts)
 
 
 class _Grid(NamedTuple):
@@ -161,14 +157,12 @@ class _Search:
         return f"{reason}; these samples give {happens or 'no alert'}"
 
 
-def reconstruct(
-    config: MonitorConfig, recorded: RecordedAlert, stored: Optional[Mapping[str, Samples]] = None
-) -> Reconstruction:
+def reconstruct(config: MonitorConfig, recorded: RecordedAlert, stored: Mapping[str, Samples]) -> Reconstruction:
     """Returns the series of the first attempt in which the alert occurs; else that of the recorded samples.
 
     `stored` has samples of the signals that its signal depends on, by their names: times in s since 1970.
     """
-    return _Search(config, recorded, stored or {}).found()
+    return _Search(config, recorded, stored).found()
 
 
 def _held(signal: SignalConfig, samples: Samples, grid: _Grid) -> Samples:

@@ -11,11 +11,11 @@ from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.runtime.interrupts import Interrupts
 from robot_health_monitor.runtime.libraries import RECORDINGS, libraries
 
-from .alert_test import alert_test
 from .arguments import Parser, alert_id, identifier
 from .exit_codes import ExitCode
 from .history_alert import history_alert
 from .history_file import add_history_options, history_file, reading_history
+from .past_alert import alert_test
 from .threshold_tests import Difference, compare, read_tests, run_test
 
 

@@ -1,4 +1,4 @@
-"""Recorded alerts occur again, over random thresholds, samples and ticks; test_alert_test.py has one case of each."""
+"""Recorded alerts occur again, over random thresholds, samples and ticks; test_past_alert.py has one case of each."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Dict, List, Tuple
 import pytest
 from harness.random_alerts import random_alerts
 
-from robot_health_monitor.alert_past import RecordedAlert
+from robot_health_monitor.alert_attempts import RecordedAlert
 from robot_health_monitor.core import Level, load_config
 from robot_health_monitor.reconstruction import reconstruct
-from robot_health_monitor.threshold_tests import run_test
+from robot_health_monitor.threshold_tests import ThresholdTest, run_test
 
 MISSING: Dict[str, Tuple[int, int]] = {
     "last": (6, 0), "mean": (3, 0), "min": (2, 0), "max": (2, 1), "stddev": (1, 0), "rate": (2, 0),
@@ -26,13 +26,13 @@ def test_an_alert_occurs_as_it_came_or_the_reason_is_named(statistic: str) -> No
     missing = total = 0
     for seed in range(seeds):
         for config, recorded, text in random_alerts(seed, statistic):
-            found = reconstruct(config, recorded)
+            found = reconstruct(config, recorded, {})
             total += 1
             if found.missing:
                 assert "these samples give" in found.missing
                 missing += 1
                 continue
-            alerts = run_test(config, found.test())
+            alerts = run_test(config, ThresholdTest("", found.interval_s, found.series, ()))
             assert alerts == list(found.alerts)
             levels = [Level.OK, *(alert.level for alert in alerts)]
             assert levels[-2:] == [recorded.from_level, recorded.to_level]
@@ -65,7 +65,7 @@ def test_the_series_of_a_condition_is_that_of_its_samples() -> None:
 
 def test_a_condition_without_samples_is_assumed_to_be_met() -> None:
     samples = [(100.0 + number, 25.0 if number < 10 else 15.0) for number in range(11)]
-    found = reconstruct(load_config({"signals": SIGNALS}), recorded_alert(samples, 100.0))
+    found = reconstruct(load_config({"signals": SIGNALS}), recorded_alert(samples, 100.0), {})
     assert found.remark == "samples of driving are not stored; values that meet the condition are assumed"
     assert found.series["driving"] == [1.5] * 11
     assert [(alert.at_s, alert.signal, alert.level) for alert in found.alerts] == [(10.0, "b", Level.WARN)]
@@ -86,6 +86,6 @@ def test_stored_values_of_a_condition_are_held_until_the_next_one() -> None:
 def test_samples_of_any_times_give_a_series_that_a_test_can_have(seed: int) -> None:
     chance = random.Random(seed)
     times = sorted(110.0 - chance.uniform(0.0, 20.0) for _ in range(chance.choice([1, 3, 200])))
-    found = reconstruct(load_config({"signals": SIGNALS}), recorded_alert([(each, 15.0) for each in times], 80.0))
+    found = reconstruct(load_config({"signals": SIGNALS}), recorded_alert([(each, 15.0) for each in times], 80.0), {})
     assert found.interval_s >= 0.001
     assert len({len(series) for series in found.series.values()}) == 1

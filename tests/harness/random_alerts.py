@@ -6,7 +6,7 @@ import math
 import random
 from typing import Any, Dict, Iterator, List, Tuple
 
-from robot_health_monitor.alert_past import RecordedAlert
+from robot_health_monitor.alert_attempts import RecordedAlert
 from robot_health_monitor.core import Sample, load_config
 from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.continuity import MAX_EVIDENCE

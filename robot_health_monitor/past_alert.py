@@ -16,7 +16,7 @@ from robot_health_monitor.core.formatting import count_text, printable
 from robot_health_monitor.core.kept_settings import settings_of
 from robot_health_monitor.core.signal_config import LINK, SignalConfig, template_name
 
-from .alert_past import RecordedAlert, Samples, depends_on
+from .alert_attempts import RecordedAlert, Samples, depends_on
 from .history_entries import time_text
 from .reconstruction import Reconstruction, reconstruct
 from .threshold_tests import compare, parse_tests, run_test

@@ -12,10 +12,10 @@ import pytest
 from harness.watched_signals import Timeline, every_second, watched
 
 from robot_health_monitor.__main__ import main
-from robot_health_monitor.alert_test import series_text
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.elements import DriverStatus
 from robot_health_monitor.history_file import change_history
+from robot_health_monitor.past_alert import series_text
 from robot_health_monitor.threshold_tests import parse_series, read_tests
 
 pytestmark = pytest.mark.usefixtures("utc")

@@ -6,7 +6,7 @@ from typing import Any, List, Sequence, Tuple
 
 import pytest
 
-from robot_health_monitor.alert_past import Attempt, RecordedAlert, attempts, conditions, window_begin_s
+from robot_health_monitor.alert_attempts import Attempt, RecordedAlert, attempts, conditions, window_begin_s
 from robot_health_monitor.core import Level
 from robot_health_monitor.core.signal_config import SignalConfig, read_signal
 

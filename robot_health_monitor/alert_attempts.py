@@ -19,7 +19,8 @@ from robot_health_monitor.core.signal_config import LINK, OF_ARRIVALS, Condition
 SAME_TIME_S = 0.002
 """Two times closer than this are the same: those of stored samples are rounded."""
 _MOST_ASSUMED = 3_000
-_LONGEST_BEFORE_S = 3600.0
+LONGEST_BEFORE_S = 3600.0
+"""How far before an alert samples are looked for."""
 _LONGEST_S = 50_000.0
 _MARGINS = (0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 4.0)
 """Distances of assumed values from a bound, relative to it."""
@@ -125,11 +126,11 @@ def attempts(signal: SignalConfig, recorded: RecordedAlert) -> Iterator[Attempt]
     if are_arrivals and recorded.to_level is not Level.STALE:
         yield from _arrivals(signal, recorded)
         return
-    longest_s = min(signal.window_s + signal.stale_after_s + _LONGEST_BEFORE_S, _LONGEST_S)
+    longest_s = min(signal.window_s + signal.stale_after_s + LONGEST_BEFORE_S, _LONGEST_S)
     base = [
         (min(time_s - recorded.wall_s, 0.0), value)
         for time_s, value in recorded.samples
-        if -longest_s < time_s - recorded.wall_s < _LONGEST_BEFORE_S
+        if -longest_s < time_s - recorded.wall_s < LONGEST_BEFORE_S
     ]
     if base and base[-1][0] > -SAME_TIME_S:
         base[-1] = (0.0, base[-1][1])
@@ -173,7 +174,7 @@ def _joined(
     """
     found: Dict[float, float] = {}
     known: List[Tuple[float, float]] = [_relative(recorded.known_s(signal), recorded.wall_s)]
-    used = [each for each in recorded.before[-number:] if each.wall_s > recorded.wall_s - _LONGEST_BEFORE_S]
+    used = [each for each in recorded.before[-number:] if each.wall_s > recorded.wall_s - LONGEST_BEFORE_S]
     for each in used:
         known.append(_relative(each.known_s(signal), recorded.wall_s))
         found.update((time_s - recorded.wall_s, value) for time_s, value in each.samples)
