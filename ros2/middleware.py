@@ -20,7 +20,15 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.field_path import ABSENT, Getter
-from robot_health_monitor.core.middleware import Callback, Message, OnChange, RawCallback, RawFormat, Severity
+from robot_health_monitor.core.middleware import (
+    Callback,
+    Message,
+    OnChange,
+    RawCallback,
+    RawFormat,
+    Severity,
+    canonical_type,
+)
 from robot_health_monitor.core.parameters import Parameter
 from robot_health_monitor.runtime.native_node import NativeNode
 
@@ -214,6 +222,7 @@ class Ros2Middleware(NativeNode):
         return resolved
 
     def _begin(self, subscription: Subscription, type_name: str) -> None:
+        subscription.follows_type = subscription.is_raw and not type_name
         type_name = type_name or self._type_of(subscription.topic)
         if type_name:
             self._start(subscription, type_name)
@@ -302,6 +311,14 @@ class Ros2Middleware(NativeNode):
         types = dict(self.node.get_topic_names_and_types()).get(topic, [])
         return types[0] if types else ""
 
+    def _new_type_of(self, subscription: Subscription) -> str:
+        """Returns the type of the publishers if none is heard because all have another type; else an empty text."""
+        topic, channel = subscription.topic, subscription.channel
+        if not subscription.follows_type or channel is None or channel.native.get_publisher_count():
+            return ""
+        types = {canonical_type(found.topic_type) for found in self.node.get_publishers_info_by_topic(topic)}
+        return "" if messages.type_name(channel.key[1]) in types else min(types, default="")
+
     def _check_publishers(self) -> None:
         """Starts subscriptions whose type is known by now; makes those best effort or volatile that must be.
 
@@ -312,9 +329,11 @@ class Ros2Middleware(NativeNode):
         """
         with self._lock:
             for subscription in self._subscriptions:
-                type_name = self._type_of(subscription.topic) if subscription.is_waiting else ""
+                is_waiting = subscription.is_waiting
+                type_name = self._type_of(subscription.topic) if is_waiting else self._new_type_of(subscription)
                 if type_name:
-                    subscription.is_waiting = False
+                    self._end(subscription)
+                    subscription.active, subscription.is_waiting = True, False
                     try:
                         self._start(subscription, type_name)
                     except ConfigError as error:
@@ -351,6 +370,8 @@ class Subscription:
     is_raw: bool = False
     """Whether the value is the whole message as bytes, with its format."""
     get: Getter = _arrival
+    follows_type: bool = False
+    """Whether it takes messages of any type, that of a publisher which restarts with another one, too."""
     needs_message: bool = False
     """Whether `get` reads from a message, not from its bytes."""
     active: bool = True

@@ -96,3 +96,23 @@ def test_a_volatile_publisher_that_replaces_a_latched_one_is_received(ros: Any) 
     ros.wait_until(lambda: 3.0 in judged)
     for publisher in (latched, volatile):
         ros._me.destroy_publisher(publisher)
+
+
+def test_a_publisher_that_comes_back_with_another_type_is_received_raw(ros: Any) -> None:
+    from std_msgs.msg import Float32, Int32
+
+    first = publisher_of(ros, "/changing")
+    node = ros.node("alert_system", sim_time=False)
+    ros.wait_until(lambda: node.node.count_publishers("/changing") == 1)
+    names: List[str] = []
+    node.subscribe_raw("/changing", "", lambda message, now_s: names.append(message[1].schema_name))
+
+    def heard(publisher: Any, message: Any, name: str) -> bool:
+        publisher.publish(message)
+        return name in names
+
+    ros.wait_until(lambda: heard(first, Float32(), "std_msgs/msg/Float32"))
+    ros._me.destroy_publisher(first)
+    second = ros._me.create_publisher(Int32, "/changing", 1)
+    ros.wait_until(lambda: heard(second, Int32(), "std_msgs/msg/Int32"))
+    ros._me.destroy_publisher(second)
