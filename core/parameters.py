@@ -78,9 +78,10 @@ class Parameter:
     def _hint(self, found: object) -> str:
         if isinstance(found, str) and self.kind in (int, float) and len(found) < 40:
             try:
-                return f"; YAML reads this as text, write {float(found)!r}"
+                number = float(found)
             except ValueError:
                 return ""
+            return f"; YAML reads this as text, write {number!r}" if math.isfinite(number) else ""
         if self.kind is str and not self.choices and isinstance(found, (bool, int, float, datetime.date)):
             return "; quote it"
         return ""

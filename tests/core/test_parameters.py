@@ -63,6 +63,8 @@ def test_what_is_allowed_is_taken_as_its_kind(parameter: Parameter, found: objec
         (NUMBER, "twenty", "expected a number, got 'twenty'"),
         (NUMBER, "20", "expected a number, got '20'; YAML reads this as text, write 20.0"),
         (NUMBER, "1e3", "expected a number, got '1e3'; YAML reads this as text, write 1000.0"),
+        (NUMBER, "1e400", "expected a number, got '1e400'"),  # infinite, which is not allowed either
+        (NUMBER, "nan", "expected a number, got 'nan'"),
         (NUMBER, True, "expected a number, got true"),
         (NUMBER, None, "expected a number, got nothing"),
         (NUMBER, [20.0], "expected a number, got [20.0]"),
