@@ -8,6 +8,7 @@
 # make dist    the wheel and the source distribution of the last commit, in dist/
 # make deb     the Debian packages, in dist/debian; each is installed, started and purged in a new root (as root)
 # make release VERSION=1.0.0   everything up to the upload: version, changelog, tag, every test, packages
+# make check-release VERSION=1.0.0   whether the commit that is checked out may be published: the release workflow asks
 #
 # Each sets up what it needs under .venv/. ARGS goes to the command: make run ARGS=--json, make test ARGS="ros1 ros2",
 # make test ARGS="core -- -k battery" (sessions of noxfile.py, then options of pytest).
@@ -20,7 +21,7 @@ NOX = .venv/nox/bin/nox
 NOX_REQUIREMENTS = nox 'virtualenv<21'
 PIP_INSTALL = bin/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: run test lint docs bench soak fuzz dist deb release
+.PHONY: run test lint docs bench soak fuzz dist deb release check-release
 
 run: .venv/run/installed
 	@.venv/run/bin/robot-health run $(ARGS)
@@ -46,6 +47,9 @@ soak fuzz dist deb: .venv/nox/installed
 
 release: .venv/nox/installed
 	@$(NOX) --session release -- $(VERSION)
+
+check-release: .venv/nox/installed
+	@$(NOX) --session release -- --check $(VERSION)
 
 .venv/run/installed: setup.py package.xml | .venv/run/bin/pip
 	@echo "installing the requirements into .venv/run" >&2

@@ -271,7 +271,7 @@ def dist(session: nox.Session) -> None:
 
 @nox.session(python=NEWEST)
 def release(session: nox.Session) -> None:
-    """Makes the release of a version, all but its upload."""
+    """Makes the release of a version, all but its upload; or checks a tag: `-- --check 1.0.0`."""
     set_up(session, {})
     session.run("python", "release/make_release.py", *session.posargs)
 

@@ -1,10 +1,12 @@
 """Makes a release, all but its upload; `make release VERSION=1.0.0` calls it.
 
     python3 release/make_release.py VERSION
+    python3 release/make_release.py --check VERSION    whether the commit checked out may be published as VERSION
 
 In a new clone it sets the version, turns `Forthcoming` of the changelog into the release, generates documents,
 commits and tags, runs every test, and builds what is uploaded. The commit and the tag come into the repository at the
-end only, so that a release that fails leaves nothing behind.
+end only, so that a release that fails leaves nothing behind. The release workflow checks the tag that was pushed, so
+that no tag made by hand is published.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import sys
 import tempfile
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import List, Sequence, Tuple
+from typing import List, Pattern, Sequence, Tuple
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -28,6 +30,9 @@ from release import manifest  # noqa: E402  # found through the line above
 _VERSION = re.compile(r"(0|[1-9]\d*)\.(0|[1-9]\d*)\.(0|[1-9]\d*)\Z")
 _FORTHCOMING = re.compile(r"^Forthcoming\n-+\n", re.MULTILINE)
 _NEXT_SECTION = re.compile(r"^\d+\.\d+\.\d+ \(", re.MULTILINE)
+_NEWS = re.compile(r"^\* ", re.MULTILINE)
+_ADDRESS = "<URL of this repository>"
+"""Stands in the documents for the address in package.xml."""
 GENERATORS = ("docs/generate.py", "docs/draw_structure.py", "docs/list_names.py")
 COMMANDS: Sequence[Sequence[str]] = (("make", "test"), *([("make", "deb")] if os.geteuid() == 0 else []))
 """They test everything, and leave in dist/ what is uploaded."""
@@ -64,27 +69,69 @@ def release(repository: Path, version: str, commands: Sequence[Sequence[str]] = 
     return [target / name for name in names]
 
 
+def check_tagged(repository: Path, version: str) -> None:
+    """Checks that what is checked out is what `release` made for a version. Raises Refused."""
+    _number(version)
+    _check_committed(repository)
+    package = repository / "package.xml"
+    present = manifest.text("version", package)
+    if present != version:
+        raise Refused(f"package.xml: expected version {version}, as the tag, got {present}")
+    if _git(repository, "rev-parse", "--verify", f"refs/tags/{version}^{{commit}}") != _git(
+        repository, "rev-parse", "HEAD"
+    ):
+        raise Refused(f"the tag {version} is another commit than the one that is checked out")
+    _check_placeholders(package)
+    changelog = (repository / "CHANGELOG.rst").read_text("utf-8")
+    if _FORTHCOMING.search(changelog):
+        raise Refused(f"CHANGELOG.rst: expected the section Forthcoming to be {version}; use make release")
+    if not _news(changelog, _section_of(version)):
+        raise Refused(f"CHANGELOG.rst: expected lines that begin with * in a section {version} (date), got none")
+    _check_documents(repository)
+
+
 def _check_repository(repository: Path, version: str) -> None:
     number = _number(version)
-    changed = _git(repository, "status", "--porcelain").splitlines()
-    if changed:
-        raise Refused(f"uncommitted changes, such as {changed[0][3:]}; commit or remove them")
+    _check_committed(repository)
     package = repository / "package.xml"
     present = manifest.text("version", package)
     if number <= _number(present):
         raise Refused(f"expected a version above {present}, got {version}")
     if _git(repository, "tag", "--list", version):
         raise Refused(f"the tag {version} exists already")
+    _check_placeholders(package)
+    changelog = (repository / "CHANGELOG.rst").read_text("utf-8")
+    if _FORTHCOMING.search(changelog) is None:
+        raise Refused("CHANGELOG.rst: expected a section Forthcoming with what is new")
+    if not _news(changelog, _FORTHCOMING):
+        raise Refused("CHANGELOG.rst: expected lines that begin with * in the section Forthcoming, got none")
+    if _section_of(version).search(changelog):
+        raise Refused(f"CHANGELOG.rst: has a section {version} already, beside Forthcoming")
+
+
+def _check_committed(repository: Path) -> None:
+    changed = _git(repository, "status", "--porcelain").splitlines()
+    if changed:
+        raise Refused(f"uncommitted changes, such as {changed[0][3:]}; commit or remove them")
+
+
+def _check_placeholders(package: Path) -> None:
     placeholders = manifest.placeholders(package)
     if placeholders:
         raise Refused(placeholders[0])
-    text = (repository / "CHANGELOG.rst").read_text("utf-8")
-    begin = _FORTHCOMING.search(text)
+
+
+def _section_of(version: str) -> Pattern[str]:
+    return re.compile(rf"^{re.escape(version)} \(\d{{4}}-\d\d-\d\d\)\n-+\n", re.MULTILINE)
+
+
+def _news(changelog: str, title: Pattern[str]) -> bool:
+    """Returns whether the section with this title says anything."""
+    begin = title.search(changelog)
     if begin is None:
-        raise Refused("CHANGELOG.rst: expected a section Forthcoming with what is new")
-    end = _NEXT_SECTION.search(text, begin.end())
-    if "* " not in text[begin.end() : end.start() if end else len(text)]:
-        raise Refused("CHANGELOG.rst: expected lines that begin with * in the section Forthcoming, got none")
+        return False
+    end = _NEXT_SECTION.search(changelog, begin.end())
+    return _NEWS.search(changelog, begin.end(), end.start() if end else len(changelog)) is not None
 
 
 def _identity(repository: Path) -> List[str]:
@@ -124,6 +171,11 @@ def _prepare(clone: Path, version: str) -> None:
     changelog.write_text(
         _FORTHCOMING.sub(f"{title}\n{'-' * len(title)}\n", changelog.read_text("utf-8"), count=1), "utf-8"
     )
+    address = manifest.urls(package)["repository"]
+    for page in clone.rglob("*.md"):
+        text = page.read_text("utf-8")
+        if _ADDRESS in text:
+            page.write_text(text.replace(_ADDRESS, address), "utf-8")
     for script in GENERATORS:
         _run(clone, [sys.executable, script])
     _git(clone, "commit", "--quiet", "--all", "--message", version)
@@ -146,12 +198,17 @@ def _git(folder: Path, *arguments: str) -> str:
 
 
 def main() -> int:
-    """Makes a release; returns the exit code."""
-    if len(sys.argv) != 2 or not sys.argv[1]:
+    """Makes a release, or checks one; returns the exit code."""
+    check = sys.argv[1:2] == ["--check"]
+    arguments = sys.argv[2:] if check else sys.argv[1:]
+    if len(arguments) != 1 or not arguments[0]:
         print("release: expected a version: make release VERSION=1.0.0", file=sys.stderr)
         return 2
-    version = sys.argv[1]
+    (version,) = arguments
     try:
+        if check:
+            check_tagged(ROOT, version)
+            return 0
         files = release(ROOT, version)
     except Refused as problem:
         print(f"release: {problem}", file=sys.stderr)

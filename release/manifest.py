@@ -26,9 +26,9 @@ def text(tag: str, manifest: Path = MANIFEST) -> str:
     return found
 
 
-def urls() -> Dict[str, str]:
+def urls(manifest: Path = MANIFEST) -> Dict[str, str]:
     """Returns the addresses of the project by type: website, bugtracker, repository."""
-    return {url.get("type", ""): url.text or "" for url in ElementTree.parse(MANIFEST).findall("url")}
+    return {url.get("type", ""): url.text or "" for url in ElementTree.parse(manifest).findall("url")}
 
 
 def keys(role: str = "exec_depend", condition: str = "") -> List[str]:

@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Callable, Dict
 
 import pytest
+import yaml
 
-from release.make_release import GENERATORS, Refused, release
+from release.make_release import GENERATORS, Refused, check_tagged, release
 
+ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ["sh", "-c", "mkdir -p dist && echo wheel > dist/a.whl"]
 PACKAGE = """<package format="3">
   <name>robot_health_monitor</name>
   <version>0.1.0</version>
   <maintainer email="somebody@robots.dev">Somebody</maintainer>
+  <url type="repository">https://robots.dev/monitor</url>
 </package>
 """
 CHANGELOG = """Changelog
@@ -47,6 +50,7 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "CHANGELOG.rst": CHANGELOG,
         ".gitignore": "/dist/\n",
         "docs/version.txt": "0.1.0\n",
+        "docs/install.md": "git clone <URL of this repository> monitor\n",
         **dict.fromkeys(GENERATORS, ""),
         GENERATORS[0]: (
             "import re, pathlib\n"
@@ -70,6 +74,7 @@ def test_a_release_is_a_commit_a_tag_and_files(repository: Path) -> None:
     assert check.returncode == 0
     assert "<version>1.0.0</version>" in (repository / "package.xml").read_text()
     assert (repository / "docs/version.txt").read_text() == "1.0.0\n"
+    assert (repository / "docs/install.md").read_text() == "git clone https://robots.dev/monitor monitor\n"
     changelog = (repository / "CHANGELOG.rst").read_text().splitlines()
     assert changelog[3].startswith("1.0.0 (20")
     assert changelog[4] == "-" * len(changelog[3])
@@ -114,6 +119,14 @@ def changed(name: str, old: str, new: str) -> Callable[[Path], None]:
         (
             changed("CHANGELOG.rst", "* A new thing.\n", ""), "1.0.0",
             "CHANGELOG.rst: expected lines that begin with * in the section Forthcoming, got none",
+        ),
+        (
+            changed("CHANGELOG.rst", "* A new thing.\n", "Nothing: 2 * 2 lines.\n"), "1.0.0",
+            "CHANGELOG.rst: expected lines that begin with * in the section Forthcoming, got none",
+        ),
+        (
+            changed("CHANGELOG.rst", "0.1.0 (2026-01-02)\n", "1.0.0 (2026-01-02)\n"), "1.0.0",
+            "CHANGELOG.rst: has a section 1.0.0 already, beside Forthcoming",
         ),
         (
             changed("docs/version.txt", "0.1.0", "0.0.9"), "1.0.0",
@@ -163,3 +176,86 @@ def test_a_change_while_the_tests_run_is_no_release(repository: Path, change: st
         release(repository, "1.0.0", [BUILDS, ["sh", "-c", f"cd '{repository}' && {change}"]])
     assert git(repository, "tag") == ""
     assert not (repository / "dist").exists()
+
+
+def test_what_make_release_tagged_may_be_published(repository: Path) -> None:
+    release(repository, "1.0.0", [BUILDS])
+    check_tagged(repository, "1.0.0")
+
+
+def tag_by_hand(repository: Path) -> None:
+    """The version in package.xml and the generated documents, but nothing else of `make release`."""
+    changed("package.xml", "0.1.0", "1.0.0")(repository)
+    changed("docs/version.txt", "0.1.0", "1.0.0")(repository)
+    git(repository, "tag", "1.0.0")
+
+
+def released_then(*changes: Callable[[Path], None]) -> Callable[[Path], None]:
+    """Returns a release with further commits, to which its tag was moved."""
+
+    def prepare(repository: Path) -> None:
+        release(repository, "1.0.0", [BUILDS])
+        for change in changes:
+            change(repository)
+        git(repository, "tag", "--force", "1.0.0")
+
+    return prepare
+
+
+@pytest.mark.parametrize(
+    ("prepare", "version", "problem"),
+    [
+        (released_then(), "1.0", "expected a version such as 1.0.0, got '1.0'"),
+        (
+            lambda repository: git(repository, "tag", "1.0.0"), "1.0.0",
+            "package.xml: expected version 1.0.0, as the tag, got 0.1.0",
+        ),
+        (tag_by_hand, "1.0.0", "CHANGELOG.rst: expected the section Forthcoming to be 1.0.0; use make release"),
+        (
+            released_then(changed("CHANGELOG.rst", "1.0.0 (", "0.9.0 (")), "1.0.0",
+            "CHANGELOG.rst: expected lines that begin with * in a section 1.0.0 (date), got none",
+        ),
+        (
+            released_then(changed("CHANGELOG.rst", "* A new thing.\n", "")), "1.0.0",
+            "CHANGELOG.rst: expected lines that begin with * in a section 1.0.0 (date), got none",
+        ),
+        (
+            released_then(changed("package.xml", "somebody@robots.dev", "somebody@robots.example")), "1.0.0",
+            "package.xml:4: somebody@robots.example is a placeholder; expected a real address",
+        ),
+        (
+            released_then(changed("docs/version.txt", "1.0.0", "0.9.0")), "1.0.0",
+            "docs/version.txt is out of date; run python docs/generate.py and commit",
+        ),
+        (
+            released_then(lambda repository: (repository / "new.py").write_text("")), "1.0.0",
+            "uncommitted changes, such as new.py; commit or remove them",
+        ),
+    ],
+)  # fmt: skip
+def test_a_tag_that_make_release_did_not_make_is_not_published(
+    repository: Path, prepare: Callable[[Path], object], version: str, problem: str
+) -> None:
+    prepare(repository)
+    with pytest.raises(Refused) as refused:
+        check_tagged(repository, version)
+    assert str(refused.value) == problem
+
+
+def test_a_tag_of_another_commit_is_not_published(repository: Path) -> None:
+    release(repository, "1.0.0", [BUILDS])
+    git(repository, "commit", "--quiet", "--allow-empty", "--message", "later")
+    with pytest.raises(Refused, match=r"^the tag 1\.0\.0 is another commit than the one that is checked out$"):
+        check_tagged(repository, "1.0.0")
+
+
+def test_the_workflow_builds_only_what_was_checked_and_tested_and_publishes_only_what_was_built() -> None:
+    jobs = yaml.safe_load((ROOT / ".github/workflows/release.yml").read_text())["jobs"]
+    steps = [step["run"] for step in jobs["build"]["steps"] if "run" in step]
+    assert steps == ['make check-release VERSION="$GITHUB_REF_NAME"', "make dist"]
+    assert jobs["test"]["uses"] == "./.github/workflows/ci.yml"
+    assert {name: job.get("needs") for name, job in jobs.items()} == {
+        "test": None, "build": "test", "attest": "build", "pypi": "attest", "github": "pypi",
+    }  # fmt: skip
+    called = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())
+    assert "workflow_call" in called[True]  # YAML 1.1 reads `on` as true
