@@ -224,14 +224,18 @@ def _show_summary(connection: sqlite3.Connection, arguments: argparse.Namespace,
         for summary in summaries:
             stream.write(f"{json.dumps(_summary_fields(summary))}\n")
         return
-    rows = [_summary_cells(summary) for summary in summaries]
     if arguments.csv:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(_SUMMARY_HEAD)
-        writer.writerows([[csv_cell(cell) for cell in row] for row in rows])
+        for number, summary in enumerate(summaries):
+            fields = _summary_fields(summary)
+            fields.update(fields.pop("shares"))
+            if number == 0:
+                writer.writerow(fields)
+            writer.writerow(map(csv_cell, fields.values()))
         return
-    if not rows:
+    if not summaries:
         return
+    rows = [_summary_cells(summary) for summary in summaries]
     begin_s = end_s - max(summary.duration_s for summary in summaries)
     stream.write(f"{time_text(begin_s)} to {time_text(end_s)}\n")
     for line in plain_table([_SUMMARY_HEAD, *rows], 2):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import subprocess
@@ -101,6 +103,16 @@ def test_summary(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert battery["shares"] == pytest.approx({"OK": 0.7, "WARN": 0.3, "ERROR": 0.0, "STALE": 0.0})
     assert (battery["alerts"], battery["longest_outage_s"]) == (1, pytest.approx(30.0))
     assert (battery["availability"], battery["mean_time_to_recover_s"]) == (pytest.approx(0.7), pytest.approx(30.0))
+
+
+def test_a_summary_in_csv_has_numbers_and_leaves_unknown_ones_empty(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, cpu = csv.DictReader(io.StringIO(output(capsys, file, "--summary", "--csv")))
+    assert (cpu["robot"], cpu["signal"], cpu["alerts"], cpu["mean_time_to_recover_s"]) == ("r1", "cpu_usage", "1", "")
+    numbers = [float(cpu[name]) for name in ("duration_s", "OK", "WARN", "ERROR", "STALE", "unknown", "availability")]
+    assert numbers == pytest.approx([100.0, 0.9, 0.0, 0.0, 0.1, 0.0, 0.9])
+    assert float(cpu["longest_outage_s"]) == pytest.approx(10.0)
 
 
 def test_a_summary_of_signals_that_do_not_exist_says_so(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
