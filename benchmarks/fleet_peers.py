@@ -2,20 +2,24 @@
 
     python3 -m benchmarks.fleet_peers robots              the rosbridge servers of all robots, in one process
     python3 -m benchmarks.fleet_peers bare URL ROBOTS     receives and parses, with aiohttp and json
+    python3 -m benchmarks.fleet_peers alerts URL          receives alerts
 
 The robots write their port and accept a connection each at `/CONTESTANT/ROBOT`. For a line `CONNECTIONS` they write
 `ready` once that many are subscribed. For a line `SECONDS SIGNALS` they send every signal once a second on each
-connection, evenly spread, and write how many messages each contestant was sent.
+connection, evenly spread, and write how many messages each contestant was sent. In each second, the first signal of
+another robot is below its bound once. For a line `low` they write when that was, in s, by robot; the receiver of alerts
+answers any line with when their first alerts came.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 import sys
 import time
-from typing import List, Set
+from typing import Dict, Set, Tuple
 
 import aiohttp
 from aiohttp import web
@@ -25,30 +29,37 @@ from benchmarks.peer import requests
 
 async def serve_robots() -> None:
     """Sends the same messages on every connection."""
-    sockets: List[web.WebSocketResponse] = []
+    latest: Dict[Tuple[str, str], web.WebSocketResponse] = {}
     contestants: Set[str] = set()
+    low_s: Dict[str, float] = {}
 
     async def accept(request: web.Request) -> web.WebSocketResponse:
         socket = web.WebSocketResponse(compress=False)
         await socket.prepare(request)
         await socket.receive()  # the first subscription
         contestants.add(request.match_info["contestant"])
-        sockets.append(socket)
+        latest[request.match_info["contestant"], request.match_info["robot"]] = socket
         async for _ in socket:
             pass
         return socket
 
     async def send(seconds: float, signals: int) -> int:
         """Returns how many messages it has sent."""
+        sockets = list(latest.items())
         per_second = len(sockets) * signals
-        sent, begin_s = 0, time.monotonic()
+        sent, begin_s, first_low = 0, time.monotonic(), len(low_s)
         while sent < per_second * seconds:
             await asyncio.sleep(0.002)
             while sent < min((time.monotonic() - begin_s) * per_second, per_second * seconds):
-                signal, robot = divmod(sent % per_second, len(sockets))
+                signal, number = divmod(sent % per_second, len(sockets))
+                (_, robot), socket = sockets[number]
                 value = 60.0 + sent % 7
+                if signal == 0 and robot == f"robot{first_low + sent // per_second}":
+                    value = 5.0
+                    low_s.setdefault(robot, time.monotonic())
                 text = json.dumps({"op": "publish", "topic": f"/signal_{signal}", "msg": {"data": value}})
-                await sockets[robot].send_str(text)
+                with contextlib.suppress(ConnectionResetError):  # it connects again
+                    await socket.send_str(text)
                 sent += 1
         return sent
 
@@ -64,8 +75,10 @@ async def serve_robots() -> None:
         words = (await lines.readline()).split()
         if not words:
             return
-        if len(words) == 1:
-            while len(sockets) < int(words[0]):
+        if words == [b"low"]:
+            print(json.dumps(low_s), flush=True)
+        elif len(words) == 1:
+            while len(latest) < int(words[0]):
                 await asyncio.sleep(0.05)
             print("ready", flush=True)
         else:
@@ -85,5 +98,29 @@ async def receive(url: str, robots: int) -> None:
         await asyncio.gather(*(read(session, number) for number in range(robots)))
 
 
+async def receive_alerts(url: str) -> None:
+    """Notes when the first alert of each robot comes."""
+    seen_s: Dict[str, float] = {}
+
+    async def read(socket: aiohttp.ClientWebSocketResponse) -> None:
+        async for message in socket:
+            seen_s.setdefault(json.loads(message.data)["msg"]["hardware_id"], time.monotonic())
+
+    async with aiohttp.ClientSession() as session, session.ws_connect(url) as socket:
+        await socket.send_str(json.dumps({"op": "subscribe", "topic": "/alerts"}))
+        reading = asyncio.ensure_future(read(socket))
+        print("ready", flush=True)
+        lines = await requests()
+        while await lines.readline():
+            print(json.dumps(seen_s), flush=True)
+        reading.cancel()
+
+
 if __name__ == "__main__":
-    asyncio.run(serve_robots() if sys.argv[1] == "robots" else receive(sys.argv[2], int(sys.argv[3])))
+    role, *rest = sys.argv[1:]
+    if role == "robots":
+        asyncio.run(serve_robots())
+    elif role == "bare":
+        asyncio.run(receive(rest[0], int(rest[1])))
+    else:
+        asyncio.run(receive_alerts(rest[0]))
