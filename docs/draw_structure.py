@@ -35,10 +35,20 @@ text {{ font: 14px sans-serif; fill: #1f2328; text-anchor: middle }}
 .head {{ font-weight: bold; text-anchor: start }}
 rect {{ fill: #ddf4ff; stroke: #0969da }}
 path {{ fill: none; stroke: #59636e; marker-end: url(#tip) }}
+polygon {{ fill: #59636e }}
+.page {{ fill: #ffffff; stroke: none }}
+@media (prefers-color-scheme: dark) {{
+text {{ fill: #f0f6fc }}
+.small {{ fill: #9198a1 }}
+rect {{ fill: #0c2d6b; stroke: #4493f8 }}
+path {{ stroke: #9198a1 }}
+polygon {{ fill: #9198a1 }}
+.page {{ fill: #131416 }}
+}}
 </style>
 <defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">
-<polygon points="0,0 8,4 0,8" fill="#59636e"/></marker></defs>
-<rect width="{width}" height="{height}" style="fill: #ffffff; stroke: none"/>
+<polygon points="0,0 8,4 0,8"/></marker></defs>
+<rect class="page" width="{width}" height="{height}"/>
 """
 
 
