@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 from typing import Callable, Dict
@@ -252,7 +253,16 @@ def test_a_tag_of_another_commit_is_not_published(repository: Path) -> None:
 def test_the_workflow_builds_only_what_was_checked_and_tested_and_publishes_only_what_was_built() -> None:
     jobs = yaml.safe_load((ROOT / ".github/workflows/release.yml").read_text())["jobs"]
     steps = [step["run"] for step in jobs["build"]["steps"] if "run" in step]
-    assert steps == ['make check-release VERSION="$GITHUB_REF_NAME"', "make dist"]
+    tools = re.search(r"Build-Depends: debhelper-compat.*?, (.*)", (ROOT / "release/debian/control").read_text())
+    assert tools is not None
+    needed = ["debhelper", *(name for name in tools[1].split(", ") if name != "python3")]
+    assert steps == [
+        'make check-release VERSION="$GITHUB_REF_NAME"',
+        "make dist",
+        f"sudo apt-get install --yes --no-install-recommends {' '.join(needed)}",
+        "/usr/bin/python3 release/debs.py dist/debian robot-health",
+    ]
+    assert "debian" not in str(jobs["pypi"])  # PyPI refuses a folder with other files
     assert jobs["test"]["uses"] == "./.github/workflows/ci.yml"
     assert {name: job.get("needs") for name, job in jobs.items()} == {
         "test": None, "build": "test", "attest": "build", "pypi": "attest", "github": "pypi",
