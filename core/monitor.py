@@ -170,13 +170,16 @@ class Monitor:
 
     def without_samples(self, now_s: float) -> List[SignalConfig]:
         """Returns the signals whose topic has brought no sample for half of the time allowed, while the link is up."""
+        signals = self._signals.values()
+        if not any(each.staleness.is_half_over(now_s, each.config.startup_grace_s) for each in signals):
+            return []  # nearly always
         latest_s: Dict[str, float] = {}
         for name, each in self._signals.items():
             # A template counts its elements; it receives nothing itself.
             if name not in self._templates and not each.staleness.waiting:
                 topic = each.config.topic
                 latest_s[topic] = max(each.staleness.silent_since_s, latest_s.get(topic, -math.inf))
-        configs = ((each.config, each.staleness) for each in self._signals.values())
+        configs = ((each.config, each.staleness) for each in signals)
         return [
             config
             for config, staleness in configs

@@ -6,7 +6,21 @@ import asyncio
 import importlib.util
 import time
 from functools import partial
-from typing import Any, Awaitable, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import (
+    Any,
+    Awaitable,
+    Callable,
+    Collection,
+    Dict,
+    Iterable,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    TypeVar,
+)  # fmt: skip
 
 from aiohttp import web
 
@@ -55,6 +69,8 @@ LATEST_TICK_S = 6.0  # largest age of the tick of a healthy monitor: 5 s late
 _MOST_PENDING = 500  # requests that wait for a robot or a disk
 _READ_TIMEOUT_S = 5.0
 _ROBOTS_AT_ONCE = 10  # are read without a pause for others in the same loop
+MOST_READ = 200
+"""Robots that an update of the pages reads in turn, besides those that announced something or are plotted."""
 _KEPT_S = 0.2  # how long an answer of `/api/state` serves further requests
 _LEVELS_KEPT_S = 5.0  # likewise of `/api/history/levels`: each is read from many rows
 _PAST_AT_ONCE = 1  # requests that read the history: each contends with the monitor for the interpreter
@@ -109,9 +125,11 @@ class WebInterface:
         self._past = ThreadPool("web history", _PAST_AT_ONCE, _MOST_PAST_PENDING, _READ_TIMEOUT_S)
         self._readers: Dict[AlertSystem, RobotReader] = {}
         self._answers: Dict[Tuple[object, ...], asyncio.Future[bytes]] = {}
+        self._announced: Set[AlertSystem] = set()
+        self._next_read = 0
         self._own_state = OwnState(robots, process_faults)
         self._metrics = Metrics(notifications_waiting, wall_time_s, lambda: len(self._own_state.texts()))
-        self.updates = Updates(self._read_state, self._read_samples)
+        self.updates = Updates(self._read_update, self._read_samples)
         """The open pages."""
 
     def watch(self, alert_system: AlertSystem) -> None:
@@ -121,6 +139,7 @@ class WebInterface:
         def note(event: Event) -> None:
             if isinstance(event, Transition):
                 count(event)
+            self._announced.add(alert_system)
             self.updates.note_change()
 
         alert_system.outlets.add("web", note)
@@ -191,6 +210,7 @@ class WebInterface:
             check_same_origin(request)
             answer = await handler(await read_object(request))
             self._answers.clear()
+            self._announced.update(self._robots())
             self.updates.note_change()
             return json_response(answer)
 
@@ -242,10 +262,35 @@ class WebInterface:
             await asyncio.sleep(0)  # large fleets take long
         return json_bytes(state)[:-1] + b',"robots":{' + b",".join(parts) + b"}}"
 
+    async def _read_update(self, before: Optional[Json], plotted: Collection[str]) -> Json:
+        """Returns the state. What was `before` counts for most robots of a large fleet: to read all costs too much."""
+        announced, self._announced = self._announced, set()
+        readers = self._current_readers()
+        if before is None or len(readers) <= MOST_READ:
+            return await self._state_of(readers, {})
+        begin = self._next_read % len(readers)
+        self._next_read = begin + MOST_READ
+        in_turn = set((readers * 2)[begin : begin + MOST_READ])
+        known = {
+            reader.alert_system.robot: before["robots"][reader.alert_system.robot]
+            for reader in readers
+            if reader not in in_turn
+            and reader.alert_system not in announced
+            and reader.alert_system.robot not in plotted
+            and reader.alert_system.robot in before["robots"]
+        }
+        return await self._state_of(readers, known)
+
     async def _read_state(self, robot: str = "", window: bool = False) -> Json:
         readers = [reader for reader in self._current_readers() if robot in ("", reader.alert_system.robot)]
-        states = await self._read_each(readers, partial(RobotReader.state, window=window))
-        robots = {reader.alert_system.robot: state for reader, state in zip(readers, states)}
+        return await self._state_of(readers, {}, window)
+
+    async def _state_of(self, readers: Sequence[RobotReader], known: Mapping[str, Json], window: bool = False) -> Json:
+        names = [reader.alert_system.robot for reader in readers]
+        unknown = [reader for name, reader in zip(names, readers) if name not in known]
+        states = await self._read_each(unknown, partial(RobotReader.state, window=window))
+        read = {reader.alert_system.robot: state for reader, state in zip(unknown, states)}
+        robots = {name: read[name] if name in read else known[name] for name in names}
         silences = [] if self._silences is None else [silence_json(silence) for silence in self._silences.active()]
         return {
             "version": package_version(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from typing import Any, Awaitable, Callable, Dict, Mapping, Optional, Sequence, Set
+from typing import Any, Awaitable, Callable, Collection, Dict, Mapping, Optional, Sequence, Set
 
 from aiohttp import web
 
@@ -51,12 +51,15 @@ class Updates:
 
     def __init__(
         self,
-        read_state: Callable[[], Awaitable[Json]],
+        read_state: Callable[[Optional[Json], Collection[str]], Awaitable[Json]],
         read_samples: Callable[[str, Optional[Samples]], Awaitable[Optional[Samples]]],
     ) -> None:
-        """`read_state` returns the state without samples, `read_samples` a robot's samples since an earlier result.
+        """Takes what reads.
 
-        None: there is no such robot.
+        Args:
+            read_state: returns the state without samples; takes the one before, None: there is none, and the robots
+                that pages show with their samples.
+            read_samples: returns a robot's samples since an earlier result; None: there is no such robot.
         """
         self._read_state = read_state
         self._read_samples = read_samples
@@ -134,7 +137,7 @@ class Updates:
             self._reading = asyncio.Lock()
         async with self._reading:
             if self._state is None:
-                self._state = await self._read_state()
+                self._state = await self._read_state(None, ())
             for robot in page.robots:
                 if robot not in self._state["robots"]:
                     raise ApiError(404, f"there is no robot {robot}")
@@ -195,8 +198,9 @@ class Updates:
     async def _update(self) -> None:
         assert self._reading is not None
         async with self._reading:
-            after = await self._read_state()
-            samples = {robot: await self._read_samples(robot, self._samples.get(robot)) for robot in self._plotted()}
+            plotted = self._plotted()
+            after = await self._read_state(self._state, plotted)
+            samples = {robot: await self._read_samples(robot, self._samples.get(robot)) for robot in plotted}
             # Nothing is remembered before everything is read: what is not sent now is sent with the next update.
             changed = None if self._state is None else changes(self._state, after)
             self._state, self._encoded_state = after, None

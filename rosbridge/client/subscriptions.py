@@ -150,8 +150,9 @@ class Subscriptions:
         woken = asyncio.Event()
         self._wake = functools.partial(_set_threadsafe, asyncio.get_event_loop(), woken)
         while True:
+            period_s = _TYPE_PERIOD_S if self._untyped or self._undefined else None
             with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(woken.wait(), _TYPE_PERIOD_S)
+                await asyncio.wait_for(woken.wait(), period_s)
             woken.clear()
             untyped, undefined = tuple(self._untyped), tuple(self._undefined)[:_MOST_ASKED]
             asking = [*map(self._find_type, untyped), *map(self._find_format, undefined)]
@@ -162,6 +163,7 @@ class Subscriptions:
         if not type_name and self._compression != _OWN:
             # Only this project's server accepts a topic that does not exist yet without a type.
             self._untyped.add(topic)
+            self._wake()
             return
         self._untyped.discard(topic)
         compression = self._sent[topic] = self._compression_of(topic)

@@ -518,7 +518,7 @@ def test_pages_are_disconnected_and_the_cause_is_logged_when_the_state_cannot_be
     robots.bus.add_log(lambda line: lines.append(line.text))
 
     async def use(site: Site) -> None:
-        async def fail() -> Any:
+        async def fail(before: object, plotted: object) -> Any:
             raise RuntimeError("the state is broken")
 
         async with open_page(site) as page:
@@ -535,6 +535,36 @@ def test_pages_are_disconnected_and_the_cause_is_logged_when_the_state_cannot_be
             assert (await page.next())[0] == "state"
 
     with_site(use, robots)
+
+
+def test_an_update_of_a_large_fleet_reads_some_robots_in_turn_and_at_once_those_that_are_plotted_or_announce_something(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("robot_health_monitor.ops.web.interface.MOST_READ", 2)
+
+    async def use(site: Site) -> None:
+        def observe_all(value: float) -> None:
+            for number in range(6):
+                site.robots.observe(value, robot=number)
+
+        async def update(*plotted: str) -> List[float]:
+            nonlocal state
+            state = await site.web._read_update(state, plotted)
+            return [robot["signals"]["battery_level"]["value"] for robot in state["robots"].values()]
+
+        state = None
+        observe_all(50.0)
+        assert await update() == [50.0] * 6
+        observe_all(60.0)
+        assert await update() == [60.0, 60.0, 50.0, 50.0, 50.0, 50.0]
+        assert await update("f") == [60.0, 60.0, 60.0, 60.0, 50.0, 60.0]
+        site.robots.observe(10.0, robot=0)  # an alert
+        assert await update() == [10.0, 60.0, 60.0, 60.0, 60.0, 60.0]
+        observe_all(70.0)
+        await site.post("/api/reset", {"robot": "c"})  # whoever changes something sees it at once
+        assert await update() == [70.0] * 6
+
+    with_site(use, Robots(*"abcdef"))
 
 
 def test_robots_that_come_and_go_are_a_new_state() -> None:
