@@ -14,7 +14,7 @@ from robot_health_monitor.ops.export.grafana import export_dashboard
 from robot_health_monitor.ops.export.prometheus import Export, export_rules
 from robot_health_monitor.runtime.interrupts import Interrupts
 
-from .arguments import Parser, add_namespace, duration, seconds
+from .arguments import Parser, add_namespace, duration, robot_name, seconds
 from .exit_codes import ExitCode
 
 
@@ -34,6 +34,7 @@ def add_arguments(parser: Parser) -> None:
     prometheus.add_argument(
         "--robot",
         metavar="NAME",
+        type=robot_name,
         action="append",
         default=[],
         help="robot that the rules apply to (repeatable; default: all)",
@@ -43,7 +44,7 @@ def add_arguments(parser: Parser) -> None:
         metavar="SECONDS",
         type=seconds,
         default=15.0,
-        help="interval of scrapes and evaluations; durations are rounded up to it (default: 15)",
+        help="interval of scrapes and evaluations, at most 120; durations are rounded up to it (default: 15)",
     )
     grafana = targets.add_parser(
         "grafana", help="a dashboard", description="Writes a dashboard in JSON, to import into Grafana 9 or newer."
@@ -84,7 +85,7 @@ def _add_fleet_arguments(fleet: Parser) -> None:
         help="longest outage in which no data are lost (default: 24h)",
     )
     fleet.add_argument(
-        "--interval", metavar="SECONDS", type=seconds, default=15.0, help="scrape interval (default: 15)"
+        "--interval", metavar="SECONDS", type=seconds, default=15.0, help="scrape interval, at most 120 (default: 15)"
     )
     fleet.add_argument(
         "--silent-after",

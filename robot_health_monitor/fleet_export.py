@@ -8,6 +8,7 @@ from typing import Dict, List, Optional, Tuple
 from robot_health_monitor.core.config import load_config
 from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.yaml_file import read_yaml
+from robot_health_monitor.ops.export.fleet import MADE
 from robot_health_monitor.ops.export.fleet_rules import Judged
 
 from .fleet_configuration import read_entries
@@ -39,7 +40,11 @@ def read_fleet(thresholds: str, fleet_file: str = "") -> Tuple[List[Judged], Opt
 
 
 def write_files(folder: str, files: Dict[str, str]) -> None:
-    """Writes files, each at once; ConfigError: one cannot be written."""
+    """Writes files, each at once; ConfigError: one cannot be written, or the folder has another README.md."""
+    readme = os.path.join(folder, "README.md")
+    if not folder or (os.path.lexists(readme) and not _is_exported(readme)):
+        problem = "is not from an earlier export; expected another folder" if folder else "expected a folder, got ''"
+        raise ConfigError(problem, file=readme if folder else "")
     for name, text in files.items():
         path = os.path.join(folder, name)
         try:
@@ -49,3 +54,11 @@ def write_files(folder: str, files: Dict[str, str]) -> None:
             os.replace(f"{path}.new", path)
         except OSError as error:
             raise ConfigError(f"cannot be written: {error.strerror or error}", file=path) from None
+
+
+def _is_exported(readme: str) -> bool:
+    try:
+        with open(readme, encoding="utf-8", errors="replace") as stream:
+            return stream.read(len(MADE)) == MADE
+    except OSError:
+        return False

@@ -6,6 +6,7 @@ The centre is Prometheus, or VictoriaMetrics with vmalert; either notifies Alert
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import PurePosixPath
 from typing import Dict, List, NamedTuple, Optional, Sequence
@@ -14,8 +15,8 @@ from urllib.parse import urlsplit
 from robot_health_monitor.core.errors import ConfigError
 
 from ..notifications.alertmanager import ALERT
-from .fleet_rules import Judged, export_fleet_rules
-from .prometheus import duration
+from .fleet_rules import EXPECTED_S, Judged, export_fleet_rules
+from .prometheus import duration, require_interval
 from .vmalert import for_vmalert
 
 ROBOT_FOLDER, CENTRE_FOLDER = "/etc/robot-health", "/etc/robot-health-centre"
@@ -23,9 +24,15 @@ ROBOT_FOLDER, CENTRE_FOLDER = "/etc/robot-health", "/etc/robot-health-centre"
 _AGENT_MARGIN_S = 3600.0
 _CENTRE_MARGIN_S = 4.0 * 3600.0
 """An agent truncates its log every 2 h: it may send samples older than its retention. Clocks may be wrong as well."""
-_URL = re.compile(r"https?://[\w.\[\]:-]+(/[\w./~-]*)", re.ASCII)
+_RETENTION_DAYS = 30
+"""How long the centre keeps samples, at least; longer if an outage may be."""
+_URL = re.compile(r"https?://(?:\w[\w.-]*|\[[0-9a-fA-F:.]+\])(?::\d{1,5})?(/[\w./~-]+)", re.ASCII)
 _ADDRESS = re.compile(r"[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}", re.ASCII)
+_LONGEST_SILENCE_S = 7.0 * 86_400.0
+"""Rules count the evaluations of the centre over that time, which must be much shorter than its retention."""
 _USER = "robots"
+MADE = "Made by robot-health export fleet."
+"""First words of README.md: what an earlier export has written may be replaced."""
 
 
 class FleetSettings(NamedTuple):
@@ -45,17 +52,14 @@ class FleetSettings(NamedTuple):
 
 def require_receiver(url: str) -> str:
     """Returns the URL of a receiver; ConfigError: it is not one in full, or contains a password."""
-    matched = _URL.fullmatch(url)
     try:
-        found = urlsplit(url)
-        valid = matched is not None and len(matched[1]) > 1 and bool(found.hostname) and found.port != 0
+        valid = _URL.fullmatch(url) is not None and urlsplit(url).port != 0
     except ValueError:
-        valid = False
+        valid = False  # a port above 65535
     if not valid:
-        shown = re.sub(r"//[^/]*@", "//...@", url)[:100]
-        raise ConfigError(
-            f"expected the URL of a receiver in full, such as https://centre:9090/api/v1/write, got {shown!r}"
-        )
+        has_secret = any(each in url for each in "@?#")
+        found = "without user, password and query" if has_secret else f"got {url[:100]!r}"
+        raise ConfigError(f"expected the URL of a receiver in full, such as https://centre:9090/api/v1/write, {found}")
     return url
 
 
@@ -77,11 +81,8 @@ def export_fleet(
     settings: FleetSettings, judged: Sequence[Judged], expected: Optional[Sequence[str]] = None
 ) -> FleetExport:
     """Returns the files of both sides; `expected` are the robots that must report, None: those that did."""
-    if settings.silent_after_s < 4.0 * settings.interval_s:
-        raise ConfigError(
-            f"a robot must be silent for at least 4 intervals ({duration(4.0 * settings.interval_s)}), "
-            f"got {duration(settings.silent_after_s)}"
-        )
+    require_interval(settings.interval_s)
+    _require_silence(settings, expected is not None)
     rules = export_fleet_rules(judged, expected, interval_s=settings.interval_s, silent_after_s=settings.silent_after_s)
     files = {
         "robot/agent.yml": _agent(settings),
@@ -99,6 +100,26 @@ def export_fleet(
         "README.md": _readme(settings, expected is not None),
     }
     return FleetExport(files, rules.problems)
+
+
+def _require_silence(settings: FleetSettings, has_fleet_file: bool) -> None:
+    """ConfigError: a silent robot would be an alert after a lost scrape, or never."""
+    silent_after_s, least_s = settings.silent_after_s, 4.0 * settings.interval_s
+    if silent_after_s < least_s:
+        raise ConfigError(
+            f"a robot must be silent for at least 4 intervals ({duration(least_s)}), got {duration(silent_after_s)}"
+        )
+    most_s = _LONGEST_SILENCE_S if has_fleet_file else EXPECTED_S / 2.0
+    if silent_after_s > most_s:
+        without = "" if has_fleet_file else ": without a fleet.yaml, it is expected for 24 h after it last reported"
+        raise ConfigError(
+            f"a robot must be an alert after at most {_hours(most_s)} of silence, got {_hours(silent_after_s)}{without}"
+        )
+
+
+def _retention(settings: FleetSettings) -> str:
+    """Returns how long the centre keeps samples: never shorter than it takes them."""
+    return f"{max(_RETENTION_DAYS, math.ceil((settings.outage_s + _CENTRE_MARGIN_S) / 86_400.0))}d"
 
 
 def _is_tls(settings: FleetSettings) -> bool:
@@ -238,7 +259,7 @@ def _prometheus_unit(settings: FleetSettings) -> str:
             f"--web.config.file={CENTRE_FOLDER}/web.yml",
             f"--web.listen-address=:{_port(settings)}",
             "--storage.tsdb.path=/var/lib/robot-health-prometheus",
-            "--storage.tsdb.retention.time=30d",
+            f"--storage.tsdb.retention.time={_retention(settings)}",
         ],
         after="robot-health-alertmanager.service",
         binds_low_port=_port(settings) < 1024,
@@ -267,7 +288,7 @@ def _victoria_metrics_unit(settings: FleetSettings) -> str:
         "robot-health-victoria-metrics",
         [
             f"/usr/bin/victoria-metrics -envflag.enable -httpListenAddr=:{_port(settings)}",
-            "-storageDataPath=/var/lib/robot-health-victoria-metrics -retentionPeriod=1",
+            f"-storageDataPath=/var/lib/robot-health-victoria-metrics -retentionPeriod={_retention(settings)}",
             # A sample that an agent sends again counts once, and rules see what came a second ago.
             "-dedup.minScrapeInterval=1ms -search.latencyOffset=1s",
             *(tls if _is_tls(settings) else []),
@@ -348,10 +369,11 @@ def _readme(settings: FleetSettings, has_fleet_file: bool) -> str:
     certificate = f", {CENTRE_FOLDER}/tls.crt and tls.key" if _is_tls(settings) else ""
     name = PurePosixPath(CENTRE_FOLDER)
     lines = [
-        f"Outages up to {_hours(settings.outage_s)} lose nothing; docs/fleet.md says what others lose. "
+        f"{MADE} Outages up to {_hours(settings.outage_s)} lose nothing; docs/fleet.md says what others lose. "
         f"Each monitor has its own robot name and serves {', '.join(settings.monitors)}.",
         "1. Password, once: `(umask 077; openssl rand -hex 24 > receiver.password)`; "
-        "hash: `apt-get install apache2-utils`.",
+        "hash: `apt-get install apache2-utils`. Then copy this folder to each machine, and run the commands in it, as "
+        "root.",
         "2. Centre: `apt-get install prometheus prometheus-alertmanager && systemctl disable --now prometheus "
         f"prometheus-alertmanager && install -d -m 750 -g prometheus {name}`.",
         f"3. Centre: `install -m 640 -g prometheus centre/*.y*ml receiver.password {name}/`; further files that the "

@@ -11,7 +11,7 @@ from typing import List, NamedTuple, Optional, Sequence
 from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.formatting import duration_text
 
-from .prometheus import Export, alert, duration, group_head, promql_string, record, rule_groups
+from .prometheus import Export, alert, duration, group_head, quoted, record, rule_groups
 
 LAST_TICK = "robot_health:last_tick"
 """Recorded series: the last tick of a robot's monitor, also while the robot is silent, as long as it is expected."""
@@ -72,7 +72,7 @@ def _silent_group(expected: Optional[Sequence[str]], interval_s: float, silent_a
     lines = group_head("robot_health silent robots", every_s)
     lines += record(_EVALUATED, "vector(1)")
     for robot in expected or ():
-        lines += record(EXPECTED, "vector(1)", f"robot: {promql_string(robot)}")
+        lines += record(EXPECTED, "vector(1)", f"robot: {quoted(robot)}")
     lines += record(LAST_TICK, f"{ticked}\nor on (robot) max by (robot) ({still})")
     silent = f"time() - {LAST_TICK} > {silent_after_s:g}"
     reason = "has not reported for {{ $value | humanizeDuration }}"

@@ -15,11 +15,13 @@ A rule that says more than PromQL can express gets a comment, and a line in `Exp
 from __future__ import annotations
 
 import json
+import re
 import sys
 from typing import List, Mapping, NamedTuple, Sequence
 
 from robot_health_monitor.core.config import MonitorConfig
 from robot_health_monitor.core.element_signals import config_of
+from robot_health_monitor.core.errors import ConfigError
 from robot_health_monitor.core.explanation import judged_text, judged_unit
 from robot_health_monitor.core.forecast import LEAST_SAMPLES
 from robot_health_monitor.core.formatting import bound_text, duration_text, with_unit
@@ -47,6 +49,9 @@ _VALUE = "\0"
 _MEMORY = "1h"
 """How long Prometheus may have been stopped and still knows which robots a monitor reported that is down."""
 _ROBOT = "{{ $labels.robot }}: "
+_ESCAPED = re.compile(r"[^\w\x80-\U0010ffff]", re.ASCII)
+_INTERVALS_S = 0.1, 120.0
+"""For Prometheus, a series has ended 5 minutes after its last sample: a scrape or two may fail."""
 
 _HEADER = """\
 # Alerting rules of Robot Health Monitor for Prometheus, made by `robot-health export prometheus`.
@@ -87,6 +92,7 @@ def export_rules(config: MonitorConfig, *, robots: Sequence[str] = (), interval_
 
     Scrapes and evaluations are `interval_s` apart, in s.
     """
+    require_interval(interval_s)
     has_forecasts = any(signal.statistic == "forecast" for signal in config.signals.values())
     forecasts = _FORECASTS.format(least=LEAST_SAMPLES) if has_forecasts else ""
     header = _HEADER.format(interval=duration(interval_s), alert=ALERT, forecasts=forecasts)
@@ -115,14 +121,14 @@ def rule_groups(
 
 def group_head(name: str, interval_s: float) -> List[str]:
     """Returns the first lines of a group of rules, which are evaluated every `interval_s`."""
-    return [f"  - name: {json.dumps(name)}", f"    interval: {duration(interval_s)}", "    rules:"]
+    return [f"  - name: {quoted(name)}", f"    interval: {duration(interval_s)}", "    rules:"]
 
 
 def signal_matcher(signal: SignalConfig, *, with_template: bool = False) -> str:
     """Returns the matcher of the label `signal`: of one signal, or of the elements of a template."""
     if not signal.is_template:
-        return f"signal={promql_string(signal.name)}"
-    return f"signal=~{promql_string(signal.name + (f'({_ELEMENT})?' if with_template else _ELEMENT))}"
+        return f"signal={quoted(signal.name)}"
+    return f"signal=~{quoted(signal.name + (f'({_ELEMENT})?' if with_template else _ELEMENT))}"
 
 
 class _Rules:
@@ -142,7 +148,7 @@ class _Rules:
         self._problems = problems
         # `promtool check rules` reports rules with the same labels as written. Those of elements are in their series.
         self._label = f"{{{{/* {signal.name} */}}}}{{{{ $labels.signal }}}}" if signal.is_template else signal.name
-        self._recorded = f"{'template' if signal.is_template else 'signal'}: {signal.name}"
+        self._recorded = f"{'template' if signal.is_template else 'signal'}: {quoted(signal.name)}"
         self._unit = _escaped(judged_unit(signal))
         is_forecast = signal.statistic == "forecast" and bool(signal.bounds)
         self._has_scrapes = signal.window_s / 2.0 >= LEAST_SAMPLES * interval_s
@@ -175,9 +181,7 @@ class _Rules:
     ) -> str:
         """Returns a metric of a signal, one series per robot: several monitors may watch one robot."""
         own = signal_matcher(self._signal, with_template=metric not in ("value", "latest"))
-        selected = f"robot_health_{metric}" + selector(
-            self._robots, f"signal={promql_string(signal)}" if signal else own
-        )
+        selected = f"robot_health_{metric}" + selector(self._robots, f"signal={quoted(signal)}" if signal else own)
         return (
             f"{aggregation} by (robot, signal) ({f'max_over_time({selected}{over})' if over else selected}{condition})"
         )
@@ -383,12 +387,11 @@ def alert(
 ) -> List[str]:
     """Returns the lines of a rule that raises an alert."""
     times = {"for": for_s, "keep_firing_for": keep_firing_for_s}
-    summary = json.dumps(f"{_ROBOT}{signal} {level}: {reason}")
-    label = json.dumps(signal) if "{" in signal else signal
+    summary = quoted(f"{_ROBOT}{signal} {level}: {reason}")
     return [
         "", f"      - alert: {ALERT}", *_expr(expression),
         *(f"        {key}: {duration(time_s)}" for key, time_s in times.items() if time_s > 0.0),
-        f"        labels: {{signal: {label}, level: {level}, severity: {SEVERITIES[Level[level]]}}}",
+        f"        labels: {{signal: {quoted(signal)}, level: {level}, severity: {SEVERITIES[Level[level]]}}}",
         f"        annotations: {{summary: {summary}}}",
     ]  # fmt: skip
 
@@ -405,17 +408,24 @@ def selector(robots: Sequence[str], further: str = "") -> str:
     """Returns the matchers of these robots, in braces; without any, nothing."""
     matchers = [further] if further else []
     if len(robots) == 1:
-        matchers.insert(0, f"robot={promql_string(robots[0])}")
+        matchers.insert(0, f"robot={quoted(robots[0])}")
     elif robots:
-        # Names match as they are: every character that is special in RE2 is escaped.
-        pattern = "|".join("".join(c if c.isalnum() or c == "_" else f"\\{c}" for c in name) for name in robots)
-        matchers.insert(0, f"robot=~{promql_string(pattern)}")
+        # Names match as they are. RE2 lets ASCII be escaped, and no other character.
+        pattern = "|".join(_ESCAPED.sub(r"\\\g<0>", name) for name in robots)
+        matchers.insert(0, f"robot=~{quoted(pattern)}")
     return f"{{{', '.join(matchers)}}}" if matchers else ""
 
 
-def promql_string(text: str) -> str:
-    """Returns a string of PromQL."""
+def quoted(text: str) -> str:
+    """Returns a string of PromQL, which is one of YAML too: unquoted, `on` and `null` are no texts there."""
     return json.dumps(text, ensure_ascii=False)
+
+
+def require_interval(interval_s: float) -> None:
+    """ConfigError: Prometheus cannot evaluate the rules at this interval."""
+    least_s, most_s = _INTERVALS_S
+    if not least_s <= interval_s <= most_s:
+        raise ConfigError(f"expected an interval from {least_s:g} to {most_s:g} s, got {interval_s:g} s")
 
 
 def duration(seconds: float) -> str:

@@ -85,6 +85,13 @@ def test_a_mistake_in_the_file_is_one_line_and_code_2(robot_health: Start, file:
     assert (code, out, err) == (2, [], [f"{file}:5: {path}: expected a number, got 'low'"])
 
 
+def test_a_robot_whose_name_cannot_be_printed_is_refused(robot_health: Start, file: Path) -> None:
+    code, out, err = outcome(robot_health("export", "prometheus", file, "--robot", "r\x7f1"))
+
+    assert (code, out) == (2, [])
+    assert "expected printable text, got 'r\\x7f1'" in err[0]
+
+
 def test_a_target_is_required(robot_health: Start, file: Path) -> None:
     code, out, err = outcome(robot_health("export", file))
 

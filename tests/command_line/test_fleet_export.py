@@ -8,6 +8,7 @@ import pytest
 
 from robot_health_monitor.core import ConfigError
 from robot_health_monitor.fleet_export import read_fleet, write_files
+from robot_health_monitor.ops.export.fleet import MADE
 
 TEXT = "alert_system:\n  ros__parameters:\n    signals:\n      battery_level: {{warn_below: {}}}\n"
 
@@ -62,11 +63,31 @@ def test_a_mistake_in_a_fleet_file_names_file_and_line(thresholds: str, tmp_path
 
 
 def test_files_replace_those_of_an_earlier_export(tmp_path: Path) -> None:
-    write_files(str(tmp_path / "out"), {"robot/a.yml": "old", "README.md": "old"})
-    write_files(str(tmp_path / "out"), {"robot/a.yml": "new", "README.md": "new"})
+    write_files(str(tmp_path / "out"), {"robot/a.yml": "old", "README.md": f"{MADE} Old."})
+    write_files(str(tmp_path / "out"), {"robot/a.yml": "new", "README.md": f"{MADE} New."})
 
     written = {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*") if path.is_file()}
-    assert written == {"out/robot/a.yml": "new", "out/README.md": "new"}
+    assert written == {"out/robot/a.yml": "new", "out/README.md": f"{MADE} New."}
+
+
+def test_the_readme_of_a_project_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# My robots\n")
+
+    with pytest.raises(ConfigError, match=r"README\.md: is not from an earlier export; expected another folder"):
+        write_files(str(tmp_path), {"robot/a.yml": "new", "README.md": f"{MADE} New."})
+
+    assert [file.name for file in tmp_path.rglob("*")] == ["README.md"]
+    assert (tmp_path / "README.md").read_text() == "# My robots\n"
+
+
+def test_an_empty_folder_name_is_refused_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    with pytest.raises(ConfigError, match="expected a folder, got ''"):
+        write_files("", {"robot/a.yml": "new", "README.md": MADE})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:

@@ -11,9 +11,10 @@ from harness.alertmanager import needs_alertmanager
 from harness.prometheus_server import needs_prometheus
 from harness.remote_write import remote_write, time_series
 from harness.reserved import free_port
+from harness.tcp_proxy import TcpProxy
 from harness.victoria_metrics import needs_victoria_metrics
 
-from benchmarks.pushing_fleet import PASSWORD, PushingFleet, pushing_fleet, until
+from benchmarks.pushing_fleet import PASSWORD, PushingFleet, Scraped, pushing_fleet, until
 from robot_health_monitor.core import load_config
 
 pytestmark = [needs_prometheus, needs_alertmanager, pytest.mark.newest_python]
@@ -86,6 +87,56 @@ def test_what_an_offline_robot_delivers_6_h_later_is_stored_once_and_pages_nobod
 
         assert send(fleet, "r1", [time.time()], 2.0) == 204  # what is so now is paged at once
         until(lambda: any("battery_level ERROR: 2 % is below 10 %" in each for each in summaries(fleet, "firing")))
+
+
+@needs_victoria_metrics
+def test_what_vmagent_has_kept_on_its_disk_for_6_h_is_delivered_once_although_it_was_stopped(tmp_path: Path) -> None:
+    """It scrapes 6 h of samples with their stamps at once, while the network is cut, and writes them to its queue."""
+    signals, steps = 10, 6 * HOUR_S // STEP_S
+    begin_ms = int((time.time() - 6 * HOUR_S) * 1000)
+    lines = [
+        f'robot_health_value{{robot="r1",signal="s{signal}"}} {step} {begin_ms + step * STEP_S * 1000}\n'
+        for step in range(steps)
+        for signal in range(signals)
+    ]
+    answers = iter(["".join(lines).encode()])
+    robot = Scraped(lambda: next(answers, b""))
+    with pushing_fleet(tmp_path, load_config({"signals": BATTERY}), free_port) as fleet:
+        proxy = TcpProxy(fleet.port)
+        proxy.refusing = True
+        fleet.start("victoria-metrics")
+        fleet.start_agent("r1", [robot.address], unit="vmagent", port=proxy.port)
+        until(lambda: robot.series == {"robot_health_value": steps * signals}, lambda: robot.series)
+        fleet.stop("r1 vmagent")
+        fleet.start_agent("r1", [robot.address], unit="vmagent", port=proxy.port)
+        until(lambda: fleet.by_label("vector(1)"))
+        stored = f"count_over_time(robot_health_value[{7 * HOUR_S}s])"
+        assert fleet.by_label(stored, "signal") == {}
+
+        proxy.refusing = False
+        each = {(f"s{signal}",): float(steps) for signal in range(signals)}
+        until(lambda: fleet.by_label(stored, "signal") == each, lambda: fleet.by_label(stored, "signal"))
+        sums = fleet.by_label(f"sum_over_time(robot_health_value[{7 * HOUR_S}s])", "signal")
+        assert sums == {(f"s{signal}",): steps * (steps - 1) / 2.0 for signal in range(signals)}
+        proxy.end()
+    robot.end()
+
+
+def test_prometheus_as_agent_sends_no_sample_older_than_its_start(tmp_path: Path) -> None:
+    """Why it cannot deliver 6 h in compressed time, nor what it had before a start, nor after a clock was set back."""
+    old_ms = int((time.time() - 600.0) * 1000)
+    text = (
+        f'robot_health_value{{robot="r1",signal="old"}} 1 {old_ms}\nrobot_health_value{{robot="r1",signal="new"}} 1\n'
+    )
+    robot = Scraped(text.encode)
+    with pushing_fleet(tmp_path, load_config({"signals": BATTERY}), free_port) as fleet:
+        fleet.start("prometheus")
+        fleet.start_agent("r1", [robot.address])
+        stored = f"count_over_time(robot_health_value[{HOUR_S}s])"
+        until(lambda: fleet.by_label(stored, "signal").get(("new",), 0) >= 3, lambda: fleet.by_label(stored, "signal"))
+        assert ("old",) not in fleet.by_label(stored, "signal")
+        assert send(fleet, "r1", [old_ms / 1000.0], 1.0) == 204  # the centre would have taken it
+    robot.end()
 
 
 def test_samples_older_than_the_window_are_refused_for_ever_and_so_is_a_fleet_after_a_clock_in_the_future(

@@ -132,6 +132,13 @@ def test_the_centre_listens_where_the_robots_push_to(scheme: str) -> None:
         "https://centre/%n",
         "https://centre/a b",
         "https://centre/write\nUser=root",
+        "robots:secret@centre:9090/write",
+        "https://robots:a/secret@centre/write",
+        "https://centre/write?token=secret",
+        "https://centre/write#secret",
+        "https://[zz]:9090/write",
+        "https://.../write",
+        "https://centre:/write",
     ],
 )
 def test_a_receiver_that_is_no_full_url_or_has_a_password_is_refused(url: str) -> None:
@@ -146,6 +153,36 @@ def test_a_monitor_that_is_no_address_is_refused(address: str) -> None:
         require_address(address)
 
 
+@pytest.mark.parametrize("url", ["http://[::1]:9090/api/v1/write", "https://centre_1/w", "http://10.0.0.1/a-b/~c/"])
+def test_a_receiver_is_an_address_or_a_name(url: str) -> None:
+    assert require_receiver(url) == url
+
+
 def test_a_silence_shorter_than_four_intervals_is_refused() -> None:
     with pytest.raises(ConfigError, match="at least 4 intervals"):
         files(silent_after_s=59.0)
+
+
+def test_a_silence_that_would_never_be_an_alert_is_refused() -> None:
+    """Without a fleet.yaml, a robot is forgotten a day after it last reported."""
+    assert "> 604800" in files(silent_after_s=7 * 86_400.0)["centre/rules.yaml"]
+    with pytest.raises(ConfigError, match=r"an alert after at most 168h of silence, got 169h$"):
+        files(silent_after_s=169 * 3600.0)
+    settings = FleetSettings(RECEIVER, 86_400.0, 15.0, 12 * 3600.0)
+    judged = [Judged("robot_health", load_config(THRESHOLDS), ())]
+    assert "> 43200" in export_fleet(settings, judged).files["centre/rules.yaml"]
+    with pytest.raises(ConfigError, match=r"after at most 12h of silence, got 13h: without a fleet\.yaml, "):
+        export_fleet(settings._replace(silent_after_s=13 * 3600.0), judged)
+
+
+def test_an_interval_at_which_a_series_ends_between_two_scrapes_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"expected an interval from 0\.1 to 120 s, got 300 s"):
+        files(interval_s=300.0, silent_after_s=7200.0)
+
+
+@pytest.mark.parametrize(("outage_d", "kept"), [(1, "30d"), (29, "30d"), (30, "31d"), (90, "91d")])
+def test_the_centre_keeps_samples_for_longer_than_an_agent_may_be_cut_off(outage_d: int, kept: str) -> None:
+    written = files(outage_s=outage_d * 86_400.0)
+
+    assert f"--storage.tsdb.retention.time={kept}\n" in written["centre/robot-health-prometheus.service"]
+    assert f"-retentionPeriod={kept} " in written["centre/robot-health-victoria-metrics.service"]

@@ -17,7 +17,7 @@ from harness.promtool import needs_promtool, promtool, random_timeline
 from harness.seeds import fixed_seed
 from prometheus_client.parser import text_string_to_metric_families
 
-from robot_health_monitor.core import Level, Sample, Transition, load_config
+from robot_health_monitor.core import ConfigError, Level, Sample, Transition, load_config
 from robot_health_monitor.core.elements import DriverStatus, Elements
 from robot_health_monitor.core.local import LocalBus
 from robot_health_monitor.core.nodes import AlertSystem
@@ -49,6 +49,7 @@ def test_promtool_accepts_the_rules_of_every_shipped_configuration(tmp_path: Pat
     "signals",
     [
         pytest.param({"a": {"warn_below": 1e300, "unit": '"{{ x }}" µ\\'}}, id="unit"),
+        pytest.param({"a": {"warn_below": 1.0, "unit": "🌡"}}, id="unit beyond the basic plane of Unicode"),
         pytest.param({"a": {"warn_below": -1e-300, "warn_above": 5e-324, "for_s": 0.0005}}, id="tiny numbers"),
         pytest.param({"a": {"stale_after_s": 0.0}}, id="no rule but invalid data"),
         pytest.param(
@@ -74,9 +75,28 @@ def test_promtool_accepts_the_rules_of_every_shipped_configuration(tmp_path: Pat
     ],
 )
 def test_promtool_accepts_the_rules_of_odd_configurations(tmp_path: Path, signals: Mapping[str, Any]) -> None:
-    (tmp_path / "rules.yaml").write_text(exported(signals, robots=['r"1\\', "ä|b", "x.y"]).text)
+    (tmp_path / "rules.yaml").write_text(exported(signals, robots=['r"1\\', "ä|b", "x.y", "R\u20131 🤖"]).text)
 
     assert promtool(tmp_path, "check", "rules", "--lint-fatal", "rules.yaml") == ""
+
+
+@needs_promtool
+@pytest.mark.parametrize("name", ["null", "on", "no", "y"])
+def test_a_signal_whose_name_is_no_text_in_yaml_has_its_alert(tmp_path: Path, name: str) -> None:
+    text = exported({name: {"warn_below": 20.0, "stale_after_s": 0.0}}).text
+    warn = {
+        "exp_labels": {"robot": "r1", "signal": name, "level": "WARN", "severity": "warning"},
+        "exp_annotations": {"summary": f"r1: {name} WARN: 19 is below 20"},
+    }
+
+    series = {f'robot_health_value{{robot="r1", signal="{name}"}}': "25 19"}
+    assert run_series(tmp_path, text, series, [("0s", []), ("1s", [warn])]) == ""
+
+
+@pytest.mark.parametrize("interval_s", [0.0001, 121.0])
+def test_an_interval_at_which_prometheus_does_not_see_every_series_is_refused(interval_s: float) -> None:
+    with pytest.raises(ConfigError, match=r"expected an interval from 0\.1 to 120 s, got "):
+        exported({"a": {"warn_below": 20.0}}, interval_s=interval_s)
 
 
 @needs_promtool

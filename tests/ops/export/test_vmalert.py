@@ -46,6 +46,15 @@ def test_vmalert_accepts_odd_texts(tmp_path: Path) -> None:
     assert vmalert_problem(rules) == ""
 
 
+@pytest.mark.parametrize("name", ["null", "on", "no"])
+def test_the_name_of_a_signal_stays_a_text(name: str) -> None:
+    text = rewritten({name: {"warn_below": 20.0, "hysteresis": 1.0, "keep_firing_for_s": 0.5}})
+
+    rules = [rule for group in yaml.safe_load(text)["groups"] for rule in group["rules"]]
+    labels = [rule.get("labels", {}).get("signal", name) for rule in rules]
+    assert set(labels) == {name, "link", "monitor"} and labels.count(name) > 2
+
+
 def test_a_condition_counts_for_its_time_after_the_first_evaluation_at_which_it_no_longer_holds() -> None:
     text = rewritten({"a": {"warn_below": 20.0, "for_s": 30.0, "keep_firing_for_s": 60.0, "stale_after_s": 0.0}})
 
